@@ -1,0 +1,141 @@
+"""Pinhole cameras. Inside the project there is one convention; other programs' are converted here only.
+
+OpenCV axes: x right, y down, z forward. ``w2c`` maps world to camera. Pixels have their corner at 0, so the
+centre of the first pixel is 0.5 and ``x / W`` in [0, 1] is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from kornia.geometry.camera import project_points, unproject_points
+from kornia.geometry.conversions import camtoworld_graphics_to_vision_4x4, camtoworld_vision_to_graphics_4x4
+from kornia.geometry.linalg import inverse_transformation, transform_points
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Camera:
+    """B pinhole cameras that share one image size.
+
+    Args:
+        w2c: world to camera, (B, 4, 4) float64, rigid, OpenCV axes, scene units.
+        K: intrinsics at ``size``, (B, 3, 3) float64 [px].
+        size: (W, H) [px].
+
+    Raises:
+        ValueError: a shape is wrong.
+    """
+
+    w2c: Tensor  # (B, 4, 4)
+    K: Tensor  # (B, 3, 3) [px]
+    size: tuple[int, int]  # (W, H) [px]
+
+    def __post_init__(self) -> None:
+        for name, shape in (("w2c", (4, 4)), ("K", (3, 3))):
+            got = tuple(getattr(self, name).shape)
+            if len(got) != 3 or got[1:] != shape:
+                raise ValueError(f"{name} must be (B, {shape[0]}, {shape[1]}), got {got}; add a batch dimension")
+        if len(self.w2c) != len(self.K):
+            raise ValueError(f"w2c and K must have the same batch, got {len(self.w2c)} and {len(self.K)}")
+
+    def __len__(self) -> int:
+        return len(self.w2c)
+
+    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> Camera:
+        """Cameras of ``index``; an integer keeps a batch of one."""
+        if isinstance(index, int):
+            index = [index]
+        return replace(self, w2c=self.w2c[index], K=self.K[index])
+
+    @property
+    def c2w(self) -> Tensor:
+        """Camera to world, (B, 4, 4)."""
+        return inverse_transformation(self.w2c)
+
+    @property
+    def center(self) -> Tensor:
+        """Camera centres in the world, (B, 3), scene units."""
+        return -(self.w2c[:, :3, :3].transpose(1, 2) @ self.w2c[:, :3, 3:])[..., 0]
+
+    @property
+    def focal(self) -> Tensor:
+        """Vertical focal length, (B,) [px]."""
+        return self.K[:, 1, 1]
+
+    @property
+    def vertical_fov(self) -> Tensor:
+        """Vertical field of view, (B,) [rad]."""
+        return 2 * torch.atan(self.size[1] / (2 * self.focal))
+
+    def at_size(self, size: tuple[int, int]) -> Camera:
+        """The same cameras on another pixel grid; a point keeps its place relative to the frame."""
+        scale = torch.tensor([size[0] / self.size[0], size[1] / self.size[1], 1.0], dtype=self.K.dtype)
+        return replace(self, K=self.K * scale[:, None], size=size)
+
+    def to_camera(self, points: Tensor) -> Tensor:
+        """World points (P, 3) or (B, P, 3) in each camera's axes, (B, P, 3), scene units."""
+        if points.dim() == 2:
+            points = points[None]
+        batch = max(len(self), len(points))
+        return transform_points(self.w2c.expand(batch, 4, 4), points.to(self.w2c).expand(batch, -1, 3))
+
+    def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Pixels (B, P, 2) and depths (B, P) of world points (P, 3) or (B, P, 3).
+
+        Depth is along the optical axis; where it is not positive the pixel means nothing.
+        """
+        inside = self.to_camera(points)
+        pixels = project_points(inside, self.K[:, None].expand(len(inside), inside.shape[1], 3, 3))
+        return pixels, inside[..., 2]
+
+    def unproject(self, pixels: Tensor, depth: Tensor) -> Tensor:
+        """World points (B, P, 3) of pixels (B, P, 2) at depths (B, P) along the optical axis."""
+        K = self.K[:, None].expand(len(pixels), pixels.shape[1], 3, 3)
+        inside = unproject_points(pixels.to(self.K), depth[..., None].to(self.K), K)
+        return transform_points(self.c2w, inside)
+
+    @classmethod
+    def from_opengl(cls, c2w: Tensor, K: Tensor, size: tuple[int, int]) -> Camera:
+        """From camera-to-world (B, 4, 4) with x right, y up, z backward (OpenGL, Blender, nerfstudio)."""
+        return cls(inverse_transformation(camtoworld_graphics_to_vision_4x4(c2w.double())), K.double(), size)
+
+    def to_opengl(self) -> Tensor:
+        """Camera-to-world (B, 4, 4) with x right, y up, z backward."""
+        return camtoworld_vision_to_graphics_4x4(self.c2w)
+
+    @classmethod
+    def look_at(
+        cls, eye: Tensor, target: Tensor, up: Tensor, vertical_fov: float | Tensor, size: tuple[int, int]
+    ) -> Camera:
+        """Cameras at ``eye`` (B, 3) that see ``target`` (B, 3) in the middle, ``up`` (3,) upwards.
+
+        ``vertical_fov`` [rad] is a number or (B,). Looking along ``up`` is undefined.
+        """
+        eye, target = torch.broadcast_tensors(eye.double(), target.double())
+        forward = torch.nn.functional.normalize(target - eye, dim=-1)
+        right = torch.nn.functional.normalize(torch.linalg.cross(forward, up.double().expand_as(eye)), dim=-1)
+        down = torch.linalg.cross(forward, right)
+        w2c = torch.eye(4, dtype=torch.float64).repeat(len(eye), 1, 1)
+        w2c[:, :3, :3] = torch.stack([right, down, forward], dim=1)
+        w2c[:, :3, 3] = -(w2c[:, :3, :3] @ eye[..., None])[..., 0]
+        fov = torch.as_tensor(vertical_fov, dtype=torch.float64).expand(len(eye))
+        return cls(w2c, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
+
+
+def intrinsics(focal: Tensor, size: tuple[int, int]) -> Tensor:
+    """K (B, 3, 3) of square pixels with ``focal`` (B,) [px] and the principal point in the middle."""
+    K = torch.eye(3, dtype=torch.float64).repeat(len(focal), 1, 1)
+    K[:, 0, 0] = K[:, 1, 1] = focal
+    K[:, 0, 2], K[:, 1, 2] = size[0] / 2, size[1] / 2
+    return K
+
+
+def concatenate(cameras: Sequence[Camera]) -> Camera:
+    """One batch of several; all must share one size."""
+    sizes = {camera.size for camera in cameras}
+    if len(sizes) != 1:
+        raise ValueError(f"cameras must share one size, got {sorted(sizes)}; use at_size first")
+    return Camera(torch.cat([c.w2c for c in cameras]), torch.cat([c.K for c in cameras]), sizes.pop())

@@ -1,0 +1,44 @@
+"""Errors a person can act on: one line that says what was expected, what came and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class CltransferError(Exception):
+    """Base of all errors that end a command with one line; ``exit_code`` is what the shell sees.
+
+    >>> str(InputError("scene.ply", "opacity", "property is missing", hint="is it a Gaussian-splat PLY?"))
+    'scene.ply: opacity: property is missing (is it a Gaussian-splat PLY?)'
+    """
+
+    exit_code = 1
+
+    def __init__(self, where: str | Path, field: str, reason: str, hint: str = "") -> None:
+        self.where, self.field, self.reason, self.hint = str(where), field, reason, hint
+        line = ": ".join(part for part in (self.where, field, reason) if part)
+        super().__init__(f"{line} ({hint})" if hint else line)
+
+
+class UsageError(CltransferError):
+    """A command or a config that cannot be meant: unknown key, wrong type, value out of range."""
+
+    exit_code = 2
+
+
+class InputError(CltransferError):
+    """A scene, clip or file that cannot be used."""
+
+    exit_code = 3
+
+
+class ModelError(CltransferError):
+    """A network or plugin that is missing, foreign or refused."""
+
+    exit_code = 4
+
+
+class ResourceError(CltransferError):
+    """Memory, disk or a limit of the run."""
+
+    exit_code = 5

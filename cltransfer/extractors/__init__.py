@@ -1,0 +1,35 @@
+"""Extractors: features in, more features out. One module per extractor; its name is the file's name.
+
+Image extractors read pixels (require ``image``); scene extractors read what only a renderer knows (require
+``camera`` or ``person``). The graph picks by what a loss reaches and what a source has.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
+
+if TYPE_CHECKING:
+    from ..features import Features
+
+
+class Extractor(Protocol):
+    """What the graph needs of an extractor; a frozen dataclass whose fields are its options."""
+
+    requires: ClassVar[tuple[str, ...]]
+    """Features it cannot work without."""
+    provides: ClassVar[tuple[str, ...]]
+    """Features it adds."""
+    family: ClassVar[Literal["image", "scene", "both"]]
+    """Whether it reads pixels, the scene, or either (what it requires may come from both)."""
+
+    # Optional class attributes:
+    #   uses: features it takes where *both* sides of a comparison have them, so both are read by one rule
+    #   needs_before: True if it compares with the frame before; frames without one get NaN
+    #   passes: network passes one frame costs (0 where absent)
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        """``now`` (B frames) with the provided features added; nothing is changed in place.
+
+        ``before`` holds the frame before each, as B frames or one that all share.
+        """
+        ...

@@ -1,0 +1,114 @@
+"""What frames show: the one value that flows between renderers, extractors and losses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .camera import Camera, concatenate
+from .subject import Subject
+
+LAYERS = ("foreground", "character", "background")
+
+
+@dataclass(frozen=True)
+class Features:
+    """What B frames show. Pixels are (x, y); the centre of the top-left pixel is (0.5, 0.5).
+
+    A field that is None was not extracted; a NaN in it is undefined for that frame or pixel.
+
+    Args:
+        size: (W, H) that pixel coordinates and flow vectors refer to; maps may have fewer pixels.
+        image: RGB in [0, 1], (B, 3, H, W).
+        alpha: coverage of the scene in [0, 1], (B, H, W).
+        label: coverage by the subject in [0, 1], (B, H, W).
+        depth: along the optical axis, > 0, larger is farther, (B, H, W); NaN where nothing is seen. The
+            median along the ray where a renderer made it; up to scale where a network did.
+        expected_depth: the mean along the ray instead, (B, H, W).
+        keypoints: the 14 joints of :mod:`cltransfer.skeleton`, (B, 14, 3) as x, y [px], confidence in [0, 1].
+            Coordinates are kept for joints that are unseen or out of the frame; NaN where there is no person.
+        box: person box as x, y, width, height [px], score, (B, 5); NaN where there is no person.
+        subject: the person's pixels, (B, H, W) bool.
+        layers: foreground, character, background, (B, 3, H, W) bool, disjoint.
+        flow: backward flow, frame i -> i-1, (B, 2, H, W) [px of ``size``]; NaN where undefined (first frame).
+        orientation: yaw, pitch, roll of the camera about the subject, (B, 3) [rad]. Yaw is 0 in front of the
+            body and grows to its left, pitch is positive from above, roll is positive when the body leans right.
+        camera: who looks, where known (a renderer knows, a clip does not).
+        person: who stands in the scene, where known.
+        extras: plugins' own features, each with batch first.
+    """
+
+    size: tuple[int, int]
+    image: Tensor | None = None
+    alpha: Tensor | None = None
+    label: Tensor | None = None
+    depth: Tensor | None = None
+    expected_depth: Tensor | None = None
+    keypoints: Tensor | None = None
+    box: Tensor | None = None
+    subject: Tensor | None = None
+    layers: Tensor | None = None
+    flow: Tensor | None = None
+    orientation: Tensor | None = None
+    camera: Camera | None = None
+    person: Subject | None = None
+    extras: Mapping[str, Tensor] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        for value in self._batched().values():
+            return len(value)
+        raise ValueError("features are empty: no field is set")
+
+    def __getitem__(self, index: int | slice | Sequence[int]) -> Features:
+        """Frames of ``index``; an integer keeps a batch of one."""
+        keep = [index] if isinstance(index, int) else index
+        return self._map(lambda value: value[keep])
+
+    def has(self, name: str) -> bool:
+        """Whether feature ``name`` was extracted."""
+        return name in self.extras or (name in _NAMES and getattr(self, name) is not None)
+
+    def require(self, name: str) -> Any:
+        """Feature ``name``.
+
+        Raises:
+            KeyError: it was not extracted.
+        """
+        if not self.has(name):
+            raise KeyError(f"feature {name!r} was not extracted; add an extractor that provides it")
+        return self.extras[name] if name in self.extras else getattr(self, name)
+
+    def names(self) -> frozenset[str]:
+        """Names of all features that are there."""
+        return frozenset(n for n in _NAMES if getattr(self, n) is not None) | frozenset(self.extras)
+
+    def _batched(self) -> dict[str, Any]:
+        own = {n: getattr(self, n) for n in _NAMES if n != "person" and getattr(self, n) is not None}
+        return {**own, **self.extras}
+
+    def _map(self, change: Callable[[Any], Any]) -> Features:
+        new = {n: change(v) for n, v in self._batched().items()}
+        extras = {n: new.pop(n) for n in self.extras}
+        return replace(self, **new, extras=extras)
+
+    @staticmethod
+    def concatenate(parts: Sequence[Features]) -> Features:
+        """One batch of several that hold the same features at the same size."""
+        first = parts[0]
+        if any(p.size != first.size or p.names() != first.names() for p in parts):
+            raise ValueError("features to concatenate must have the same names and size")
+
+        def join(name: str) -> Any:
+            values = [p.require(name) for p in parts]
+            return concatenate(values) if name == "camera" else torch.cat(values)
+
+        new = {n: join(n) for n in first._batched()}
+        extras = {n: new.pop(n) for n in first.extras}
+        return replace(first, **new, extras=extras)
+
+
+_NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras"))

@@ -1,0 +1,92 @@
+"""Files in and out: size caps before reading, whole files or none when writing, names by content."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
+
+
+@contextlib.contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Temporary name beside ``path`` that becomes ``path`` only if the block ends well.
+
+    The suffix stays last, so that encoders which choose a format by suffix still can.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write ``text`` as UTF-8, whole or not at all."""
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write ``value`` as JSON, whole or not at all; NaN and infinity are refused (say null and why)."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: Path, limit: int = JSON_LIMIT) -> Any:
+    """Parsed JSON of ``path``.
+
+    Raises:
+        InputError: the file is missing, larger than ``limit`` bytes, or not JSON.
+    """
+    text = read_text(path, limit)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, "", f"expected JSON, {error}") from None
+
+
+def read_text(path: Path, limit: int) -> str:
+    """UTF-8 text of ``path``, at most ``limit`` bytes.
+
+    Raises:
+        InputError: the file is missing, is no file, is too large or is not UTF-8.
+    """
+    if not path.is_file():
+        raise InputError(path, "", "no such file" if not path.exists() else "expected a file, got a folder")
+    size = path.stat().st_size
+    if size > limit:
+        raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file, or of the names and contents of a folder's files in name order."""
+    digest = hashlib.sha256()
+    members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for member in members:
+        if path.is_dir():
+            digest.update(f"{member.relative_to(path)}\0{member.stat().st_size}\0".encode())
+        with member.open("rb") as stream:
+            while block := stream.read(2**20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def cache_dir() -> Path:
+    """Folder for what can be made again: ``CLTRANSFER_CACHE``, else ``~/.cache/cltransfer``."""
+    named = os.environ.get("CLTRANSFER_CACHE")
+    if named:
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltransfer"

@@ -1,0 +1,30 @@
+"""Losses, which are the metrics too. One module per loss; its name is the file's name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from ..features import Features
+
+
+class Loss(Protocol):
+    """What the objective needs of a loss; a frozen dataclass whose fields are its options.
+
+    Optional: ``residuals(reference, rendered) -> (B, R)`` for refiners that use least squares.
+    """
+
+    requires: ClassVar[tuple[str, ...]]
+    """Features both sides must have; where the reference lacks one the loss is undefined and reported so."""
+    unit: ClassVar[str]
+    """Unit of the raw value, for tables and charts."""
+    penalty: ClassVar[float]
+    """Raw value the objective uses where the loss is NaN, so that leaving the frame never pays."""
+    weight: float
+    """lambda of Eq. 15."""
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw, unweighted loss, (B,), >= 0; NaN where undefined. ``reference`` has 1 or B frames."""
+        ...

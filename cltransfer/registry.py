@@ -1,0 +1,97 @@
+"""Components by name. A name is the same in the file, the registry, the config, the report and the test."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
+
+from .errors import ModelError, UsageError
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """Classes of one kind, by the name their module, YAML key and table column share.
+
+    Built-in ``name`` lives in ``<package>/<name>.py`` and is imported on first use. A plugin's module registers
+    its class by the decorator when the user has allowed it (:mod:`cltransfer.plugins`).
+    """
+
+    def __init__(self, kind: str, package: str) -> None:
+        self.kind, self.package = kind, package
+        self._classes: dict[str, type[T]] = {}
+
+    def register(self, name: str) -> Callable[[type[T]], type[T]]:
+        """Decorate a frozen dataclass to make it component ``name``.
+
+        Raises:
+            ModelError: the name is taken, or the class is not a frozen dataclass.
+        """
+
+        def add(cls: type[T]) -> type[T]:
+            params = getattr(cls, "__dataclass_params__", None)
+            if params is None or not params.frozen:
+                raise ModelError("", f"{self.kind} {name!r}", "expected @dataclass(frozen=True) below @register")
+            foreign = not cls.__module__.startswith("cltransfer.")
+            if (foreign and name in self._built_in()) or self._classes.setdefault(name, cls) is not cls:
+                raise ModelError("", f"{self.kind} {name!r}", "the name is taken; choose another")
+            return cls
+
+        return add
+
+    def _built_in(self) -> set[str]:
+        package = importlib.import_module(self.package)
+        return {m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_") and not m.ispkg}
+
+    def names(self) -> list[str]:
+        """Every known name, built-in or registered, sorted."""
+        return sorted(self._built_in() | self._classes.keys())
+
+    def get(self, name: str) -> type[T]:
+        """The class called ``name``.
+
+        Raises:
+            UsageError: there is none; the line names the nearest.
+        """
+        if name not in self._classes:
+            if name not in self._built_in():
+                close = difflib.get_close_matches(name, self.names(), n=1)
+                hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(self.names())}"
+                raise UsageError("", f"{self.kind} {name!r}", "no such component", hint)
+            importlib.import_module(f"{self.package}.{name}")  # its decorator registers it
+        return self._classes[name]
+
+    def build(self, name: str, options: Mapping[str, Any] | None = None) -> T:
+        """Component ``name`` with ``options`` checked and converted by its own fields.
+
+        Raises:
+            UsageError: no such component, no such option, or a value of the wrong type or range.
+        """
+        from omegaconf import OmegaConf
+        from omegaconf.errors import OmegaConfBaseException
+
+        cls = self.get(name)
+        try:
+            merged = OmegaConf.merge(OmegaConf.structured(cls), dict(options or {}))
+            return OmegaConf.to_object(merged)  # type: ignore[return-value]
+        except (OmegaConfBaseException, ValueError, TypeError) as error:
+            reason = str(error).strip().splitlines()[0]
+            raise UsageError("", f"{self.kind}.{name}", reason) from None
+
+    def options(self, name: str) -> dict[str, Any]:
+        """Option names and defaults of component ``name``; required ones are ``'???'``."""
+        return {
+            f.name: "???" if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+            else (f.default if f.default is not dataclasses.MISSING else f.default_factory())  # type: ignore[misc]
+            for f in dataclasses.fields(self.get(name))  # type: ignore[arg-type]
+        }  # fmt: skip
+
+
+RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers")
+EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors")
+LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses")
+SEARCHES: Registry[Any] = Registry("search", "cltransfer.search")

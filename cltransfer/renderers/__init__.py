@@ -1,0 +1,25 @@
+"""Renderers: cameras in, buffers out. One module per renderer; its name is the file's name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+    from ..features import Features
+    from ..scenes import Scene
+
+
+class Renderer(Protocol):
+    """What the objective needs of a renderer; a frozen dataclass whose fields are its options."""
+
+    provides: ClassVar[frozenset[str]]
+    """Buffers it can make: of image, alpha, label, depth, expected_depth."""
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        """Features of B cameras at ``cameras.size`` with ``buffers`` and no more, plus camera and person.
+
+        Raises:
+            UsageError: the scene holds a geometry this renderer does not draw.
+        """
+        ...

@@ -1,0 +1,32 @@
+"""Scenes: what people have, read into one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from torch import Tensor
+
+from ..subject import Subject
+
+if TYPE_CHECKING:
+    from .splats import Splats
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A geometry with a person in it.
+
+    Args:
+        geometry: what a renderer draws; it carries the subject's labels.
+        subject: the person, None until lifted.
+        up: unit vector upwards, (3,) float64.
+        name: for tables and folders.
+        digest: SHA-256 of what it was read from, the key of every cache about it.
+    """
+
+    geometry: Splats | Any
+    subject: Subject | None
+    up: Tensor  # (3,)
+    name: str
+    digest: str

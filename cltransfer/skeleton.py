@@ -1,0 +1,70 @@
+"""The joints everybody speaks about: 14 as in CrowdPose, and the five key joints of the shot size.
+
+Every pose estimator is converted to these 14 at its border, by the same rules for a clip, a render and a lifted
+subject. A joint is (x, y, confidence); in the scene it is (x, y, z).
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+JOINTS = (
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "head_top", "neck",
+)  # fmt: skip
+
+KEY_JOINTS = ("head_top", "chest", "waist", "knees", "feet")
+
+# key joint -> its one or two parts among JOINTS; two parts mean their midpoint (paper Sec. 9)
+_KEY_PARTS = ((12, 12), (0, 1), (6, 7), (8, 9), (10, 11))
+
+# The head top lies beyond the ears, seen from the shoulders: ears 0.935, shoulders 0.815, top 1.0 of body height.
+HEAD_TOP_BEYOND_EARS = 0.55
+
+VISIBLE = 0.5  # confidence above which a joint counts as visible (paper Sec. 9)
+
+
+def key_joints(keypoints: Tensor) -> Tensor:
+    """The five key joints, (..., 5, C), of 14 joints (..., 14, C).
+
+    The last column is the confidence; a midpoint is as sure as the less sure of its parts.
+
+    >>> joints = torch.zeros(1, 14, 3); joints[0, 0] = torch.tensor([2.0, 4.0, 0.9]); joints[0, 1, 2] = 0.4
+    >>> key_joints(joints)[0, 1]
+    tensor([1.0000, 2.0000, 0.4000])
+    """
+    first = keypoints[..., [a for a, _ in _KEY_PARTS], :]
+    second = keypoints[..., [b for _, b in _KEY_PARTS], :]
+    confidence = torch.minimum(first[..., -1:], second[..., -1:])
+    return torch.cat([(first[..., :-1] + second[..., :-1]) / 2, confidence], dim=-1)
+
+
+def head_top(ears: Tensor, shoulders: Tensor) -> Tensor:
+    """Head top (..., C) of both ears (..., 2, C) and both shoulders (..., 2, C), confidence last.
+
+    The ears count by their confidence, because in profile one is hidden.
+    """
+    weight = ears[..., -1:].clamp_min(1e-6)
+    ear = (ears[..., :-1] * weight).sum(-2) / weight.sum(-2)
+    shoulder = shoulders[..., :-1].mean(-2)
+    confidence = torch.minimum(ears[..., -1].amax(-1), shoulders[..., -1].amin(-1))
+    return torch.cat([ear + HEAD_TOP_BEYOND_EARS * (ear - shoulder), confidence[..., None]], dim=-1)
+
+
+def _from_parts(keypoints: Tensor, body: list[int], ears: list[int]) -> Tensor:
+    joints = keypoints[..., body, :]
+    shoulders = joints[..., :2, :]
+    neck = torch.cat([shoulders[..., :-1].mean(-2), shoulders[..., -1:].amin(-2)], dim=-1)
+    top = head_top(keypoints[..., ears, :], shoulders)
+    return torch.cat([joints, top[..., None, :], neck[..., None, :]], dim=-2)
+
+
+def from_coco(keypoints: Tensor) -> Tensor:
+    """14 joints (..., 14, C) of COCO's 17 (..., 17, C), confidence last."""
+    return _from_parts(keypoints, [5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16], [3, 4])
+
+
+def from_blazepose(keypoints: Tensor) -> Tensor:
+    """14 joints (..., 14, C) of BlazePose's 33 or 39 (..., 33, C), confidence last."""
+    return _from_parts(keypoints, [11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28], [7, 8])

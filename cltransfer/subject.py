@@ -1,0 +1,113 @@
+"""The person in the scene: lifted once, projected for ever."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .errors import InputError
+from .files import read_json, write_json
+from .skeleton import JOINTS, key_joints
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One person in a scene.
+
+    Args:
+        joints: the 14 joints of :mod:`cltransfer.skeleton` in the world, (14, 3) float64; NaN where unknown.
+        confidence: how far each joint can be trusted, (14,) in [0, 1]; 0 where unknown.
+        facing: unit vector the body faces, (3,), orthogonal to ``up``.
+        up: unit vector upwards, (3,).
+        height: standing height, scene units, > 0.
+        metres_per_unit: scale where known.
+    """
+
+    joints: Tensor  # (14, 3)
+    confidence: Tensor  # (14,)
+    facing: Tensor  # (3,)
+    up: Tensor  # (3,)
+    height: float
+    metres_per_unit: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, shape in (("joints", (14, 3)), ("confidence", (14,)), ("facing", (3,)), ("up", (3,))):
+            got = tuple(getattr(self, name).shape)
+            if got != shape:
+                raise ValueError(f"{name} must be {shape}, got {got}")
+        if not self.height > 0:
+            raise ValueError(f"height must be positive, got {self.height}")
+
+    @property
+    def key_joints(self) -> Tensor:
+        """Head top, chest, waist, knees, feet with their confidence, (5, 4)."""
+        return key_joints(torch.cat([self.joints, self.confidence[:, None]], dim=1))
+
+    @property
+    def anchor(self) -> Tensor:
+        """Middle of the known key joints, (3,): what an orbit is centred on.
+
+        Raises:
+            ValueError: no joint is known.
+        """
+        known = self.key_joints[:, :3][self.key_joints[:, 3] > 0]
+        if len(known) == 0:
+            raise ValueError("subject has no known key joint; lift it from other views")
+        return (known.amin(0) + known.amax(0)) / 2
+
+    @property
+    def left(self) -> Tensor:
+        """Unit vector to the body's left, (3,)."""
+        return torch.linalg.cross(self.up, self.facing)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; an unknown joint is null."""
+        known = torch.isfinite(self.joints).all(1)
+        return {
+            "format": "cltransfer.subject",
+            "version": 1,
+            "joints": {n: self.joints[i].tolist() if known[i] else None for i, n in enumerate(JOINTS)},
+            "confidence": {n: float(self.confidence[i]) for i, n in enumerate(JOINTS)},
+            "facing": self.facing.tolist(),
+            "up": self.up.tolist(),
+            "height": self.height,
+            "metres_per_unit": self.metres_per_unit,
+        }
+
+    def save(self, path: Path, **more: Any) -> None:
+        """Write ``subject.json``; ``more`` adds a report beside the values (it is not read back)."""
+        write_json(path, {**self.to_json(), **more})
+
+    @classmethod
+    def load(cls, path: Path) -> Subject:
+        """Read ``subject.json``.
+
+        Raises:
+            InputError: the file is missing or a field is missing, of the wrong shape or not finite.
+        """
+        data = read_json(path)
+        if not isinstance(data, Mapping) or data.get("format") != "cltransfer.subject":
+            raise InputError(path, "format", "expected 'cltransfer.subject'", "make one with: cltransfer lift SCENE")
+        try:
+            joints = [data["joints"][n] or [float("nan")] * 3 for n in JOINTS]
+            subject = cls(
+                torch.tensor(joints, dtype=torch.float64),
+                torch.tensor([float(data["confidence"][n]) for n in JOINTS], dtype=torch.float64),
+                torch.tensor(data["facing"], dtype=torch.float64),
+                torch.tensor(data["up"], dtype=torch.float64),
+                float(data["height"]),
+                None if data.get("metres_per_unit") is None else float(data["metres_per_unit"]),
+            )
+        except KeyError as error:
+            raise InputError(path, str(error.args[0]), "field is missing") from None
+        except (TypeError, ValueError, RuntimeError, AttributeError) as error:
+            raise InputError(path, "", f"not a subject: {error}") from None
+        for name in ("facing", "up"):
+            if abs(float(getattr(subject, name).norm()) - 1) > 1e-3:
+                raise InputError(path, name, "expected a unit vector")
+        return subject

@@ -1,0 +1,98 @@
+"""A camera for every frame, with its time: what a transfer finds and other programs take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .camera import Camera
+from .errors import InputError
+from .files import read_json, write_json
+
+FRAME_LIMIT = 2000
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """N cameras over time.
+
+    Args:
+        camera: N cameras that share one size.
+        times: (N,) float64 [s], strictly increasing.
+    """
+
+    camera: Camera
+    times: Tensor  # (N,) [s]
+
+    def __post_init__(self) -> None:
+        if tuple(self.times.shape) != (len(self.camera),):
+            raise ValueError(f"times must be ({len(self.camera)},), got {tuple(self.times.shape)}")
+        if not bool((self.times[1:] > self.times[:-1]).all()):
+            raise ValueError("times must increase strictly")
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    @property
+    def fps(self) -> float:
+        """Frames per second on average; 24 for a single frame."""
+        if len(self) < 2:
+            return 24.0
+        return float((len(self) - 1) / (self.times[-1] - self.times[0]))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, with the convention written beside them."""
+        frames = [
+            {"time": float(t), "w2c": w.tolist(), "K": k.tolist()}
+            for t, w, k in zip(self.times, self.camera.w2c, self.camera.K)
+        ]
+        return {
+            "format": "cltransfer.trajectory",
+            "version": 1,
+            "convention": "w2c rows first, OpenCV axes (x right, y down, z forward), K in pixels of size, corner at 0",
+            "size": list(self.camera.size),
+            "frames": frames,
+        }
+
+    def save(self, path: Path) -> None:
+        """Write ``trajectory.json``, whole or not at all."""
+        write_json(path, self.to_json())
+
+    @classmethod
+    def load(cls, path: Path) -> Trajectory:
+        """Read ``trajectory.json``.
+
+        Raises:
+            InputError: the file is missing or a field is missing, of the wrong shape, not rigid or not finite.
+        """
+        data = read_json(path)
+        if not isinstance(data, Mapping) or data.get("format") != "cltransfer.trajectory":
+            raise InputError(path, "format", "expected 'cltransfer.trajectory'")
+        frames = data.get("frames")
+        if not isinstance(frames, list) or not 1 <= len(frames) <= FRAME_LIMIT:
+            raise InputError(path, "frames", f"expected a list of 1 to {FRAME_LIMIT} frames")
+        try:
+            width, height = (int(v) for v in data["size"])
+            w2c = torch.tensor([f["w2c"] for f in frames], dtype=torch.float64)
+            K = torch.tensor([f["K"] for f in frames], dtype=torch.float64)
+            times = torch.tensor([f["time"] for f in frames], dtype=torch.float64)
+            trajectory = cls(Camera(w2c, K, (width, height)), times)
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise InputError(path, "frames", f"not a trajectory: {error}") from None
+        trajectory._check(path)
+        return trajectory
+
+    def _check(self, path: Path) -> None:
+        R = self.camera.w2c[:, :3, :3]
+        rigid = (R @ R.transpose(1, 2) - torch.eye(3, dtype=R.dtype)).abs().amax() < 1e-4
+        if not bool(torch.isfinite(self.camera.w2c).all() and torch.isfinite(self.camera.K).all()):
+            raise InputError(path, "w2c, K", "expected finite numbers")
+        if not bool(rigid and (torch.linalg.det(R) > 0).all()):
+            raise InputError(path, "w2c", "expected rotations", "a scaled or mirrored pose cannot be rendered")
+        if not bool((self.camera.K[:, [0, 1], [0, 1]] > 0).all()) or min(self.camera.size) < 1:
+            raise InputError(path, "K", "expected a positive focal length and size")
