@@ -1,0 +1,39 @@
+"""From which side a camera sees a body: one formula for networks, renders and lifted subjects."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Tensor:
+    """Yaw, pitch and roll of the camera about a body (paper Eq. 13-14).
+
+    Args:
+        left: towards the body's left, (..., 3), in camera axes (x right, y down, z forward), any length.
+        up: towards the body's head, (..., 3), likewise. ``left`` is made orthogonal to it.
+        toward_camera: from the body to the camera, (..., 3), likewise; (0, 0, -1) on the optical axis.
+
+    Returns:
+        (..., 3) [rad]. Yaw in (-pi, pi] is 0 in front of the body and positive on its left, pitch in
+        [-pi/2, pi/2] is positive from above, roll in (-pi, pi] is positive when the body leans right in the
+        image. NaN where an axis is NaN or zero or the two are parallel; looking straight along ``up`` leaves
+        yaw without meaning.
+
+    >>> orientation_from_axes(*torch.tensor([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])).abs()
+    tensor([0., 0., 0.])
+    """
+    up = unit(up)
+    left = unit(left - (left * up).sum(-1, keepdim=True) * up)
+    front = torch.linalg.cross(left, up)
+    toward_camera = unit(toward_camera)
+    on_left, on_front, on_up = ((toward_camera * axis).sum(-1) for axis in (left, front, up))
+    yaw = torch.atan2(on_left, on_front)
+    pitch = torch.asin(on_up.clamp(-1, 1))
+    roll = torch.atan2(up[..., 0], -up[..., 1])
+    return torch.stack([yaw, pitch, roll.expand_as(yaw)], dim=-1)
+
+
+def unit(vector: Tensor) -> Tensor:
+    """``vector`` (..., 3) at length 1; NaN where its length is 0."""
+    return vector / torch.linalg.vector_norm(vector, dim=-1, keepdim=True)
