@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import difflib
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
+from importlib import resources
 from typing import Any, Generic, TypeVar
 
 from .errors import ModelError, UsageError
@@ -81,6 +83,17 @@ class Registry(Generic[T]):
         except (OmegaConfBaseException, ValueError, TypeError) as error:
             reason = str(error).strip().splitlines()[0]
             raise UsageError("", f"{self.kind}.{name}", reason) from None
+
+    def declared_options(self, name: str) -> list[str]:
+        """Option names of component ``name``, read from the source: nothing is imported for a built-in."""
+        if name in self._classes:
+            return [f.name for f in dataclasses.fields(self._classes[name])]  # type: ignore[arg-type]
+        source = resources.files(self.package).joinpath(f"{name}.py").read_text(encoding="utf-8")
+        for node in ast.parse(source).body:
+            if isinstance(node, ast.ClassDef) and any(f"'{name}'" in ast.unparse(d) for d in node.decorator_list):
+                fields = [line for line in node.body if isinstance(line, ast.AnnAssign)]
+                return [ast.unparse(f.target) for f in fields if "ClassVar" not in ast.unparse(f.annotation)]
+        raise ModelError("", f"{self.kind} {name!r}", f"{self.package}.{name} registers no class of that name")
 
     def options(self, name: str) -> dict[str, Any]:
         """Option names and defaults of component ``name``; required ones are ``'???'``."""

@@ -1,0 +1,268 @@
+"""Config: one YAML grammar, one parent by ``base``, ``key=value`` on top; checked before anything heavy loads.
+
+``section: {name: {options}}`` names a component of a registry; ``null`` removes what the parent had. A config names
+components, it never loads code: see :mod:`cltransfer.plugins`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files as package_files
+from pathlib import Path
+from typing import Any, Literal
+
+from .errors import InputError, UsageError
+from .files import read_text
+from .registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
+
+YAML_LIMIT = 2**20  # bytes
+SECTIONS: dict[str, Registry[Any]] = {
+    "renderer": RENDERERS,
+    "extractors": EXTRACTORS,
+    "losses": LOSSES,
+    "search": SEARCHES,
+}
+ONE_EACH = ("renderer", "search")
+
+
+@dataclass
+class ExtractConfig:
+    """Which family reads the renders: ``inner`` inside the search, ``verify`` adds networks at the end."""
+
+    inner: Literal["geometric", "image"] = "geometric"
+    verify: bool = True
+
+
+@dataclass
+class RunConfig:
+    """Everything a run depends on beside its scene and its reference.
+
+    Args:
+        preset: the shipped config the others build on.
+        frames: frames to transfer, evenly over the reference; null takes all.
+        seed: of the run's own random generator.
+        threads: 0 uses every core there is.
+        search_side: longer side of the frames rendered while searching [px].
+        output_side: longer side of the final video [px].
+        warm_start: start each frame from the frames before it; otherwise from the initial view.
+        zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
+            distance and focal length cannot then be told apart.
+        generations: of CMA-ES per frame at most.
+        patience: generations without decrease before a frame stops.
+        popsize: candidates a generation.
+        sigma0: first step size, as a share of the half-range of each parameter.
+        warm_sigma: the same for a warm-started frame.
+        tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
+        extract: which extractors read the renders.
+        renderer, extractors, losses, search: components by name with their options.
+    """
+
+    preset: str = "balanced"
+    frames: int | None = None
+    seed: int = 0
+    threads: int = 0
+    search_side: int = 160
+    output_side: int = 720
+    warm_start: bool = True
+    zoom: Literal["auto", "free", "fixed"] = "auto"
+    generations: int = 100
+    patience: int = 20
+    popsize: int = 10
+    sigma0: float = 0.1
+    warm_sigma: float = 0.05
+    tolerance: float = 0.0
+    extract: ExtractConfig = field(default_factory=ExtractConfig)
+    renderer: dict[str, Any] = field(default_factory=dict)
+    extractors: dict[str, Any] = field(default_factory=dict)
+    losses: dict[str, Any] = field(default_factory=dict)
+    search: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("frames", 1, 2000), ("threads", 0, 1024), ("search_side", 16, 4096), ("output_side", 16, 4096),
+            ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
+            ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise UsageError("", name, f"expected {low} to {high}, got {value}")
+
+    def build(self, section: str) -> dict[str, Any]:
+        """Components of ``section`` by name.
+
+        Raises:
+            UsageError: an option has the wrong type or range.
+        """
+        return {n: SECTIONS[section].build(n, options) for n, options in getattr(self, section).items()}
+
+    def build_one(self, section: str) -> Any:
+        """The only component of ``section``."""
+        return next(iter(self.build(section).values()))
+
+    def to_yaml(self) -> str:
+        """The merged config, complete and re-runnable."""
+        from omegaconf import OmegaConf
+
+        return OmegaConf.to_yaml(OmegaConf.create(dataclasses.asdict(self)))
+
+
+def presets() -> list[str]:
+    """Names of the shipped configs."""
+    return sorted(p.name[: -len(".yaml")] for p in _shipped().iterdir() if p.name.endswith(".yaml"))
+
+
+def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
+    """Config of a file (or of the preset alone) with ``key=value`` overrides on top.
+
+    ``preset=NAME`` among the overrides, or ``preset:`` in the file, chooses what lies below (default: balanced).
+
+    Raises:
+        UsageError: an unknown key, component or option (the nearest is named), a value of the wrong type or range.
+        InputError: a file is missing, too large or no YAML.
+    """
+    above = _parse_overrides(overrides)
+    file = _read_chain(Path(path)) if path else {}
+    preset = above.get("preset", file.get("preset", "balanced"))
+    if preset not in presets():
+        raise UsageError("", "preset", f"no preset {preset!r}", _nearest(str(preset), presets()))
+    merged = _read_yaml(_shipped() / f"{preset}.yaml")
+    for layer in (file, above):
+        merged = _merge(merged, layer)
+    return _typed({**merged, "preset": preset}, path or "config")
+
+
+def _shipped() -> Any:
+    installed = package_files("cltransfer") / "configs"
+    return installed if installed.is_dir() else Path(__file__).resolve().parent.parent / "configs"
+
+
+def _read_chain(path: Path) -> dict[str, Any]:
+    """A file over its ``base``; the base is named beside it and may name no other."""
+    own = _read_yaml(path)
+    base = own.pop("base", None)
+    if base is None:
+        return own
+    parent_path = path.parent / str(base)
+    if not parent_path.resolve().is_relative_to(path.parent.resolve().parent):
+        raise InputError(path, "base", "expected a file in this folder or the one above", f"got {base}")
+    parent = _read_yaml(parent_path)
+    if "base" in parent:
+        raise InputError(parent_path, "base", "a base names no further base", "merge the two files")
+    return _merge(parent, own)
+
+
+def _read_yaml(path: Any) -> dict[str, Any]:
+    import yaml
+    from omegaconf import OmegaConf
+
+    text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
+    if "${" in text:
+        raise UsageError(path, "${", "interpolation is not part of the grammar", "write the value")
+    try:
+        value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
+    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    except Exception as error:  # omegaconf has one class per fault and no common base with yaml's
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    if not isinstance(value, dict):
+        raise UsageError(path, "", "expected a mapping of keys to values")
+    _check(value, path)
+    return {str(k): v for k, v in value.items()}
+
+
+def _parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
+    import yaml
+
+    nested: dict[str, Any] = {}
+    for item in overrides:
+        key, equals, text = item.partition("=")
+        if not equals or not key:
+            raise UsageError("", item, "expected key=value")
+        if "${" in text:
+            raise UsageError("", key, "interpolation is not part of the grammar", "write the value")
+        try:
+            value = yaml.safe_load(text) if text else None
+        except yaml.YAMLError:
+            raise UsageError("", key, f"not a YAML value: {text}") from None
+        *parents, last = key.split(".")
+        target = nested
+        for parent in parents:
+            below = target.setdefault(parent, {})
+            if not isinstance(below, dict):
+                below = target[parent] = {}
+            target = below
+        target[last] = value
+    _check(nested, "command line")
+    return nested
+
+
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        if isinstance(old, Mapping) and isinstance(value, Mapping):
+            merged[key] = _merge(old, value)
+        else:
+            merged[key] = value
+        if key in ONE_EACH and isinstance(value, Mapping):
+            named = [name for name, options in value.items() if options is not None]
+            if len(named) == 1:  # naming another renderer replaces the one below
+                merged[key] = {named[0]: merged[key][named[0]]}
+    return merged
+
+
+def _check(raw: Mapping[str, Any], where: Any) -> None:
+    """Names at both levels, without importing a component."""
+    known = [f.name for f in dataclasses.fields(RunConfig)]
+    for key, value in raw.items():
+        if key not in known and key != "base":
+            raise UsageError(where, str(key), "no such key", _nearest(str(key), known))
+        if key in SECTIONS:
+            _check_section(key, value, where)
+
+
+def _check_section(section: str, value: Any, where: Any) -> None:
+    if value is None:
+        return
+    if not isinstance(value, Mapping):
+        raise UsageError(where, section, "expected name: {options}", f"got {value!r}")
+    registry = SECTIONS[section]
+    for name, options in value.items():
+        if str(name) not in registry.names():
+            raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", _nearest(name, registry.names()))
+        if options is None:
+            continue
+        if not isinstance(options, Mapping):
+            raise UsageError(where, f"{section}.{name}", "expected options as a mapping", "write {} for the defaults")
+        declared = registry.declared_options(str(name))
+        for option in options:
+            if option not in declared:
+                raise UsageError(where, f"{section}.{name}.{option}", "no such option", _nearest(option, declared))
+
+
+def _typed(merged: Mapping[str, Any], where: Any) -> RunConfig:
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    clean = {k: v for k, v in merged.items() if k != "base"}
+    for section in SECTIONS:
+        named = {n: o for n, o in (clean.get(section) or {}).items() if o is not None}
+        if section in ONE_EACH and len(named) != 1:
+            raise UsageError(where, section, f"expected exactly one, got {len(named)}", ", ".join(named))
+        clean[section] = named
+    if not clean["losses"]:
+        raise UsageError(where, "losses", "expected at least one", f"known: {', '.join(LOSSES.names())}")
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RunConfig), clean))  # type: ignore[return-value]
+    except OmegaConfBaseException as error:
+        reason = str(error).strip().splitlines()[0]
+        raise UsageError(where, str(error.full_key or ""), reason) from None
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    options = sorted(known)
+    close = difflib.get_close_matches(str(name), options, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(options)}"

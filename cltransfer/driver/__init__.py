@@ -1,0 +1,1 @@
+"""The driver every ablation shares: CMA-ES ask and tell, frame after frame along the clip."""

@@ -1,0 +1,69 @@
+"""A stage: the scene, seen by the extractors that the objective needs. It counts what it spends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from ..graph import Plan, run
+from ..objective import Objective
+from ..scenes import Scene
+
+
+@dataclass
+class Spent:
+    """What a run has cost so far."""
+
+    evaluations: int = 0
+    renders: int = 0
+    network_passes: int = 0
+    generations: int = 0
+
+    def __add__(self, other: Spent) -> Spent:
+        """Both together."""
+        return Spent(*(a + b for a, b in zip(vars(self).values(), vars(other).values())))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Cameras to features to terms, for candidates of one frame or for a whole path.
+
+    Args:
+        scene: what is rendered.
+        renderer: by what.
+        plan: extractors that read the renders.
+        objective: the active losses.
+        spent: the counter.
+    """
+
+    scene: Scene
+    renderer: Any
+    plan: Plan
+    objective: Objective
+    spent: Spent = field(default_factory=Spent)
+
+    def features(self, cameras: Camera, before: Features | None) -> Features:
+        """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame."""
+        rendered = self.renderer.render(self.scene, cameras, self.plan.buffers - {"camera", "person"})
+        self.spent.renders += len(cameras)
+        self.spent.network_passes += len(cameras) * self.plan.passes
+        return run(self.plan, rendered, before)
+
+    def terms(self, reference: Features, cameras: Camera, before: Features | None) -> Tensor:
+        """Raw terms (B, L) of B candidates for one reference frame."""
+        self.spent.evaluations += len(cameras)
+        return self.objective.terms(reference, self.features(cameras, before))
+
+    def path_terms(self, reference: Features, cameras: Camera) -> Tensor:
+        """Raw terms (N, L) of a path, frame by frame against N reference frames."""
+        import torch
+
+        rows, before = [], None
+        for i in range(len(cameras)):
+            before = self.features(cameras[i], before)
+            rows.append(self.objective.terms(reference[i], before))
+        return torch.cat(rows)

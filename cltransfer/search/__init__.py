@@ -1,0 +1,36 @@
+"""Searches: vectors an optimiser moves, cameras a renderer takes. One module per search."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from ..camera import Camera
+    from ..subject import Subject
+
+
+class Search(Protocol):
+    """What the driver needs of a search; a frozen dataclass whose fields are its options.
+
+    The last parameter is always the lens. A vector without it keeps the focal length of ``home``, so that any search
+    can be run with a fixed lens.
+    """
+
+    dimensions: int
+    """D, with the lens."""
+    needs_subject: bool
+    """Whether it is centred on a lifted subject."""
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Lowest and highest x, (D,) each, in units of the half-range: a step of 1 is a large move."""
+        ...
+
+    def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
+        """B cameras of x (B, D) or, at the focal length of ``home``, (B, D - 1)."""
+        ...
+
+    def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
+        """x (B, D) of B cameras, as near as the parameters can express them."""
+        ...

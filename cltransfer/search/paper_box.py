@@ -1,0 +1,71 @@
+"""The paper's eight parameters around the initial view (Sec. 4.3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix, rotation_matrix_to_axis_angle
+from kornia.geometry.linalg import inverse_transformation
+from torch import Tensor
+
+from ..camera import Camera
+from ..registry import SEARCHES
+from ..subject import Subject
+
+
+@SEARCHES.register("paper_box")
+@dataclass(frozen=True)
+class PaperBox:
+    """Translation v, rotation axis w, rotation angle theta and focal factor gamma, each in its printed range.
+
+    The camera moves by v along its initial axes and turns by theta about w, normalised: with a free w the paper's
+    exponential map is no rotation. gamma is clamped above 0, where the paper's range would divide by zero.
+
+    Args:
+        translation: half-range of v, scene units.
+        angle: half-range of theta [rad].
+        focal: highest gamma; the lowest is ``focal_floor``.
+        focal_floor: lowest gamma.
+    """
+
+    dimensions: ClassVar[int] = 8
+    needs_subject: ClassVar[bool] = False
+
+    translation: float = 5.0
+    angle: float = math.pi / 2
+    focal: float = 5.0
+    focal_floor: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0 < self.focal_floor < self.focal:
+            raise ValueError(f"expected 0 < focal_floor < focal, got {self.focal_floor} and {self.focal}")
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """The printed box, scaled to [-1, 1]."""
+        return torch.full((8,), -1.0, dtype=torch.float64), torch.ones(8, dtype=torch.float64)
+
+    def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
+        """B cameras of x (B, 8) or (B, 7): v, w, theta, gamma as shares of their half-ranges."""
+        x = x.double()
+        axis = x[:, 3:6] / x[:, 3:6].norm(dim=1, keepdim=True).clamp_min(1e-9)
+        move = torch.eye(4, dtype=torch.float64).repeat(len(x), 1, 1)
+        move[:, :3, :3] = axis_angle_to_rotation_matrix(axis * x[:, 6:7] * self.angle)
+        move[:, :3, 3] = x[:, :3] * self.translation
+        K = home.K.repeat(len(x), 1, 1)
+        if x.shape[1] == self.dimensions:
+            gamma = ((x[:, 7] + 1) / 2 * self.focal).clamp_min(self.focal_floor)
+            K[:, [0, 1], [0, 1]] = K[:, [0, 1], [0, 1]] * gamma[:, None]
+        return Camera(inverse_transformation(home.c2w @ move), K, home.size)
+
+    def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
+        """x (B, 8); cameras outside the box give values outside [-1, 1]."""
+        move = home.w2c @ camera.c2w
+        turn = rotation_matrix_to_axis_angle(move[:, :3, :3])
+        angle = turn.norm(dim=1, keepdim=True)
+        axis = turn / angle.clamp_min(1e-12)
+        gamma = camera.focal / home.focal
+        lens = gamma[:, None] * 2 / self.focal - 1
+        return torch.cat([move[:, :3, 3] / self.translation, axis, angle / self.angle, lens], dim=1)

@@ -1,0 +1,129 @@
+"""Seven parameters about the subject: where the camera stands, where the subject appears, how large it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix
+from torch import Tensor
+
+from ..camera import Camera, intrinsics
+from ..registry import SEARCHES
+from ..subject import Subject
+
+# azimuth, elevation, roll [rad], log(distance / height), screen x, screen y [frame], log apparent size
+SCALE = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
+
+
+@SEARCHES.register("subject_orbit")
+@dataclass(frozen=True)
+class SubjectOrbit:
+    """Azimuth, elevation, roll, log distance, screen x and y of the subject's middle, log apparent size.
+
+    Apparent size is focal / distance in subject heights, so that moving in depth at one size (a dolly zoom) is one
+    parameter, and size at one perspective (a zoom) another. Azimuth is 0 in front of the body.
+
+    Args:
+        nearest, farthest: distance in subject heights.
+        widest, longest: focal length in frame heights (0.35 is a vertical field of view of 110 degrees).
+        elevation: highest angle above or below the subject [rad]; at pi/2 the roll is undefined.
+    """
+
+    dimensions: ClassVar[int] = 7
+    needs_subject: ClassVar[bool] = True
+
+    nearest: float = 0.3
+    farthest: float = 30.0
+    widest: float = 0.35
+    longest: float = 20.0
+    elevation: float = 1.4
+
+    def __post_init__(self) -> None:
+        if not 0 < self.nearest < self.farthest:
+            raise ValueError(f"expected 0 < nearest < farthest, got {self.nearest} and {self.farthest}")
+        if not 0 < self.widest < self.longest:
+            raise ValueError(f"expected 0 < widest < longest, got {self.widest} and {self.longest}")
+        if not 0 < self.elevation < math.pi / 2:
+            raise ValueError(f"expected elevation in (0, pi/2), got {self.elevation}")
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Azimuth is free (it wraps), roll a half turn; the subject may stand up to a frame beside the frame."""
+        low = [-math.inf, -self.elevation, -math.pi, math.log(self.nearest), -1.5, -1.5, math.log(0.02)]
+        high = [math.inf, self.elevation, math.pi, math.log(self.farthest), 1.5, 1.5, math.log(50.0)]
+        return torch.tensor(low, dtype=torch.float64) / SCALE, torch.tensor(high, dtype=torch.float64) / SCALE
+
+    def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
+        """B cameras of x (B, 7) or (B, 6)."""
+        subject = _required(subject)
+        p = x.double() * SCALE[: x.shape[1]]
+        heights = p[:, 3].clamp(math.log(self.nearest), math.log(self.farthest)).exp()
+        if p.shape[1] == self.dimensions:
+            focal = (p[:, 6].exp() * heights).clamp(self.widest, self.longest)
+        else:
+            focal = (home.focal / home.size[1]).expand(len(p))
+        outward = _direction(p[:, 0], p[:, 1].clamp(-self.elevation, self.elevation), subject)
+        aimed = _aimed(outward, subject.up)
+        aspect = home.size[0] / home.size[1]
+        R = _place(p[:, 4], p[:, 5], focal, aspect) @ _roll(p[:, 2]) @ aimed
+        center = subject.anchor + heights[:, None] * subject.height * outward
+        w2c = torch.eye(4, dtype=torch.float64).repeat(len(p), 1, 1)
+        w2c[:, :3, :3] = R
+        w2c[:, :3, 3] = -(R @ center[..., None])[..., 0]
+        return Camera(w2c, intrinsics(focal * home.size[1], home.size), home.size)
+
+    def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
+        """x (B, 7); exact for cameras that have the subject in front of them."""
+        subject = _required(subject)
+        offset = camera.center - subject.anchor
+        distance = offset.norm(dim=1)
+        outward = offset / distance[:, None]
+        azimuth = torch.atan2(outward @ subject.left, outward @ subject.facing)
+        elevation = torch.asin((outward @ subject.up).clamp(-1, 1))
+        heights = distance / subject.height
+        focal = camera.focal / camera.size[1]
+        seen = camera.project(subject.anchor[None])[0][:, 0]
+        screen = seen / torch.tensor(camera.size, dtype=torch.float64) - 0.5
+        aspect = camera.size[0] / camera.size[1]
+        place = _place(screen[:, 0], screen[:, 1], focal, aspect)
+        turn = place.transpose(1, 2) @ camera.w2c[:, :3, :3] @ _aimed(outward, subject.up).transpose(1, 2)
+        roll = torch.atan2(turn[:, 1, 0], turn[:, 0, 0])
+        lens = torch.log(focal / heights)
+        return torch.stack([azimuth, elevation, roll, heights.log(), *screen.unbind(1), lens], dim=1) / SCALE
+
+
+def _required(subject: Subject | None) -> Subject:
+    if subject is None:
+        raise ValueError("subject_orbit needs a lifted subject; lift the scene or use paper_box")
+    return subject
+
+
+def _direction(azimuth: Tensor, elevation: Tensor, subject: Subject) -> Tensor:
+    """Unit vectors (B, 3) from the subject to the camera."""
+    flat = torch.sin(azimuth)[:, None] * subject.left + torch.cos(azimuth)[:, None] * subject.facing
+    return torch.cos(elevation)[:, None] * flat + torch.sin(elevation)[:, None] * subject.up
+
+
+def _aimed(outward: Tensor, up: Tensor) -> Tensor:
+    """World-to-camera rotations (B, 3, 3) that look along -outward with ``up`` upwards."""
+    forward = -outward
+    right = torch.nn.functional.normalize(torch.linalg.cross(forward, up.expand_as(forward)), dim=1)
+    return torch.stack([right, torch.linalg.cross(forward, right), forward], dim=1)
+
+
+def _roll(angle: Tensor) -> Tensor:
+    """Rotations (B, 3, 3) about the optical axis; a positive angle leans the subject to the right."""
+    axis = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    return axis_angle_to_rotation_matrix(angle[:, None] * axis)
+
+
+def _place(x: Tensor, y: Tensor, focal: Tensor, aspect: float) -> Tensor:
+    """Rotations (B, 3, 3) that bring what was in the middle to (x W, y H) from it."""
+    ray = torch.stack([x * aspect / focal, y / focal, torch.ones_like(x)], dim=1)
+    ray = ray / ray.norm(dim=1, keepdim=True)
+    axis = torch.stack([-ray[:, 1], ray[:, 0], torch.zeros_like(x)], dim=1)  # z cross ray
+    sine = axis.norm(dim=1, keepdim=True)
+    angle = torch.atan2(sine, ray[:, 2:])
+    return axis_angle_to_rotation_matrix(axis / sine.clamp_min(1e-12) * angle)
