@@ -1,0 +1,71 @@
+"""The motion of a layer as six numbers: an affine field fitted to its optical flow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+RIDGE = 1e-6  # added to the second moments, so that a layer one pixel wide still has a fit
+
+
+@dataclass(frozen=True)
+class AffineFlow:
+    """Affine flow fields of K layers in B frames, over (1, u, v) with u, v in [-0.5, 0.5] across the frame.
+
+    Args:
+        coefficients: of both flow components, (B, K, 2, 3) [frame widths]; NaN where the layer has no flow.
+        moments: mean of (1, u, v) (1, u, v)^T over the layer's pixels, (B, K, 3, 3), positive definite.
+        area: the layer's pixels that have a flow, as a part of the frame, (B, K) in [0, 1].
+    """
+
+    coefficients: Tensor  # (B, K, 2, 3)
+    moments: Tensor  # (B, K, 3, 3)
+    area: Tensor  # (B, K)
+
+
+def fit_affine_flow(flow: Tensor, layers: Tensor, width: float) -> AffineFlow:
+    """Least-squares affine field of each layer's flow.
+
+    It holds what a mean flow is blind to: push, zoom and roll have no mean but a gradient. Pixels without a
+    flow (NaN) are left out. The fit does not depend on the resolution, only on the frame's aspect.
+
+    Args:
+        flow: (B, 2, H, W) [px of a frame ``width`` wide].
+        layers: (B, K, H, W) bool.
+        width: frame width that the flow vectors refer to [px].
+
+    Returns:
+        The fields in frame widths, float64.
+    """
+    from ._kernels import flow_sums
+
+    sums = torch.from_numpy(flow_sums(flow.detach().cpu().numpy(), layers.cpu().numpy())).to(flow.device)
+    count = sums[..., :1]
+    mean = sums / count.clamp_min(1)
+    moments = mean[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].unflatten(-1, (3, 3))
+    ridge = torch.diag(torch.tensor([0, RIDGE, RIDGE], dtype=sums.dtype, device=sums.device))
+    empty = count[..., None] == 0  # (B, K, 1, 1)
+    moments = torch.where(empty, torch.eye(3).to(sums), moments + ridge)
+    crossed = mean[..., 6:].unflatten(-1, (2, 3)) / width
+    coefficients = torch.linalg.solve(moments, crossed.transpose(-1, -2)).transpose(-1, -2)
+    area = count[..., 0] / (layers.shape[-1] * layers.shape[-2])
+    return AffineFlow(coefficients.masked_fill(empty, float("nan")), moments, area)
+
+
+def affine_flow_residuals(reference: AffineFlow, rendered: AffineFlow) -> Tensor:
+    """Difference of two fields over the reference layer's pixels, as six numbers a layer.
+
+    Their sum of squares is the mean squared endpoint error of the fields over those pixels, in closed form:
+    with d the difference of the coefficients and M = L L^T the moments, d^T M d = |L^T d|^2.
+
+    Args:
+        reference: R = 1 or B frames.
+        rendered: B frames.
+
+    Returns:
+        (B, K, 6) [frame widths]; NaN where either side has no field.
+    """
+    difference = rendered.coefficients - reference.coefficients  # (B, K, 2, 3)
+    return (difference @ torch.linalg.cholesky(reference.moments)).flatten(-2)

@@ -1,0 +1,122 @@
+"""Inner loops of the losses: one pass over the pixels of a batch."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+BINS = 256
+FLOOR = 0.01  # least bandwidth, as a part of the range of log depth
+TIE = 1e-6  # peaks that differ by less than this part of the highest count as equally high
+
+
+@njit(cache=True, nogil=True)
+def _bin_linearly(values: NDArray, low: float, step: float, histogram: NDArray) -> None:
+    """Share each value between its two nearest bin centres, ``low + i * step``."""
+    for value in values:
+        place = (value - low) / step
+        i = min(int(place), BINS - 2)
+        histogram[i] += i + 1 - place
+        histogram[i + 1] += place - i
+
+
+@njit(cache=True, nogil=True)
+def _smooth(histogram: NDArray, sigma: float) -> NDArray:
+    """Histogram convolved with a Gaussian of ``sigma`` bins, cut at 4 sigma."""
+    reach = min(int(4 * sigma) + 1, BINS - 1)
+    weights = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
+    density = np.zeros(BINS)
+    for i in range(BINS):
+        if histogram[i] > 0:
+            for j in range(max(0, i - reach), min(BINS, i + reach + 1)):
+                density[j] += histogram[i] * weights[abs(i - j)]
+    return density
+
+
+@njit(cache=True, nogil=True)
+def _highest(density: NDArray, median: float) -> float:
+    """Place of the highest peak in bins, refined by a parabola; of equal ones the nearest to ``median``."""
+    limit = density.max() * (1 - TIE)
+    best = -1
+    for i in range(BINS):
+        if density[i] >= limit and (best < 0 or abs(i - median) < abs(best - median)):
+            best = i
+    if best == 0 or best == BINS - 1:
+        return float(best)
+    before, peak, after = density[best - 1], density[best], density[best + 1]
+    bend = before - 2 * peak + after
+    return best + (0.5 * (before - after) / bend if bend < 0 else 0.0)
+
+
+@njit(cache=True, nogil=True)
+def mode_of_log(values: NDArray) -> float:
+    """Mode of the Gaussian KDE of ``values``, (N,), N >= 1; bandwidth max(Scott, FLOOR * range)."""
+    low, high = values.min(), values.max()
+    if high - low < 1e-9:  # constant depth is its own mode
+        return 0.5 * (low + high)
+    step = (high - low) / (BINS - 1)
+    histogram = np.zeros(BINS)
+    _bin_linearly(values, low, step, histogram)
+    count = len(values)
+    scott = values.std() * math.sqrt(count / (count - 1)) * count ** (-0.2)
+    density = _smooth(histogram, max(scott, FLOOR * (high - low)) / step)
+    median = float(np.searchsorted(np.cumsum(histogram), 0.5 * count))
+    return low + step * _highest(density, median)
+
+
+@njit(cache=True, nogil=True)
+def depth_modes(depth: NDArray, masks: NDArray) -> NDArray:
+    """Modes (B, K) of depth (B, H, W) under masks (B, K, H, W) bool; NaN where a mask holds no depth > 0."""
+    batch, layers, height, width = masks.shape
+    modes = np.full((batch, layers), np.nan)
+    values = np.empty(height * width)
+    for b in range(batch):
+        for k in range(layers):
+            count = 0
+            for y in range(height):
+                for x in range(width):
+                    d = depth[b, y, x]
+                    if masks[b, k, y, x] and d > 0 and d < math.inf:
+                        values[count] = math.log(d)
+                        count += 1
+            if count > 0:
+                modes[b, k] = math.exp(mode_of_log(values[:count]))
+    return modes
+
+
+@njit(cache=True, nogil=True)
+def flow_sums(flow: NDArray, layers: NDArray) -> NDArray:
+    """Sums (B, K, 12) over each layer's pixels that have a flow.
+
+    Of 1, u, v, uu, uv, vv, then of each flow component times 1, u, v. Coordinates (u, v) run over the frame
+    from -0.5 to 0.5. ``flow`` is (B, 2, H, W), ``layers`` (B, K, H, W) bool.
+    """
+    batch, count, height, width = layers.shape
+    sums = np.zeros((batch, count, 12))
+    for b in range(batch):
+        for y in range(height):
+            v = (y + 0.5) / height - 0.5
+            for x in range(width):
+                fx, fy = flow[b, 0, y, x], flow[b, 1, y, x]
+                if not (math.isfinite(fx) and math.isfinite(fy)):
+                    continue
+                u = (x + 0.5) / width - 0.5
+                for k in range(count):
+                    if layers[b, k, y, x]:
+                        s = sums[b, k]
+                        s[0] += 1.0
+                        s[1] += u
+                        s[2] += v
+                        s[3] += u * u
+                        s[4] += u * v
+                        s[5] += v * v
+                        s[6] += fx
+                        s[7] += fx * u
+                        s[8] += fx * v
+                        s[9] += fy
+                        s[10] += fy * u
+                        s[11] += fy * v
+    return sums

@@ -1,0 +1,53 @@
+"""Where the person stands in the frame, for the losses that compare it. Frames are one wide and one high."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..skeleton import VISIBLE, key_joints
+
+
+def frame_joints(features: Features) -> Tensor:
+    """Key joints as x/W, y/H and confidence, (B, 5, 3)."""
+    joints = key_joints(features.require("keypoints"))
+    return joints / joints.new_tensor([*features.size, 1])
+
+
+def visible_joints(joints: Tensor) -> Tensor:
+    """Which of the joints (B, 5, 3) are visible, (B, 5) bool: sure enough and somewhere."""
+    return (joints[..., 2] > VISIBLE) & joints[..., :2].isfinite().all(-1)
+
+
+def hide_unknown(reference: Tensor, rendered: Tensor) -> Tensor:
+    """``reference`` joints (B, 5, 3) with confidence 0 where the render does not know the joint.
+
+    A scene may lack a joint for good (a sign hides the feet from every view); no camera can answer for it.
+    Where the render knows no joint at all nothing is hidden: then the person is missing.
+    """
+    known = rendered[..., :2].isfinite().all(-1)  # (B, 5)
+    hidden = ~known & known.any(-1, keepdim=True)
+    reference = reference.expand(len(rendered), -1, -1)
+    return torch.cat([reference[..., :2], reference[..., 2:].masked_fill(hidden[..., None], 0)], dim=-1)
+
+
+def mask_extent(mask: Tensor) -> Tensor:
+    """Width and height of the mask (B, H, W) bool as parts of the frame, (B, 2); NaN where it is empty."""
+
+    def extent(line: Tensor) -> Tensor:  # (B, N) bool
+        first = line.int().argmax(-1)
+        last = line.shape[-1] - line.flip(-1).int().argmax(-1)
+        return ((last - first) / line.shape[-1]).masked_fill(~line.any(-1), float("nan"))
+
+    return torch.stack([extent(mask.any(-2)), extent(mask.any(-1))], dim=-1)
+
+
+def mask_centroid(mask: Tensor) -> Tensor:
+    """Centroid of the mask (B, H, W) bool as x/W and y/H, (B, 2); NaN where it is empty."""
+
+    def mean(line: Tensor) -> Tensor:  # (B, N) pixel counts
+        centres = (torch.arange(line.shape[-1], device=line.device) + 0.5) / line.shape[-1]
+        return (line * centres).sum(-1) / line.sum(-1)
+
+    return torch.stack([mean(mask.sum(-2)), mean(mask.sum(-1))], dim=-1)

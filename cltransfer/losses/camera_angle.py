@@ -1,0 +1,68 @@
+"""Camera angle: from where the camera looks at the person (paper Sec. 4.2.5)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..registry import LOSSES
+
+
+def wrap(angle: Tensor) -> Tensor:
+    """Angle [rad] brought into (-pi, pi].
+
+    >>> wrap(torch.tensor([-math.pi, 0.5, 2 * math.pi + 0.5]))
+    tensor([3.1416, 0.5000, 0.5000])
+    """
+    return math.pi - torch.remainder(math.pi - angle, 2 * math.pi)
+
+
+def camera_angle_loss(reference: Tensor, rendered: Tensor, wrapped: bool = False) -> Tensor:
+    """Sum of the differences of yaw, pitch and roll (paper Eq. 13-14).
+
+    Args:
+        reference: yaw, pitch, roll, (R, 3) [rad], R = 1 or B.
+        rendered: the same of B candidates, (B, 3) [rad].
+        wrapped: take each difference the short way round. The paper does not: 359 against 1 degree costs 358.
+
+    Returns:
+        (B,) [rad], >= 0; NaN where an angle is undefined.
+    """
+    difference = rendered - reference  # Eq. 13
+    return (wrap(difference) if wrapped else difference).abs().sum(-1)  # Eq. 14
+
+
+@LOSSES.register("camera_angle")
+@dataclass(frozen=True)
+class CameraAngle:
+    """Sum of the differences of yaw, pitch and roll of the camera about the person (paper Eq. 13-14).
+
+    Args:
+        mode: ``robust`` takes each difference the short way round, ``faithful`` does not wrap.
+        weight: lambda of Eq. 15; tolerance 0.05 rad.
+
+    The penalty is 3 pi: every angle as wrong as it can be.
+    """
+
+    mode: Literal["robust", "faithful"] = "robust"
+    weight: float = 4.0
+
+    requires: ClassVar[tuple[str, ...]] = ("orientation",)
+    unit: ClassVar[str] = "rad"
+    penalty: ClassVar[float] = 3 * math.pi
+    groups: ClassVar[tuple[int, ...]] = (0, 1, 2)
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        """Signed differences of yaw, pitch and roll, (B, 3)."""
+        difference = rendered.require("orientation") - reference.require("orientation")
+        return wrap(difference) if self.mode == "robust" else difference
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw loss, (B,) [rad]; NaN where undefined."""
+        angles = reference.require("orientation"), rendered.require("orientation")
+        return camera_angle_loss(*angles, wrapped=self.mode == "robust")

@@ -1,0 +1,130 @@
+"""Camera movement: how the layers of the frame move (paper Sec. 4.2.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import torch
+from kornia.metrics import aepe
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from ..features import Features
+from ..registry import LOSSES
+from ._affine_flow import AffineFlow, affine_flow_residuals, fit_affine_flow
+
+
+def layer_endpoint_errors(reference: Tensor, rendered: Tensor, layers: Tensor) -> Tensor:
+    """Endpoint error of the flow in each layer (paper Eq. 12).
+
+    Args:
+        reference: flow, (R, 2, H, W) [px], R = 1 or B.
+        rendered: flow of B candidates, (B, 2, H, W) [px].
+        layers: pixels compared, (B, 3, H, W) bool: those both sides count to the layer.
+
+    Returns:
+        (B, 3) [px], >= 0; NaN for a layer without a pixel that has both flows.
+    """
+    error = aepe(rendered.movedim(1, -1), reference.expand_as(rendered).movedim(1, -1), reduction="none")
+    return error[:, None].masked_fill(~layers, float("nan")).flatten(2).nanmean(-1)
+
+
+def camera_movement_loss(reference: Tensor, rendered: Tensor, layers: Tensor) -> Tensor:
+    """Mean over the layers of the endpoint error of the flow (paper Eq. 11-12).
+
+    Args are those of :func:`layer_endpoint_errors`.
+
+    Returns:
+        (B,) [px], >= 0; the mean leaves out layers without an error, NaN where all are.
+    """
+    return layer_endpoint_errors(reference, rendered, layers).nanmean(-1)
+
+
+def movement_residuals(
+    reference: AffineFlow, rendered: AffineFlow, mismatch: float, min_area: float
+) -> Tensor:
+    """Six residuals a layer whose norms add up to the mean difference of the layers' affine flow.
+
+    Args:
+        reference: fields of 1 or B frames.
+        rendered: fields of B candidates.
+        mismatch: cost of a layer that the reference has and the render lacks, >= 0 [frame widths].
+        min_area: a layer with flow on a smaller part of the frame counts as lacking.
+
+    Returns:
+        (B, 18) [frame widths]; NaN where the reference has no layer or the render no flow in any.
+    """
+    wanted, there = reference.area >= min_area, rendered.area >= min_area  # (R, 3), (B, 3)
+    residuals = affine_flow_residuals(reference, rendered)
+    lacking = torch.zeros(6).to(residuals)
+    lacking[0] = mismatch
+    residuals = torch.where(there[..., None], residuals, lacking)
+    residuals = residuals.masked_fill(~wanted[..., None], 0.0) / wanted.sum(-1)[:, None, None]
+    return residuals.flatten(1).masked_fill(~there.any(-1, keepdim=True), float("nan"))
+
+
+@LOSSES.register("camera_movement")
+@dataclass(frozen=True)
+class CameraMovement:
+    """Difference of the backward optical flow, layer by layer (paper Eq. 11-12).
+
+    Undefined on the first frame, which has no flow.
+
+    Args:
+        mode: ``faithful`` is the endpoint error in pixels of the reference over the pixels that both sides
+            count to a layer; it depends on the resolution and needs overlapping persons. ``robust`` fits an
+            affine field to each layer of either side and compares the fields over the reference's pixels.
+        mismatch: cost of a layer that only the reference has, >= 0 [frame widths] (robust).
+        min_area: smallest layer, in (0, 1] of the frame (robust).
+        weight: lambda of Eq. 15; tolerance 0.005 frame widths.
+
+    The penalty is a quarter of the frame width in one frame, a whip pan; faithful: that of a frame 1280 wide.
+    """
+
+    mode: Literal["robust", "faithful"] = "robust"
+    mismatch: float = 0.02
+    min_area: float = 0.005
+    weight: float = 40.0
+
+    requires: ClassVar[tuple[str, ...]] = ("flow", "layers")
+    unit: ClassVar[str] = "frame widths"
+    penalty: ClassVar[float] = 0.25
+    groups: ClassVar[tuple[int, ...]] = (0,) * 6 + (1,) * 6 + (2,) * 6
+
+    def __post_init__(self) -> None:
+        if self.mismatch < 0:
+            raise ValueError(f"mismatch must be >= 0, got {self.mismatch}")
+        if not 0 < self.min_area <= 1:
+            raise ValueError(f"min_area must be in (0, 1], got {self.min_area}")
+        if self.mode == "faithful":
+            object.__setattr__(self, "unit", "px")
+            object.__setattr__(self, "penalty", 320.0)
+            object.__setattr__(self, "groups", (0, 1, 2))
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        """Differences of the affine fields, (B, 18) [frame widths]; faithful: a third a layer, (B, 3) [px]."""
+        if self.mode == "robust":
+            return movement_residuals(_fit(reference), _fit(rendered), self.mismatch, self.min_area)
+        flow, layers = _on_grid_of(reference, rendered)
+        layers = layers & reference.require("layers")
+        errors = layer_endpoint_errors(reference.require("flow"), flow, layers)
+        there = errors.isfinite()
+        return errors.masked_fill(~there & there.any(-1, keepdim=True), 0) / there.sum(-1, keepdim=True)
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw loss, (B,) [frame widths; faithful: px]; NaN where undefined."""
+        return self.residuals(reference, rendered).unflatten(1, (3, -1)).norm(dim=-1).sum(-1)
+
+
+def _fit(features: Features) -> AffineFlow:
+    return fit_affine_flow(features.require("flow"), features.require("layers"), features.size[0])
+
+
+def _on_grid_of(reference: Features, rendered: Features) -> tuple[Tensor, Tensor]:
+    """Flow and layers of ``rendered`` on the pixels of ``reference``, vectors in its pixels."""
+    flow, layers = rendered.require("flow"), rendered.require("layers")
+    grid = tuple(reference.require("flow").shape[-2:])
+    scale = flow.new_tensor([a / b for a, b in zip(reference.size, rendered.size)])[:, None, None]
+    flow = interpolate(flow, grid, mode="nearest-exact") * scale
+    return flow, interpolate(layers.float(), grid, mode="nearest-exact") > 0.5

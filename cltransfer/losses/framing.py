@@ -1,0 +1,84 @@
+"""Framing: where in the frame the person stands (paper Sec. 4.2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..registry import LOSSES
+from ._person import frame_joints, hide_unknown, mask_centroid, visible_joints
+
+
+def centroid_difference(reference: Tensor, rendered: Tensor) -> Tensor:
+    """Difference of the centroids of the joints that the reference shows (paper Eq. 7).
+
+    Args:
+        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, 5, 3); the confidence is not read.
+
+    Returns:
+        (B, 2) [frame]; NaN where the reference shows no joint or the render lacks one of the set.
+    """
+    shown = visible_joints(reference)[..., None]  # (R, 5, 1)
+    moved = (rendered[..., :2] - reference[..., :2]).masked_fill(~shown, 0)
+    return moved.sum(1) / shown.sum(1)  # no joint: 0 / 0 is NaN
+
+
+def framing_loss(reference: Tensor, rendered: Tensor) -> Tensor:
+    """Distance of the centroids of the joints that the reference shows (paper Eq. 6).
+
+    Args:
+        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, 5, 3).
+
+    Returns:
+        (B,) [frame], >= 0; NaN where the reference shows no joint or the render lacks one of the set.
+    """
+    return centroid_difference(reference, rendered).norm(dim=-1)
+
+
+@LOSSES.register("framing")
+@dataclass(frozen=True)
+class Framing:
+    """Distance of the centroids of the key joints visible in the reference (paper Eq. 6-7).
+
+    The render's joints count where they are, also unseen or out of the frame, so hiding one never pays.
+
+    Args:
+        mode: ``faithful`` is undefined where the reference shows no key joint; ``robust`` compares the
+            centroids of the subject masks there, and leaves out joints the scene does not know at all.
+        weight: lambda of Eq. 15; tolerance 0.02 of the frame.
+
+    The penalty is the frame's diagonal, 2 ** 0.5: more than two persons inside the frame can be apart.
+    """
+
+    mode: Literal["robust", "faithful"] = "robust"
+    weight: float = 10.0
+
+    requires: ClassVar[tuple[str, ...]] = ("keypoints", "subject")
+    unit: ClassVar[str] = "frame"
+    penalty: ClassVar[float] = 2**0.5
+    groups: ClassVar[tuple[int, ...]] = (0, 0)
+
+    def __post_init__(self) -> None:
+        if self.mode == "faithful":
+            object.__setattr__(self, "requires", ("keypoints",))
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        """Signed difference of the centroids, (B, 2)."""
+        shown, joints = frame_joints(reference), frame_joints(rendered)
+        if self.mode == "faithful":
+            return centroid_difference(shown, joints)
+        shown = hide_unknown(shown, joints)
+        by_mask = mask_centroid(rendered.require("subject")) - mask_centroid(reference.require("subject"))
+        person = joints[..., :2].isfinite().all(-1).any(-1)
+        none = ~visible_joints(shown).any(-1) & person
+        return torch.where(none[:, None], by_mask, centroid_difference(shown, joints))
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw loss, (B,) [frame]; NaN where undefined."""
+        return self.residuals(reference, rendered).norm(dim=-1)

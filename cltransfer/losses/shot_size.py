@@ -1,0 +1,110 @@
+"""Shot size: how much of the frame the person takes (paper Sec. 4.2.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..registry import LOSSES
+from ._person import frame_joints, hide_unknown, mask_extent, visible_joints
+
+
+def key_joint_difference(reference: Tensor, rendered: Tensor) -> Tensor:
+    """d_S - d_ref of the pair of key joints and the axis that the reference chooses (paper Eq. 4-5).
+
+    Args:
+        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, 5, 3); the confidence is not read.
+
+    Returns:
+        (B,) [frame]; NaN where the reference shows fewer than two joints or the render lacks one of the pair.
+    """
+    visible = visible_joints(reference)
+    pairs = (visible[:, :, None] & visible[:, None, :])[..., None]
+    gaps = _gaps(reference).masked_fill(~pairs, -1).flatten(1)  # (R, 5 * 5 * 2)
+    d_ref, chosen = gaps.max(1, keepdim=True)  # Eq. 4
+    d_S = _gaps(rendered).flatten(1).gather(1, chosen.expand(len(rendered), 1))  # Eq. 5
+    return (d_S - d_ref)[:, 0].masked_fill(visible.sum(1) < 2, float("nan"))
+
+
+def _gaps(joints: Tensor) -> Tensor:
+    return (joints[:, :, None, :2] - joints[:, None, :, :2]).abs()
+
+
+def extent_difference(reference: Tensor, rendered: Tensor) -> Tensor:
+    """Difference of the subject masks' extents along the reference's longer one.
+
+    Args:
+        reference: width and height of the mask, (R, 2) in [0, 1], R = 1 or B.
+        rendered: the same of B candidates, (B, 2).
+
+    Returns:
+        (B,) [frame]; NaN where a mask is empty.
+    """
+    axis = reference.argmax(1, keepdim=True).expand(len(rendered), 1)
+    return (rendered.gather(1, axis) - reference.expand(len(rendered), 2).gather(1, axis))[:, 0]
+
+
+def shot_size_loss(reference: Tensor, rendered: Tensor) -> Tensor:
+    """Difference in shot size (paper Eq. 3).
+
+    Args:
+        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, 5, 3).
+
+    Returns:
+        (B,) [frame], >= 0; NaN where the reference shows fewer than two joints or the render lacks one.
+    """
+    return key_joint_difference(reference, rendered).abs()
+
+
+def degenerate(reference: Features) -> Tensor:
+    """Frames whose shot size no pair of key joints tells, (B,) bool: fewer than two are visible."""
+    return visible_joints(frame_joints(reference)).sum(-1) < 2
+
+
+@LOSSES.register("shot_size")
+@dataclass(frozen=True)
+class ShotSize:
+    """Difference in the part of the frame that the visible key joints span (paper Eq. 3-5).
+
+    Args:
+        mode: ``faithful`` is undefined where the reference shows fewer than two key joints; ``robust``
+            compares the extents of the subject masks there, and leaves out joints the scene does not know.
+        weight: lambda of Eq. 15; the total is 1 when every loss is at its tolerance, here 0.02 of the frame.
+
+    The penalty is 1 frame: more than any two persons inside the frame can differ by.
+    """
+
+    mode: Literal["robust", "faithful"] = "robust"
+    weight: float = 10.0
+
+    requires: ClassVar[tuple[str, ...]] = ("keypoints", "subject")
+    unit: ClassVar[str] = "frame"
+    penalty: ClassVar[float] = 1.0
+    groups: ClassVar[tuple[int, ...]] = (0,)
+
+    def __post_init__(self) -> None:
+        if self.mode == "faithful":
+            object.__setattr__(self, "requires", ("keypoints",))
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        """Signed difference d_S - d_ref, (B, 1)."""
+        shown, joints = frame_joints(reference), frame_joints(rendered)
+        if self.mode == "faithful":
+            return key_joint_difference(shown, joints)[:, None]
+        shown = hide_unknown(shown, joints)
+        by_mask = extent_difference(
+            mask_extent(reference.require("subject")), mask_extent(rendered.require("subject"))
+        )
+        person = joints[..., :2].isfinite().all(-1).any(-1)
+        few = (visible_joints(shown).sum(-1) < 2) & person
+        return torch.where(few, by_mask, key_joint_difference(shown, joints))[:, None]
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw loss, (B,) [frame]; NaN where undefined."""
+        return self.residuals(reference, rendered)[:, 0].abs()
