@@ -1,0 +1,39 @@
+import os
+
+import pytest
+
+from cltransfer.errors import UsageError
+from cltransfer.threads import set_threads, thread_count
+
+
+def test_the_variable_decides(monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_THREADS", "3")
+    assert thread_count() == 3
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "many", "1.5"])
+def test_a_variable_that_is_no_count_is_refused(monkeypatch, value):
+    monkeypatch.setenv("CLTRANSFER_THREADS", value)
+    with pytest.raises(UsageError, match="CLTRANSFER_THREADS"):
+        thread_count()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system has no CPU affinity")
+def test_without_the_variable_the_affinity_counts(monkeypatch):
+    monkeypatch.delenv("CLTRANSFER_THREADS", raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 2, 5})
+    assert thread_count() == 3
+
+
+def test_set_threads_reaches_every_library(monkeypatch):
+    import cv2
+    import torch
+
+    monkeypatch.setenv("CLTRANSFER_THREADS", "1")
+    before = torch.get_num_threads(), cv2.getNumThreads()
+    set_threads(1)
+    assert (torch.get_num_threads(), cv2.getNumThreads(), thread_count()) == (1, 1, 1)
+    torch.set_num_threads(before[0])
+    cv2.setNumThreads(before[1])
+    with pytest.raises(ValueError, match="at least 1"):
+        set_threads(0)
