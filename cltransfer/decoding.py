@@ -1,0 +1,160 @@
+"""Frames of one video or image file, strictly: a damaged file is an error, never a shorter clip."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from av.container import InputContainer
+from av.stream import Disposition
+from av.video.stream import VideoStream
+
+from .errors import InputError
+from .threads import thread_count
+
+PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160
+SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
+IMAGE_BYTE_LIMIT = 2**28
+IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
+
+# Playlists and scripts that open other files are no clips, whatever their name ends in.
+_OPTIONS = {
+    "protocol_whitelist": "file",
+    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,png_pipe,jpeg_pipe",
+    "max_pixels": str(PIXEL_LIMIT),
+    "err_detect": "explode",
+}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One decoded frame; its pixels are converted only when asked for.
+
+    Args:
+        raw: as decoded, before rotation.
+        size: (W, H) as shown, upright and with square pixels.
+        time: presentation time in the file [s].
+    """
+
+    raw: av.VideoFrame
+    size: tuple[int, int]
+    time: float
+
+    def rgb(self, size: tuple[int, int]) -> np.ndarray:
+        """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller."""
+        upright = np.rot90(self.raw.to_ndarray(format="rgb24"), self.raw.rotation // 90)
+        if upright.shape[1::-1] == size:
+            return np.ascontiguousarray(upright)
+        return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
+
+
+def decode(path: Path) -> Iterator[Frame]:
+    """Frames of ``path`` in order of presentation.
+
+    Raises:
+        InputError: the file is missing, is of no allowed kind, has no video, is damaged, changes size,
+            exceeds a limit, has times that do not increase, or holds other than what its header says.
+    """
+    with _opened(path) as (container, stream):
+        count, end, before = 0, 0.0, None
+        for packet in container.demux():
+            if packet.pts is not None:
+                end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            if packet.stream.index != stream.index:
+                continue
+            for raw in stream.decode(packet):
+                frame = _checked(path, count, raw, stream)
+                if before is not None and (frame.size != before.size or frame.time <= before.time):
+                    what = "size" if frame.size != before.size else "time"
+                    now, then = getattr(frame, what), getattr(before, what)
+                    raise InputError(
+                        path, f"frame {count}", f"{what} went from {then} to {now}", "re-encode it"
+                    )
+                count, before = count + 1, frame
+                yield frame
+        _check_complete(path, container, stream, count, end)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+    if not path.is_file():
+        raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
+    demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
+    if demuxer:
+        _check_image_file(path)
+    try:
+        with av.open(str(path), format=demuxer, options=_OPTIONS) as container:
+            yield container, _video_stream(path, container)
+    except av.FFmpegError as error:
+        hint = "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
+        raise InputError(path, "video", f"cannot be decoded: {error.strerror}", hint) from None
+
+
+def _check_image_file(path: Path) -> None:
+    if path.stat().st_size > IMAGE_BYTE_LIMIT:
+        raise InputError(
+            path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}"
+        )
+    data = path.read_bytes()
+    # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
+    if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
+        raise InputError(path, "video", "cannot be decoded: the file is cut short")
+
+
+def _video_stream(path: Path, container: InputContainer) -> VideoStream:
+    streams = [s for s in container.streams.video if not s.disposition & Disposition.attached_pic]
+    if not streams:
+        raise InputError(path, "video", "no video stream")
+    stream = streams[0]
+    _check_size(path, "size", (stream.codec_context.width, stream.codec_context.height))
+    if stream.frames > SCAN_LIMIT:
+        raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, the header says {stream.frames}")
+    stream.thread_type = "AUTO"
+    stream.codec_context.thread_count = thread_count()
+    return stream
+
+
+def _check_size(path: Path, field: str, size: tuple[int, int]) -> None:
+    if size[0] * size[1] > PIXEL_LIMIT:
+        limit = f"expected at most {PIXEL_LIMIT} pixels a frame, got {size[0]}x{size[1]}"
+        raise InputError(path, field, limit, "make it smaller")
+
+
+def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream) -> Frame:
+    field = f"frame {index}"
+    if index >= SCAN_LIMIT:
+        raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, got more", "cut the clip")
+    if raw.is_corrupt:
+        raise InputError(path, field, "is damaged")
+    if raw.time is None:
+        raise InputError(path, field, "has no presentation time", "re-encode it")
+    if raw.rotation % 90:
+        raise InputError(path, field, f"expected a rotation tag of quarter turns, got {raw.rotation} degrees")
+    size = (max(1, round(raw.width * float(stream.sample_aspect_ratio or 1))), raw.height)
+    upright = size if raw.rotation % 180 == 0 else size[::-1]
+    _check_size(path, field, upright)
+    return Frame(raw, upright, raw.time)
+
+
+def _check_complete(
+    path: Path, container: InputContainer, stream: VideoStream, count: int, end: float
+) -> None:
+    """Compare ``count`` frames that end at ``end`` [s] with the header; Matroska promises a duration only."""
+    hint = "the file is damaged or cut short; re-encode it"
+    if count == 0:
+        raise InputError(path, "frames", "expected at least 1, got 0")
+    promised = stream.frames
+    if "mp4" in container.format.name:  # the index knows what the edit list cuts off, the header does not
+        promised = sum(not entry.is_discard for entry in stream.index_entries)
+    if promised and count != promised:
+        raise InputError(path, "frames", f"the header says {promised}, decoded {count}", hint)
+    if "matroska" in container.format.name and container.duration:
+        duration = container.duration / av.time_base
+        slack = 0.1 + (float(1 / stream.average_rate) if stream.average_rate else 0.0)
+        if end < duration - slack:
+            raise InputError(path, "duration", f"the header says {duration:.2f} s, decoded {end:.2f} s", hint)
