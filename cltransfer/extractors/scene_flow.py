@@ -1,0 +1,68 @@
+"""Optical flow of a static scene, computed from depth and the two cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+import torch
+from kornia.utils import create_meshgrid
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from ..registry import EXTRACTORS
+
+
+def backward_flow(depth: Tensor, now: Camera, before: Camera) -> Tensor:
+    """Where each pixel of a static scene was one frame before, relative to where it is.
+
+    Args:
+        depth: along the optical axis of ``now``, (B, H, W), scene units; it may have fewer pixels.
+        now: B cameras.
+        before: 1 or B cameras of the same size.
+
+    Returns:
+        (B, 2, H, W) float32 [px of the cameras' size]; NaN where depth is, and where the point lay behind the
+        camera before.
+    """
+    from ._kernels import static_flow
+
+    back = now.K.inverse()
+    motion = before.w2c @ now.c2w  # now's axes -> before's axes
+    turn, shift = before.K @ motion[:, :3, :3] @ back, (before.K @ motion[:, :3, 3:])[..., 0]
+    size = (float(now.size[0]), float(now.size[1]))
+    flow = static_flow(depth.detach().cpu().numpy(), turn.cpu().numpy(), shift.cpu().numpy(), size)
+    return torch.from_numpy(flow).to(depth.device)
+
+
+def backward_flow_by_points(depth: Tensor, now: Camera, before: Camera) -> Tensor:
+    """The same as :func:`backward_flow` by way of the world points: slower, and readable."""
+    batch, height, width = depth.shape
+    scale = depth.new_tensor([now.size[0] / width, now.size[1] / height]).double()
+    grid = create_meshgrid(
+        height, width, normalized_coordinates=False, dtype=torch.float64
+    )  # integer-centred
+    pixels = ((grid + 0.5) * scale).reshape(1, -1, 2).expand(batch, -1, 2)
+    points = now.unproject(pixels, depth.flatten(1))
+    moved, ahead = before.project(points)
+    flow = (moved - pixels).masked_fill(~(ahead > 0)[..., None], float("nan"))
+    return flow.transpose(1, 2).unflatten(-1, (height, width)).float()
+
+
+@EXTRACTORS.register("scene_flow")
+@dataclass(frozen=True)
+class SceneFlow:
+    """Exact backward flow i -> i-1 from median depth; the mean depth would lie between two surfaces."""
+
+    requires: ClassVar[tuple[str, ...]] = ("camera", "depth")
+    provides: ClassVar[tuple[str, ...]] = ("flow",)
+    family: ClassVar[Literal["image", "scene", "both"]] = "scene"
+    needs_before: ClassVar[bool] = True
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        """``now`` with ``flow``; NaN everywhere where there is no frame before."""
+        depth, camera = now.require("depth"), now.require("camera").at_size(now.size)
+        if before is None:
+            return replace(now, flow=depth.new_full((len(depth), 2, *depth.shape[1:]), float("nan")))
+        return replace(now, flow=backward_flow(depth, camera, before.require("camera").at_size(now.size)))
