@@ -103,7 +103,7 @@ class CameraMovement:
             object.__setattr__(self, "groups", (0, 1, 2))
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
-        """Differences of the affine fields, (B, 18) [frame widths]; faithful: a third a layer, (B, 3) [px]."""
+        """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
         if self.mode == "robust":
             return movement_residuals(_fit(reference), _fit(rendered), self.mismatch, self.min_area)
         flow, layers = _on_grid_of(reference, rendered)

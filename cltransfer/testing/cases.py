@@ -1,0 +1,143 @@
+"""What a loss and an extractor keep to."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from .samples import PERSON_FEATURES, sample_features, without_person
+
+
+def _same(first: Tensor, second: Tensor) -> None:
+    torch.testing.assert_close(first, second, rtol=1e-5, atol=1e-6, equal_nan=True)
+
+
+def _only(features: Features, names: frozenset[str]) -> Features:
+    keep: Mapping[str, Any] = {n: features.require(n) for n in names if n not in features.extras}
+    extras = {n: v for n, v in features.extras.items() if n in names}
+    return Features(features.size, **keep, extras=extras)
+
+
+class ComponentCase:
+    """What every component keeps to."""
+
+    component: ClassVar[Any]
+
+    def sample(self, seed: int, batch: int) -> Features:
+        """Features to run on; override it for a component that needs extras."""
+        return sample_features(seed, batch)
+
+    def test_is_frozen_dataclass(self) -> None:
+        params: Any = getattr(type(self.component), "__dataclass_params__", None)
+        assert params is not None
+        assert params.frozen
+
+
+class LossCase(ComponentCase):
+    """What a loss keeps to: zero on itself, NaN without a person, the same alone as in a batch."""
+
+    def test_names_what_it_requires(self) -> None:
+        loss = self.component
+        assert loss.requires
+        assert self.sample(0, 1).names() >= set(loss.requires)
+        assert loss.unit
+        assert math.isfinite(loss.weight)
+        assert loss.weight >= 0
+
+    def test_penalty_is_finite_and_positive(self) -> None:
+        assert 0 < self.component.penalty < math.inf
+
+    def test_scores_itself_zero(self) -> None:
+        features = self.sample(1, 3)
+        _same(self.component(features, features).double(), torch.zeros(3, dtype=torch.float64))
+
+    def test_is_finite_and_not_negative(self) -> None:
+        value = self.component(self.sample(1, 3), self.sample(2, 3))
+        assert value.shape == (3,)
+        assert bool((value >= 0).all())
+        assert bool(value.isfinite().all())
+        assert bool((value > 0).any())
+
+    def test_batch_equals_single(self) -> None:
+        reference, rendered = self.sample(1, 3), self.sample(2, 3)
+        single = [self.component(reference[i], rendered[i]) for i in range(3)]
+        _same(self.component(reference, rendered), torch.cat(single))
+
+    def test_one_reference_serves_a_batch(self) -> None:
+        reference, rendered = self.sample(1, 1), self.sample(2, 3)
+        single = [self.component(reference, rendered[i]) for i in range(3)]
+        _same(self.component(reference, rendered), torch.cat(single))
+
+    def test_person_missing_is_undefined(self) -> None:
+        reference, rendered = self.sample(1, 2), without_person(self.sample(2, 2))
+        about_person = PERSON_FEATURES & set(self.component.requires)
+        value = self.component(reference, rendered)
+        assert bool((value.isnan() if about_person else ~(value < 0)).all())
+
+    def test_declared_features_suffice(self) -> None:
+        reference, rendered = self.sample(1, 2), self.sample(2, 2)
+        needed = frozenset(self.component.requires)
+        _same(
+            self.component(reference, rendered),
+            self.component(_only(reference, needed), _only(rendered, needed)),
+        )
+
+    def test_residuals_add_up_to_the_loss(self) -> None:
+        """Loss = sum over the groups of the norm of their residuals, where a loss has any."""
+        reference, rendered = self.sample(1, 3), self.sample(2, 3)
+        residuals = getattr(self.component, "residuals", None)
+        if residuals is None:
+            return
+        values, groups = residuals(reference, rendered), torch.tensor(self.component.groups)
+        norms = [values[:, groups == group].norm(dim=1) for group in groups.unique()]
+        _same(self.component(reference, rendered), torch.stack(norms).sum(0))
+
+
+class ExtractorCase(ComponentCase):
+    """What an extractor keeps to: it provides what it says from what it says, and changes nothing."""
+
+    def before(self, now: Features) -> Features | None:
+        """The frames before ``now``, for an extractor that compares with them."""
+        return self.sample(7, len(now)) if getattr(self.component, "needs_before", False) else None
+
+    def blank(self, features: Features) -> Features:
+        """``features`` without what the extractor provides."""
+        return _only(features, features.names() - set(self.component.provides))
+
+    def test_provides_what_it_says(self) -> None:
+        now = self.blank(self.sample(1, 3))
+        got = self.component(now, self.before(now))
+        assert got.names() == now.names() | set(self.component.provides)
+        assert all(len(got.require(name)) == 3 for name in self.component.provides)
+
+    def test_changes_nothing_in_place(self) -> None:
+        now = self.sample(1, 2)
+        before = self.before(now)
+        kept = copy.deepcopy((now, before))
+        self.component(now, before)
+        for features, copied in zip((now, before), kept):
+            if features is None or copied is None:
+                continue
+            for name in features.names() - {"camera", "person"}:
+                _same(features.require(name), copied.require(name))
+
+    def test_batch_equals_single(self) -> None:
+        now = self.blank(self.sample(1, 3))
+        before = self.before(now)
+        together = self.component(now, before)
+        for i in range(3):
+            alone = self.component(now[i], before[i] if before is not None else None)
+            for name in self.component.provides:
+                _same(together[i].require(name), alone.require(name))
+
+    def test_declared_features_suffice(self) -> None:
+        now = self.sample(1, 2)
+        before, needed = self.before(now), frozenset(self.component.requires)
+        lean = self.component(_only(now, needed), _only(before, needed) if before is not None else None)
+        assert all(lean.has(name) for name in self.component.provides)

@@ -1,0 +1,81 @@
+"""What a renderer keeps to."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from ..scenes import Scene
+from .cases import ComponentCase
+from .samples import pixel_centres
+
+
+class RendererCase(ComponentCase):
+    """What a renderer keeps to.
+
+    A test sets ``scene`` and ``points``: world points (P, 3) on its surfaces, at most ``spacing`` apart.
+    """
+
+    scene: ClassVar[Scene]
+    points: ClassVar[Tensor]  # (P, 3)
+    spacing: ClassVar[float] = 0.2
+
+    def cameras(self, batch: int) -> Camera:
+        """Cameras that look at the middle of ``points`` from a ring around them."""
+        points = self.points.double()
+        middle, radius = points.mean(0), (points - points.mean(0)).norm(dim=1).max()
+        up = self.scene.up.double()
+        aside = torch.linalg.cross(up, torch.roll(up, 1) + torch.tensor([0.1, 0.2, 0.3], dtype=torch.float64))
+        aside = aside / aside.norm()
+        angle = torch.linspace(0, 2 * math.pi, batch + 1, dtype=torch.float64)[:-1, None]
+        ring = angle.cos() * aside + angle.sin() * torch.linalg.cross(up, aside) + 0.3 * up
+        return Camera.look_at(middle + 3 * radius * ring, middle, up, math.radians(50), (48, 27))
+
+    def render(self, batch: int, buffers: frozenset[str]) -> Features:
+        """``batch`` frames of the scene."""
+        features: Features = self.component.render(self.scene, self.cameras(batch), buffers)
+        return features
+
+    def test_renders_the_buffers_asked_for_and_no_more(self) -> None:
+        for buffer in self.component.provides:
+            got = self.render(1, frozenset({buffer})).names()
+            assert got - {"camera", "person"} == {buffer}
+            assert "camera" in got
+
+    def test_shapes_follow_the_cameras(self) -> None:
+        features = self.render(2, self.component.provides)
+        assert features.size == (48, 27)
+        for buffer in self.component.provides:
+            assert features.require(buffer).shape == ((2, 3, 27, 48) if buffer == "image" else (2, 27, 48))
+
+    def test_batch_equals_single(self) -> None:
+        together = self.render(3, self.component.provides)
+        for i in range(3):
+            alone = self.component.render(self.scene, self.cameras(3)[i], self.component.provides)
+            for buffer in self.component.provides:
+                torch.testing.assert_close(
+                    together[i].require(buffer), alone.require(buffer), atol=1e-4, rtol=1e-4, equal_nan=True
+                )
+
+    def test_coverage_and_colour_are_parts_of_one(self) -> None:
+        features = self.render(2, self.component.provides)
+        for buffer in self.component.provides & {"alpha", "label", "image"}:
+            values = features.require(buffer)
+            assert bool(((values >= 0) & (values <= 1 + 1e-5)).all())
+
+    def test_depth_is_where_the_scene_is(self) -> None:
+        """Nine in ten pixels with a depth unproject to within ``spacing`` of a surface point."""
+        features = self.render(2, frozenset({"depth"}))
+        x, y = pixel_centres(features.size)
+        pixels = torch.stack([x, y], dim=-1).reshape(1, -1, 2).expand(2, -1, 2)
+        depth = features.require("depth").flatten(1)
+        seen = depth.isfinite()
+        assert bool(seen.any(1).all())
+        world = features.require("camera").unproject(pixels, depth)[seen]
+        distance = torch.cdist(world, self.points.double()).amin(1)
+        assert float((distance < self.spacing).double().mean()) > 0.9
