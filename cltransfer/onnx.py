@@ -1,0 +1,159 @@
+"""ONNX networks on the CPU: found by name, checked before they run, checked after."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import ModelError
+from .files import cache_dir
+from .models import KNOWN
+from .threads import thread_count
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+Shape = tuple[int | None, ...]
+"""Expected sizes, batch first; None is any."""
+
+BYTE_LIMIT = 2 * 2**30
+_EXTERNAL = b"\n\x08location"  # the key by which a tensor names another file
+
+
+def find_model(name: str) -> Path:
+    """File of the network ``name``, looked up in the folders of ``CLTRANSFER_MODELS`` and in the cache.
+
+    A name with a folder in it (``weights/depth.onnx``) is taken as it stands.
+
+    Raises:
+        ModelError: there is no such file; the line says what to get and where to put it.
+    """
+    named = os.environ.get("CLTRANSFER_MODELS", "").split(os.pathsep)
+    folders = [Path(folder) for folder in named if folder] + [cache_dir() / "models"]
+    places = [Path(name)] if Path(name).name != name else [folder / name for folder in folders]
+    for place in places:
+        if place.is_file():
+            return place
+    known = KNOWN.get(Path(name).name)
+    what = f" with sha256 {known.sha256} ({known.licence}, from {known.source})" if known else ""
+    raise ModelError(name, "model", f"no such file{what}", f"put it in {places[0].parent}")
+
+
+@dataclass(frozen=True)
+class Network:
+    """One ONNX file that runs on batches, whether or not its batch size is fixed at 1.
+
+    Args:
+        path: the file; a name in :data:`cltransfer.models.KNOWN` must have that content.
+        inputs: name and shape of every input, float32.
+        outputs: name and shape of the outputs to compute, float32; a shape of None is any.
+    """
+
+    path: Path
+    inputs: Mapping[str, Shape]
+    outputs: Mapping[str, Shape | None]
+
+    def __call__(self, feeds: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Outputs (B, ...) float32 of inputs (B, ...) float32.
+
+        Raises:
+            ModelError: the network fails, or an output is not finite or not of the stated shape.
+        """
+        batch = len(next(iter(feeds.values())))
+        step = batch if self._any_batch else 1
+        parts = [self._run({n: v[i : i + step] for n, v in feeds.items()}) for i in range(0, batch, step)]
+        outputs = {name: np.concatenate([part[name] for part in parts]) for name in self.outputs}
+        for name, value in outputs.items():
+            if _differs(self.outputs[name], value.shape):
+                reason = f"expected shape {self.outputs[name]}, got {value.shape}"
+                raise ModelError(self.path, f"output {name}", reason)
+            if len(value) != batch:
+                raise ModelError(self.path, f"output {name}", f"expected {batch} rows, got {len(value)}")
+            if not np.isfinite(value).all():
+                raise ModelError(self.path, f"output {name}", "is not finite")
+        return outputs
+
+    def _run(self, feeds: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        try:
+            return dict(zip(self.outputs, self.session.run(list(self.outputs), feeds)))
+        except Exception as error:  # onnxruntime's errors have no narrower common class
+            raise ModelError(self.path, "run", _first_line(error)) from None
+
+    @property
+    def _any_batch(self) -> bool:
+        return all(not isinstance(entry.shape[0], int) for entry in self.session.get_inputs())
+
+    @cached_property
+    def session(self) -> InferenceSession:
+        """The loaded network.
+
+        Raises:
+            ModelError: the file is missing, foreign, reaches for other files, or has other inputs or outputs.
+        """
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 4
+        options.intra_op_num_threads = thread_count()
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+        data = self._read()
+        try:
+            session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's errors have no narrower common class
+            raise ModelError(self.path, "model", _first_line(error)) from None
+        self._check("input", self.inputs, session.get_inputs(), exact=True)
+        self._check("output", self.outputs, session.get_outputs(), exact=False)
+        return session
+
+    def _read(self) -> bytes:
+        if not self.path.is_file():
+            raise ModelError(self.path, "model", "no such file")
+        if self.path.stat().st_size > BYTE_LIMIT:
+            raise ModelError(self.path, "model", f"expected at most {BYTE_LIMIT} bytes")
+        data = self.path.read_bytes()
+        known = KNOWN.get(self.path.name)
+        digest = hashlib.sha256(data).hexdigest()
+        if known and known.sha256 != digest:
+            reason = f"expected {known.sha256}, got {digest}"
+            raise ModelError(self.path, "sha256", reason, "rename the file if it is another network")
+        if _EXTERNAL in data:
+            raise ModelError(
+                self.path, "external data", "weights in another file are refused", "store them inside"
+            )
+        return data
+
+    def _check(self, kind: str, wanted: Mapping[str, Shape | None], given: list[Any], exact: bool) -> None:
+        found = {entry.name: entry for entry in given}
+        if set(wanted) - set(found) or (exact and set(found) - set(wanted)):
+            reason = f"expected {', '.join(wanted)}, got {', '.join(found)}"
+            raise ModelError(self.path, f"{kind}s", reason)
+        for name, shape in wanted.items():
+            if found[name].type != "tensor(float)":
+                reason = f"expected tensor(float), got {found[name].type}"
+                raise ModelError(self.path, f"{kind} {name}", reason)
+            got = tuple(found[name].shape)
+            if _differs(shape, got):
+                raise ModelError(self.path, f"{kind} {name}", f"expected shape {shape}, got {got}")
+            if kind == "input" and isinstance(got[0], int) and got[0] != 1:
+                raise ModelError(self.path, f"{kind} {name}", f"expected a batch of 1 or free, got {got[0]}")
+
+
+def _differs(wanted: Shape | None, given: Any) -> bool:
+    """Whether ``given`` (whole numbers, or names and None for any) cannot be ``wanted``."""
+    if wanted is None:
+        return False
+    pairs = zip(wanted, given)
+    return len(wanted) != len(given) or any(w is not None and isinstance(g, int) and w != g for w, g in pairs)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]

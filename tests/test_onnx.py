@@ -1,0 +1,130 @@
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from cltransfer.errors import ModelError
+from cltransfer.files import content_hash
+from cltransfer.models import KNOWN
+from cltransfer.onnx import Network, find_model
+
+MODELS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "models"
+
+
+def graph(path, node="Relu", batch="batch", dtype=TensorProto.FLOAT, **save):
+    """y = node(x) + 2 w, with x (batch, 3) and w of ones."""
+    weight = numpy_helper.from_array(np.full(3, 2, helper.tensor_dtype_to_np_dtype(dtype)), "w")
+    nodes = [helper.make_node(node, ["x"], ["r"]), helper.make_node("Add", ["r", "w"], ["y"])]
+    x, y = (helper.make_tensor_value_info(n, dtype, [batch, 3]) for n in "xy")
+    model = helper.make_model(
+        helper.make_graph(nodes, "g", [x], [y], [weight]),
+        opset_imports=[helper.make_opsetid("", 17)],
+        ir_version=9,
+    )
+    onnx.save_model(model, str(path), **save)
+    return path
+
+
+def network(path, inputs=None, outputs=None):
+    return Network(path, inputs or {"x": (None, 3)}, outputs or {"y": (None, 3)})
+
+
+def values(rows=4):
+    return np.arange(rows * 3, dtype=np.float32).reshape(rows, 3) - 5
+
+
+def refused(net, field, match):
+    start = time.perf_counter()
+    with pytest.raises(ModelError, match=match) as caught:
+        net({"x": values()})
+    assert time.perf_counter() - start < 2
+    assert caught.value.exit_code == 4
+    assert caught.value.field == field
+    assert "\n" not in str(caught.value)
+    assert Path(caught.value.where).name == net.path.name
+
+
+@pytest.mark.parametrize("batch", ["batch", 1])
+def test_runs_batches_whether_the_batch_is_free_or_one(tmp_path, batch):
+    got = network(graph(tmp_path / "a.onnx", batch=batch))({"x": values()})
+    np.testing.assert_array_equal(got["y"], np.maximum(values(), 0) + 2)
+
+
+def test_files_that_are_no_network_are_refused(tmp_path):
+    (tmp_path / "a.onnx").write_bytes(b"garbage" * 99)
+    refused(network(tmp_path / "a.onnx"), "model", "protobuf")
+    refused(network(tmp_path / "none.onnx"), "model", "no such file")
+
+
+def test_other_names_shapes_types_and_batches_are_refused(tmp_path):
+    path = graph(tmp_path / "a.onnx")
+    refused(network(path, inputs={"image": (None, 3)}), "inputs", "expected image, got x")
+    refused(network(path, outputs={"z": (None, 3)}), "outputs", "expected z, got y")
+    refused(network(path, inputs={"x": (None, 4)}), "input x", r"expected shape \(None, 4\)")
+    refused(network(path, outputs={"y": (None, 3, 1)}), "output y", "expected shape")
+    refused(network(graph(tmp_path / "d.onnx", dtype=TensorProto.DOUBLE)), "input x", "double")
+    refused(network(graph(tmp_path / "b.onnx", batch=2)), "input x", "batch of 1 or free, got 2")
+
+
+def test_outputs_that_are_not_finite_are_refused(tmp_path):
+    refused(network(graph(tmp_path / "a.onnx", node="Log")), "output y", "not finite")
+
+
+def test_external_data_are_refused(tmp_path):
+    path = graph(tmp_path / "a.onnx", save_as_external_data=True, location="w.bin", size_threshold=0)
+    assert (tmp_path / "w.bin").exists()
+    refused(network(path), "external data", "refused")
+
+
+def field(tag, content):
+    """A protobuf field of bytes; its length fits in two bytes."""
+    return bytes([tag, len(content) % 128 + 128, len(content) // 128]) + content
+
+
+def test_external_data_are_out_of_reach_when_their_key_is_written_oddly(tmp_path, monkeypatch):
+    model = onnx.load(str(graph(tmp_path / "a.onnx")))
+    weight = TensorProto(name="w", dims=[3], data_type=TensorProto.FLOAT, data_location=TensorProto.EXTERNAL)
+    del model.graph.initializer[:]
+    rest = model.graph.SerializeToString()
+    model.ClearField("graph")
+    location = field(0x0A, b"location") + field(0x12, b"w.bin")  # tag, overlong length, text
+    data = rest + field(0x2A, weight.SerializeToString() + field(0x6A, location))
+    (tmp_path / "odd.onnx").write_bytes(model.SerializeToString() + field(0x3A, data))
+    (tmp_path / "w.bin").write_bytes(np.ones(3, np.float32).tobytes())
+    monkeypatch.chdir(tmp_path)
+    assert onnx.load("odd.onnx").graph.initializer[0].raw_data  # an ordinary reader follows the name
+    refused(network(tmp_path / "odd.onnx"), "model", "External data")
+
+
+def test_a_known_name_with_other_content_is_refused(tmp_path):
+    refused(network(graph(tmp_path / "yolox_nano.onnx")), "sha256", KNOWN["yolox_nano.onnx"].sha256)
+
+
+def test_models_are_found_in_each_folder_then_in_the_cache(tmp_path, monkeypatch):
+    for folder in ("one", "two", "cache/models"):
+        (tmp_path / folder).mkdir(parents=True)
+    monkeypatch.setenv("CLTRANSFER_MODELS", os.pathsep.join([str(tmp_path / "one"), str(tmp_path / "two")]))
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    for folder in ("cache/models", "two", "one"):
+        (tmp_path / folder / "a.onnx").touch()
+        assert find_model("a.onnx") == tmp_path / folder / "a.onnx"
+    assert find_model(str(tmp_path / "two" / "a.onnx")) == tmp_path / "two" / "a.onnx"
+
+
+def test_a_missing_model_says_what_to_get_and_where_to_put_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights"))
+    with pytest.raises(ModelError) as caught:
+        find_model("yolox_nano.onnx")
+    known = KNOWN["yolox_nano.onnx"]
+    for part in ("yolox_nano.onnx", known.sha256, known.source, known.licence, str(tmp_path / "weights")):
+        assert part in str(caught.value)
+
+
+@pytest.mark.skipif(not MODELS.exists(), reason="the shared networks are not here")
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_the_shared_networks_are_the_known_ones(name):
+    assert content_hash(MODELS / name) == KNOWN[name].sha256
