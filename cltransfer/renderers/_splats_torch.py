@@ -1,0 +1,151 @@
+"""Gaussian splats in plain torch: the rule the kernels are tested against, and differentiable.
+
+Readable first; several ten times slower than the kernels.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..scenes.splats import Splats
+from .kernels.splat_composite import MAX_ALPHA, MIN_COVER, MIN_TRANSMITTANCE
+from .kernels.splat_cull import LOW_PASS, TANGENT_MARGIN, Settings
+from .kernels.splat_pack import MIN_ALPHA
+from .kernels.splat_project import TILE
+
+
+def render_one(
+    splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings
+) -> dict[str, Tensor]:
+    """All buffers of one camera, differentiable in the camera and the Gaussians (median depth in depth only).
+
+    Args:
+        splats: the scene.
+        w2c: (4, 4), OpenCV axes.
+        K: (3, 3) [px].
+        size: (W, H) [px].
+        settings: near plane, fade and antialiasing.
+
+    Returns:
+        image (3, H, W) in [0, 1]; alpha, label (H, W) in [0, 1]; depth (median) and expected_depth (H, W), scene
+        units, NaN where undefined.
+    """
+    ellipses = _project(splats, w2c, K, size, settings)
+    width, height = size
+    rows = []
+    for top in range(0, height, TILE):
+        lefts = range(0, width, TILE)
+        row = [
+            _tile(ellipses, (left, top, min(left + TILE, width), min(top + TILE, height))) for left in lefts
+        ]
+        rows.append(torch.cat(row, dim=2))
+    planes = torch.cat(rows, dim=1)  # (7, H, W)
+    alpha = planes[3]
+    mean = planes[5] / torch.where(alpha >= MIN_COVER, alpha, torch.nan)
+    depth = torch.where(planes[6] > 0, planes[6], torch.nan)
+    return {
+        "image": planes[:3].clamp(max=1),
+        "alpha": alpha,
+        "label": planes[4],
+        "depth": depth,
+        "expected_depth": mean,
+    }
+
+
+def _project(
+    splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings
+) -> dict[str, Tensor]:
+    """Ellipses of what is in front of the camera, nearest first: center, conic, peak, reach, depth, features."""
+    w2c, K = w2c.to(splats.means), K.to(splats.means)
+    camera = splats.means @ w2c[:3, :3].T + w2c[:3, 3]
+    index = torch.nonzero((camera[:, 2] > settings.near) & (splats.opacity > MIN_ALPHA))[:, 0]
+    index = index[camera[index, 2].argsort(stable=True)]
+    camera, depth = camera[index], camera[index, 2]
+    focal, middle = K.diagonal()[:2], K[:2, 2]
+    covariance = _image_covariance(splats.covariances()[index], camera, w2c, K, size)
+    sharp = torch.linalg.det(covariance)
+    covariance = covariance + LOW_PASS * torch.eye(2).to(covariance)
+    peak = splats.opacity[index] * ((depth - settings.near) / max(settings.near_fade, 1e-6)).clamp(0, 1)
+    if settings.antialiased:  # keeps the energy of a splat the low-pass widens (Mip-Splatting)
+        peak = peak * (sharp / torch.linalg.det(covariance)).clamp(min=2.5e-5).sqrt()
+    spread = 2 * (peak.detach() / MIN_ALPHA).clamp(min=1).log()
+    eye = -w2c[:3, :3].T @ w2c[:3, 3]
+    direction = torch.nn.functional.normalize(splats.means[index] - eye, dim=-1)
+    basis = sh_basis(direction, splats.degree)
+    color = ((basis[..., None] * splats.sh[index]).sum(1) + 0.5).clamp(min=0)
+    return {
+        "center": focal * camera[:, :2] / depth[:, None] + middle,
+        "conic": torch.linalg.inv(covariance),
+        "peak": peak,
+        "reach": (spread[:, None] * covariance.detach().diagonal(dim1=1, dim2=2)).sqrt(),
+        "depth": depth,
+        "features": torch.cat(
+            [color, torch.ones_like(depth)[:, None], splats.label[index, None], depth[:, None]], 1
+        ),
+    }
+
+
+def _image_covariance(
+    covariances: Tensor, camera: Tensor, w2c: Tensor, K: Tensor, size: tuple[int, int]
+) -> Tensor:
+    """J W S W^T J^T, (M, 2, 2) [px^2]: the projection linearised at each centre (Zwicker et al. 2002)."""
+    focal, middle, depth = K.diagonal()[:2], K[:2, 2], camera[:, 2:]
+    extent = torch.tensor(size).to(K)
+    margin = TANGENT_MARGIN * extent / focal
+    tangent = (camera[:, :2] / depth).clamp(-middle / focal - margin, (extent - middle) / focal + margin)
+    scale = torch.diag_embed(focal / depth)
+    jacobian = torch.cat([scale, -(focal * tangent / depth)[..., None]], dim=2) @ w2c[:3, :3]
+    return jacobian @ covariances @ jacobian.transpose(1, 2)
+
+
+def _tile(ellipses: dict[str, Tensor], box: tuple[int, int, int, int]) -> Tensor:
+    """Red, green, blue, alpha, label, depth sum, median depth of the pixels in ``box``, (7, h, w)."""
+    center, reach = ellipses["center"].detach(), ellipses["reach"]
+    low, high = center.new_tensor(box[:2]), center.new_tensor(box[2:])
+    near = ((center + reach > low) & (center - reach < high)).all(1)
+    conic, peak, depth = ellipses["conic"][near], ellipses["peak"][near], ellipses["depth"][near]
+    x, y = torch.arange(box[0], box[2]).to(low) + 0.5, torch.arange(box[1], box[3]).to(low) + 0.5
+    pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).reshape(-1, 1, 2)
+    offset = pixels - ellipses["center"][near]  # (P, M, 2)
+    power = torch.einsum("pmi,mij,pmj->pm", offset, conic, offset) / 2
+    alpha = (peak * torch.exp(-power)).clamp(max=MAX_ALPHA)
+    alpha = torch.where(alpha >= MIN_ALPHA, alpha, 0)
+    after = torch.cumprod(1 - alpha, dim=1)
+    before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)
+    weight = torch.where(
+        after >= MIN_TRANSMITTANCE, before * alpha, 0
+    )  # the splat that ends a pixel is not added
+    sums = weight @ ellipses["features"][near]
+    median = (((before > 0.5) & (after <= 0.5)) * depth).sum(1, keepdim=True)
+    return torch.cat([sums, median], dim=1).T.reshape(7, box[3] - box[1], box[2] - box[0])
+
+
+def sh_basis(direction: Tensor, degree: int) -> Tensor:
+    """Real spherical harmonics up to ``degree`` in 0..3 of unit vectors (N, 3), (N, (degree + 1)^2).
+
+    >>> sh_basis(torch.tensor([[0.0, 0.0, 1.0]]), 1)
+    tensor([[0.2821, -0.0000, 0.4886, -0.0000]])
+    """
+    x, y, z = direction.unbind(-1)
+    bands = [
+        [torch.full_like(x, 0.28209479177387814)],
+        [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x],
+        [
+            1.0925484305920792 * x * y,
+            -1.0925484305920792 * y * z,
+            0.31539156525252005 * (3 * z * z - 1),
+            -1.0925484305920792 * x * z,
+            0.5462742152960396 * (x * x - y * y),
+        ],
+        [
+            -0.5900435899266435 * y * (3 * x * x - y * y),
+            2.890611442640554 * x * y * z,
+            -0.4570457994644658 * y * (5 * z * z - 1),
+            0.3731763325901154 * z * (5 * z * z - 3),
+            -0.4570457994644658 * x * (5 * z * z - 1),
+            1.445305721320277 * z * (x * x - y * y),
+            -0.5900435899266435 * x * (x * x - 3 * y * y),
+        ],
+    ]
+    return torch.stack([value for band in bands[: degree + 1] for value in band], dim=-1)

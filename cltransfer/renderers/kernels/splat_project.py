@@ -1,0 +1,220 @@
+"""Gaussians to ellipses on the image, and ellipses to the tiles they touch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from . import CACHED, Array, f32
+from .splat_cull import LOW_PASS, View
+from .splat_pack import COVARIANCE, LABEL, MIN_ALPHA, OPACITY, RADIUS
+
+TILE = 16  # [px], side of a tile
+SLAB = 8192  # Gaussians projected at a time, so that their records stay in the L2 cache
+PAIRS = 8 * SLAB  # (Gaussian, tile) pairs in a slab
+AHEAD = 12  # Gaussians between prefetch and use
+# columns of a record
+U, V, QA, QB, QC, PEAK, DEPTH, MEMBER, RED, GREEN, BLUE, RECORD = range(12)
+# columns of a box: first and last pixel, and the Gaussian's row
+X0, X1, Y0, Y1, SOURCE, BOX = range(6)
+
+_LOW_PASS, _MIN_ALPHA, _ZERO, _HALF, _ONE, _TWO = (
+    f32(LOW_PASS),
+    f32(MIN_ALPHA),
+    f32(0),
+    f32(0.5),
+    f32(1),
+    f32(2),
+)
+_MIN_COMPENSATION = f32(2.5e-5)  # of det / blurred det, as gsplat
+_MAX_DETERMINANT = f32(1e37)  # [px^4]; beyond it float32 overflows
+
+
+class Slab(NamedTuple):
+    """Projected Gaussians of one depth range, nearest first."""
+
+    records: Array  # (SLAB, RECORD) float32
+    boxes: Array  # (SLAB, BOX) int32
+
+
+class Tiles(NamedTuple):
+    """The slab's Gaussians by tile: ``pairs[starts[t]:starts[t + 1]]`` are tile t's, nearest first."""
+
+    closed: Array  # (T,) uint8, 1 where every pixel is opaque
+    starts: Array  # (T + 1,) int32
+    cursor: Array  # (T,) int32, scratch
+    pairs: Array  # (max(PAIRS, T),) int32
+
+
+@intrinsic(prefer_literal=True)
+def prefetch(typing_context, rows, index, lines):  # type: ignore[no-untyped-def]  # numba's own protocol
+    """Ask for the first ``lines`` cache lines of ``rows[index]``, a row-major 2D array, before they are needed."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        array = context.make_array(rows)(context, builder, values[0])
+        stride = cgutils.unpack_tuple(builder, array.strides, 2)[0]
+        address = builder.add(builder.ptrtoint(array.data, stride.type), builder.mul(values[1], stride))
+        for line in range(lines.literal_value):
+            pointer = builder.inttoptr(builder.add(address, stride.type(64 * line)), cgutils.voidptr_t)
+            flag = cgutils.int32_t
+            function = cgutils.get_or_insert_function(
+                builder.module, cgutils.ir.FunctionType(cgutils.ir.VoidType(), [cgutils.voidptr_t, flag, flag, flag]),
+                "llvm.prefetch.p0",
+            )  # fmt: skip
+            builder.call(function, [pointer, flag(0), flag(3), flag(1)])  # read, keep, data
+        return context.get_dummy_value()
+
+    return types.void(rows, types.intp, lines), generate
+
+
+@njit(**CACHED)
+def _clip(value: float, low: float, high: float) -> float:
+    return low if value < low else (high if value > high else value)
+
+
+@njit(**CACHED)
+def _ellipse(
+    geometry: Array, i: int, point: tuple[float, float, float], view: View
+) -> tuple[float, float, float]:
+    """Image covariance xx, xy, yy [px^2] of row i at camera coordinates (EWA splatting, Zwicker 2002)."""
+    x, y, z = point
+    m, inverse = view.w2c, _ONE / z
+    tx = _clip(x * inverse, view.tangent_low[0], view.tangent_high[0])
+    ty = _clip(y * inverse, view.tangent_low[1], view.tangent_high[1])
+    jx, jy = view.focal[0] * inverse, view.focal[1] * inverse
+    a0, a1, a2 = jx * (m[0][0] - tx * m[2][0]), jx * (m[0][1] - tx * m[2][1]), jx * (m[0][2] - tx * m[2][2])
+    b0, b1, b2 = jy * (m[1][0] - ty * m[2][0]), jy * (m[1][1] - ty * m[2][1]), jy * (m[1][2] - ty * m[2][2])
+    c = COVARIANCE
+    xx, xy, xz = geometry[i, c], geometry[i, c + 1], geometry[i, c + 2]
+    yy, yz, zz = geometry[i, c + 3], geometry[i, c + 4], geometry[i, c + 5]
+    s0, s1, s2 = xx * a0 + xy * a1 + xz * a2, xy * a0 + yy * a1 + yz * a2, xz * a0 + yz * a1 + zz * a2
+    r0, r1, r2 = xx * b0 + xy * b1 + xz * b2, xy * b0 + yy * b1 + yz * b2, xz * b0 + yz * b1 + zz * b2
+    return a0 * s0 + a1 * s1 + a2 * s2, b0 * s0 + b1 * s1 + b2 * s2, b0 * r0 + b1 * r1 + b2 * r2
+
+
+@njit(**CACHED)
+def _pixels(middle: float, reach: float, size: int) -> tuple[int, int]:
+    """First and last pixel whose centre is within ``reach`` of ``middle``; first > last where none is."""
+    limit = f32(size)
+    first = np.int32(_clip(np.ceil(middle - reach - _HALF), _ZERO, limit))
+    return first, np.int32(_clip(np.floor(middle + reach - _HALF), -_ONE, limit - _ONE))
+
+
+@njit(**CACHED)
+def _record(geometry: Array, i: int, view: View, slab: Slab, k: int) -> bool:
+    """Fill slot k of the slab with the ellipse of row i; false where it leaves no trace on the image."""
+    record, box = slab.records, slab.boxes
+    m = view.w2c
+    z = m[2][0] * geometry[i, 0] + m[2][1] * geometry[i, 1] + m[2][2] * geometry[i, 2] + m[2][3]
+    x = m[0][0] * geometry[i, 0] + m[0][1] * geometry[i, 1] + m[0][2] * geometry[i, 2] + m[0][3]
+    y = m[1][0] * geometry[i, 0] + m[1][1] * geometry[i, 1] + m[1][2] * geometry[i, 2] + m[1][3]
+    xx, xy, yy = _ellipse(geometry, i, (x, y, z), view)
+    sharp = xx * yy - xy * xy
+    xx, yy = xx + _LOW_PASS, yy + _LOW_PASS
+    determinant = xx * yy - xy * xy
+    if not ((determinant > _ZERO) & (determinant < _MAX_DETERMINANT)):
+        return False
+    inverse = _ONE / determinant
+    peak = geometry[i, OPACITY] * _clip((z - view.near) * view.fade_rate, _ZERO, _ONE)
+    if view.antialiased:
+        peak *= np.sqrt(_clip(sharp * inverse, _MIN_COMPENSATION, _ONE))
+    if peak <= _MIN_ALPHA:
+        return False
+    u, v = view.focal[0] * x / z + view.center[0], view.focal[1] * y / z + view.center[1]
+    reach = _TWO * np.log(peak / _MIN_ALPHA)  # squared, in standard deviations
+    box[k, X0], box[k, X1] = _pixels(u, np.sqrt(reach * xx), view.width)
+    box[k, Y0], box[k, Y1] = _pixels(v, np.sqrt(reach * yy), view.height)
+    record[k, U], record[k, V], record[k, DEPTH] = u, v, z
+    record[k, QA], record[k, QB], record[k, QC] = -_HALF * yy * inverse, xy * inverse, -_HALF * xx * inverse
+    record[k, PEAK], record[k, MEMBER] = peak, geometry[i, LABEL]
+    return box[k, X0] <= box[k, X1] and box[k, Y0] <= box[k, Y1]
+
+
+@njit(**CACHED)
+def _count_open(box: Array, k: int, tiles: Tiles, columns: int) -> int:
+    """Add one to each open tile the box touches; return how many there were."""
+    hits = 0
+    for ty in range(box[k, Y0] // TILE, box[k, Y1] // TILE + 1):
+        for tx in range(box[k, X0] // TILE, box[k, X1] // TILE + 1):
+            tile = ty * columns + tx
+            if tiles.closed[tile] == 0:
+                tiles.starts[tile + 1] += 1
+                hits += 1
+    return hits
+
+
+@njit(**CACHED)
+def _hidden(geometry: Array, i: int, view: View, tiles: Tiles, columns: int) -> bool:
+    """Whether every tile a small Gaussian could touch is closed; cheaper than projecting it."""
+    m = view.w2c
+    inverse = _ONE / (
+        m[2][0] * geometry[i, 0] + m[2][1] * geometry[i, 1] + m[2][2] * geometry[i, 2] + m[2][3]
+    )
+    u = (m[0][0] * geometry[i, 0] + m[0][1] * geometry[i, 1] + m[0][2] * geometry[i, 2] + m[0][3]) * inverse
+    v = (m[1][0] * geometry[i, 0] + m[1][1] * geometry[i, 1] + m[1][2] * geometry[i, 2] + m[1][3]) * inverse
+    u, v = u * view.focal[0] + view.center[0], v * view.focal[1] + view.center[1]
+    low, high = view.tangent_low, view.tangent_high
+    wide = max(max(-low[0], high[0]), max(-low[1], high[1]))
+    reach = (
+        geometry[i, RADIUS] * max(view.focal[0], view.focal[1]) * inverse * np.sqrt(_ONE + wide * wide) + _TWO
+    )
+    if not reach < f32(2 * TILE):
+        return False
+    first_x, last_x = _pixels(u, reach, view.width)
+    first_y, last_y = _pixels(v, reach, view.height)
+    for ty in range(first_y // TILE, last_y // TILE + 1):
+        for tx in range(first_x // TILE, last_x // TILE + 1):
+            if tiles.closed[ty * columns + tx] == 0:
+                return False
+    return True
+
+
+@njit(**CACHED)
+def project_slab(geometry: Array, order: Array, view: View, slab: Slab, tiles: Tiles) -> tuple[int, int]:
+    """Project the next Gaussians until the slab is full, list them by tile; return how many were taken and kept.
+
+    Args:
+        geometry: (V, 16), see :class:`~cltransfer.renderers.kernels.splat_pack.Packed`.
+        order: rows that are still to come, nearest first, (R,) int32.
+        view: the camera.
+        slab: out.
+        tiles: in: which are closed; out: the lists.
+    """
+    columns = (view.width + TILE - 1) // TILE
+    tiles.starts[:] = 0
+    taken, kept, pairs = 0, 0, 0
+    any_closed = tiles.closed.any()
+    while taken < len(order) and kept < SLAB and pairs + len(tiles.closed) <= len(tiles.pairs):
+        row = order[taken]
+        taken += 1
+        if taken + AHEAD < len(order):
+            prefetch(geometry, order[taken + AHEAD], 1)
+        if any_closed and _hidden(geometry, row, view, tiles, columns):
+            continue
+        if _record(geometry, row, view, slab, kept):
+            slab.boxes[kept, SOURCE] = row
+            hits = _count_open(slab.boxes, kept, tiles, columns)
+            pairs += hits
+            kept += int(hits > 0)
+    _list_by_tile(kept, slab, tiles, columns)
+    return taken, kept
+
+
+@njit(**CACHED)
+def _list_by_tile(kept: int, slab: Slab, tiles: Tiles, columns: int) -> None:
+    """Counting sort of the slab's records by tile; depth order is kept."""
+    for tile in range(len(tiles.closed)):
+        tiles.starts[tile + 1] += tiles.starts[tile]
+        tiles.cursor[tile] = tiles.starts[tile]
+    box = slab.boxes
+    for k in range(kept):
+        for ty in range(box[k, Y0] // TILE, box[k, Y1] // TILE + 1):
+            for tx in range(box[k, X0] // TILE, box[k, X1] // TILE + 1):
+                tile = ty * columns + tx
+                if tiles.closed[tile] == 0:
+                    tiles.pairs[tiles.cursor[tile]] = k
+                    tiles.cursor[tile] += 1

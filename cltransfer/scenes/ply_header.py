@@ -1,0 +1,125 @@
+"""PLY headers, read with limits before anything is allocated: a scene file may come from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..errors import InputError
+
+HEADER_LIMIT = 64 * 1024  # bytes
+PROPERTY_LIMIT = 256
+COUNT_LIMIT = 20_000_000  # rows of one element
+FORMAT = "binary_little_endian 1.0"
+SIZES = {  # bytes
+    **{"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8},
+    **{"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "float32": 4, "float64": 8},
+}
+_HINT = "is it a Gaussian-splat PLY?"
+
+
+@dataclass(frozen=True)
+class Element:
+    """One table of a PLY: its number of rows and the type of each column."""
+
+    count: int
+    types: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the whole table."""
+        return self.count * sum(SIZES[kind] for kind in self.types.values())
+
+
+def check_header(path: Path) -> dict[str, Element]:
+    """Elements of a binary little-endian PLY of fixed-width rows whose size is exactly what its header says.
+
+    Raises:
+        InputError: the file is missing or empty; the header is foreign, cut off, too long or asks for more than the
+            limits; rows are cut off or bytes follow them.
+    """
+    if not path.is_file():
+        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
+    with path.open("rb") as stream:
+        start = stream.read(HEADER_LIMIT)
+    if not start:
+        raise InputError(path, "header", "file is empty")
+    if not start.startswith((b"ply\n", b"ply\r")):
+        raise InputError(path, "magic", "expected 'ply' in the first line", _HINT)
+    header, mark, _ = start.partition(b"\nend_header\n")
+    if not mark:
+        long = len(start) == HEADER_LIMIT
+        reason = f"longer than {HEADER_LIMIT} bytes" if long else "cut off before 'end_header'"
+        crlf = b"\nend_header\r" in start
+        raise InputError(path, "header", "expected lines that end in LF, got CR" if crlf else reason)
+    try:
+        lines = header.decode("ascii").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(path, "header", "expected ASCII text") from None
+    elements = _parse(path, lines[1:])
+    _check_size(path, len(header) + len(mark), elements)
+    return elements
+
+
+def _parse(path: Path, lines: Iterable[str]) -> dict[str, Element]:
+    """Elements by name from the lines after the magic."""
+    elements: dict[str, Element] = {}
+    current = ""
+    found_format = False
+    for line in lines:
+        match line.split():
+            case [] | ["comment" | "obj_info", *_]:
+                continue
+            case ["format", *rest]:
+                found_format = True
+                if " ".join(rest) != FORMAT:
+                    raise InputError(path, "format", f"expected {FORMAT}, got {' '.join(rest)[:60]!r}")
+            case ["element", name, count]:
+                if name in elements:
+                    raise InputError(path, f"element {name[:40]}", "is there twice")
+                current = name
+                elements[name] = Element(_count(path, name, count))
+            case ["property", *rest] if not current:
+                raise InputError(path, f"property {' '.join(rest)[:60]}", "stands before any element")
+            case ["property", "list", *_]:
+                raise InputError(path, f"element {current[:40]}", "holds lists, expected numbers only", _HINT)
+            case ["property", kind, name]:
+                _add(path, elements[current], name, kind)
+            case _:
+                raise InputError(path, "header", f"unknown line {line[:60]!r}")
+    if not found_format:
+        raise InputError(path, "format", "is missing from the header")
+    return elements
+
+
+def _count(path: Path, name: str, text: str) -> int:
+    """Number of rows, checked."""
+    where = f"element {name[:40]}"
+    if not text.isdecimal() or len(text) > 18:
+        raise InputError(path, where, f"expected a number of rows, got {text[:40]!r}")
+    if int(text) > COUNT_LIMIT:
+        raise InputError(path, where, f"expected at most {COUNT_LIMIT} rows, got {text}")
+    return int(text)
+
+
+def _add(path: Path, element: Element, name: str, kind: str) -> None:
+    """Add one column, checked."""
+    where = f"property {name[:40]}"
+    if kind not in SIZES:
+        raise InputError(path, where, f"unknown type {kind[:40]!r}")
+    if name in element.types:
+        raise InputError(path, where, "is there twice")
+    if len(element.types) >= PROPERTY_LIMIT:
+        raise InputError(path, where, f"expected at most {PROPERTY_LIMIT} properties")
+    element.types[name] = kind
+
+
+def _check_size(path: Path, header: int, elements: dict[str, Element]) -> None:
+    """Compare the bytes the header asks for with those that are there."""
+    expected = header + sum(element.size for element in elements.values())
+    actual = path.stat().st_size
+    if actual < expected:
+        raise InputError(path, "body", f"cut off: expected {expected} bytes, got {actual}")
+    if actual > expected:
+        raise InputError(path, "body", f"{actual - expected} bytes follow the last element")
