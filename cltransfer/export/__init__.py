@@ -1,0 +1,1 @@
+"""Camera files for other programs."""
