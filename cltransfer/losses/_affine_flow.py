@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-RIDGE = 1e-6  # added to the second moments, so that a layer one pixel wide still has a fit
+RIDGE = 1e-8  # added to the second moments, so that a layer one pixel wide still has a fit
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:
     The density is a Gaussian KDE over log depth, so that the mode follows any scale of the depths and is the
     same whether a network gives depth or its inverse. The paper names neither kernel nor bandwidth: here a
     256-bin histogram, bandwidth the larger of Scott's rule and 1 % of the range, peak refined below a bin.
+    Scott's rule counts the pixels as in a frame of 160x90, so that the mode does not move with the resolution.
     A constant depth is its own mode; of equally high peaks the nearest to the median counts.
 
     Args:

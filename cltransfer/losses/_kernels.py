@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 BINS = 256
+PIXELS = 160 * 90  # Scott's rule counts a layer's pixels as in a frame of this many
 FLOOR = 0.01  # least bandwidth, as a part of the range of log depth
 TIE = 1e-6  # peaks that differ by less than this part of the highest count as equally high
 
@@ -52,18 +53,17 @@ def _highest(density: NDArray, median: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def mode_of_log(values: NDArray) -> float:
-    """Mode of the Gaussian KDE of ``values``, (N,), N >= 1; bandwidth max(Scott, FLOOR * range)."""
+def mode_of_log(values: NDArray, area: float) -> float:
+    """Mode of the Gaussian KDE of ``values``, (N,), N >= 1, on ``area`` in (0, 1] of the frame."""
     low, high = values.min(), values.max()
     if high - low < 1e-9:  # constant depth is its own mode
         return 0.5 * (low + high)
     step = (high - low) / (BINS - 1)
     histogram = np.zeros(BINS)
     _bin_linearly(values, low, step, histogram)
-    count = len(values)
-    scott = values.std() * math.sqrt(count / (count - 1)) * count ** (-0.2)
+    scott = values.std() * (PIXELS * area) ** -0.2
     density = _smooth(histogram, max(scott, FLOOR * (high - low)) / step)
-    median = float(np.searchsorted(np.cumsum(histogram), 0.5 * count))
+    median = float(np.searchsorted(np.cumsum(histogram), 0.5 * len(values)))
     return low + step * _highest(density, median)
 
 
@@ -83,7 +83,7 @@ def depth_modes(depth: NDArray, masks: NDArray) -> NDArray:
                         values[count] = math.log(d)
                         count += 1
             if count > 0:
-                modes[b, k] = math.exp(mode_of_log(values[:count]))
+                modes[b, k] = math.exp(mode_of_log(values[:count], count / len(values)))
     return modes
 
 

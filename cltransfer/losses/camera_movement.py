@@ -41,9 +41,7 @@ def camera_movement_loss(reference: Tensor, rendered: Tensor, layers: Tensor) ->
     return layer_endpoint_errors(reference, rendered, layers).nanmean(-1)
 
 
-def movement_residuals(
-    reference: AffineFlow, rendered: AffineFlow, mismatch: float, min_area: float
-) -> Tensor:
+def movement_residuals(reference: AffineFlow, rendered: AffineFlow, mismatch: float, min_area: float) -> Tensor:
     """Six residuals a layer whose norms add up to the mean difference of the layers' affine flow.
 
     Args:

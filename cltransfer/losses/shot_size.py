@@ -98,9 +98,7 @@ class ShotSize:
         if self.mode == "faithful":
             return key_joint_difference(shown, joints)[:, None]
         shown = hide_unknown(shown, joints)
-        by_mask = extent_difference(
-            mask_extent(reference.require("subject")), mask_extent(rendered.require("subject"))
-        )
+        by_mask = extent_difference(mask_extent(reference.require("subject")), mask_extent(rendered.require("subject")))
         person = joints[..., :2].isfinite().all(-1).any(-1)
         few = (visible_joints(shown).sum(-1) < 2) & person
         return torch.where(few, by_mask, key_joint_difference(shown, joints))[:, None]

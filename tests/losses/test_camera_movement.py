@@ -1,0 +1,159 @@
+"""Camera movement (Eq. 11-12): layer-wise flow, fields instead of pixels in robust mode."""
+
+import time
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+from cltransfer.losses._affine_flow import affine_flow_residuals, fit_affine_flow
+from cltransfer.losses.camera_movement import CameraMovement
+from cltransfer.testing import sample_features
+
+NAN = float("nan")
+
+
+def moving(field: list[list[float]], size: tuple[int, int] = (64, 36)) -> Features:
+    """One frame whose three layers, bands one above the other, move by ``field`` (2, 3) over 1, u, v [frame widths]."""
+    width, height = size
+    v, u = torch.meshgrid(
+        (torch.arange(height) + 0.5) / height - 0.5, (torch.arange(width) + 0.5) / width - 0.5, indexing="ij"
+    )
+    basis = torch.stack([torch.ones_like(u), u, v])
+    flow = torch.einsum("cd,dhw->chw", torch.tensor(field), basis)[None] * width
+    band = (torch.arange(height) * 3 // height)[:, None].expand(height, width)
+    layers = torch.stack([band == k for k in range(3)])[None]
+    return replace(sample_features(0, 1), size=size, flow=flow, layers=layers)
+
+
+STILL = [[0.0, 0, 0], [0.0, 0, 0]]
+PAN = [[0.03, 0, 0], [0.0, 0, 0]]
+PUSH = [[0.0, 0.04, 0], [0.0, 0, 0.04]]
+ROLL = [[0.0, 0, 0.04], [0.0, -0.04, 0]]
+
+
+def test_pan_costs_its_share_of_the_frame_width() -> None:
+    assert float(CameraMovement()(moving(STILL), moving(PAN))) == pytest.approx(0.03, rel=1e-4)
+
+
+@pytest.mark.parametrize("field", [PUSH, ROLL])
+def test_push_and_roll_are_seen_though_their_mean_is_zero_row_11(field: list[list[float]]) -> None:
+    assert moving(field).flow.mean().abs() < 1e-6
+    assert float(CameraMovement()(moving(STILL), moving(field))) > 0.01
+
+
+def test_closed_form_is_the_mean_squared_difference_of_the_fields_row_11() -> None:
+    random = torch.Generator().manual_seed(0)
+    first, second = (torch.randn(1, 2, 36, 64, generator=random) for _ in range(2))
+    layers = sample_features(3, 1).layers
+    a, b = fit_affine_flow(first, layers, 64), fit_affine_flow(second, layers, 64)
+    v, u = torch.meshgrid((torch.arange(36) + 0.5) / 36 - 0.5, (torch.arange(64) + 0.5) / 64 - 0.5, indexing="ij")
+    basis = torch.stack([torch.ones_like(u), u, v]).double()
+    difference = torch.einsum("kcd,dhw->kchw", (b.coefficients - a.coefficients)[0], basis)
+    expected = [difference[k][:, layers[0, k]].square().sum(0).mean().sqrt() for k in range(3)]
+    got = affine_flow_residuals(a, b).norm(dim=-1)[0]
+    torch.testing.assert_close(got, torch.stack(expected), rtol=1e-4, atol=0)
+
+
+def test_fit_is_least_squares() -> None:
+    flow = torch.randn(1, 2, 36, 64, generator=torch.Generator().manual_seed(1))
+    layers = sample_features(3, 1).layers
+    v, u = torch.meshgrid((torch.arange(36) + 0.5) / 36 - 0.5, (torch.arange(64) + 0.5) / 64 - 0.5, indexing="ij")
+    basis = torch.stack([torch.ones_like(u), u, v], dim=-1)
+    fitted = fit_affine_flow(flow, layers, 1.0).coefficients[0]
+    for k in range(3):
+        inside = layers[0, k]
+        expected = torch.linalg.lstsq(basis[inside].double(), flow[0, :, inside].T.double()).solution.T
+        torch.testing.assert_close(fitted[k], expected, rtol=1e-3, atol=1e-4)
+
+
+def test_different_sizes_compare_in_frame_widths_row_11() -> None:
+    assert float(CameraMovement()(moving(PUSH), moving(PUSH, (128, 72)))) == pytest.approx(0, abs=1e-6)
+    assert float(CameraMovement()(moving(PAN), moving(STILL, (128, 72)))) == pytest.approx(0.03, rel=1e-4)
+
+
+def test_faithful_rescales_vectors_when_sizes_differ_row_11() -> None:
+    loss = CameraMovement(mode="faithful")
+    assert float(loss(moving(PAN), moving(PAN, (128, 72)))) == pytest.approx(0, abs=1e-5)
+    assert float(loss(moving(PAN), moving(STILL, (128, 72)))) == pytest.approx(0.03 * 64, rel=1e-5)
+    assert float(loss(moving(PAN, (128, 72)), moving(STILL))) == pytest.approx(0.03 * 128, rel=1e-5)
+
+
+def test_faithful_needs_layers_that_overlap_row_11() -> None:
+    reference, rendered = moving(STILL), moving(PAN)
+    swapped = replace(rendered, layers=rendered.layers[:, [1, 2, 0]])
+    assert CameraMovement(mode="faithful")(reference, swapped).isnan().all()
+    assert float(CameraMovement()(reference, swapped)) == pytest.approx(0.03, rel=1e-4)
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_first_frame_is_undefined_row_13(mode: str) -> None:
+    first = moving(STILL)
+    first = replace(first, flow=torch.full_like(first.flow, NAN))
+    assert CameraMovement(mode=mode)(first, moving(PAN)).isnan().all()
+    assert CameraMovement(mode=mode)(moving(PAN), first).isnan().all()
+
+
+def test_layer_missing_in_the_render_costs_the_mismatch_row_7() -> None:
+    reference, rendered = moving(PAN), moving(PAN)
+    rendered.layers[:, 0] = False
+    assert float(CameraMovement()(reference, rendered)) == pytest.approx(0.02 / 3)
+    assert float(CameraMovement(mismatch=0.3)(reference, rendered)) == pytest.approx(0.1)
+
+
+def test_mean_is_over_the_layers_the_reference_has_row_7() -> None:
+    reference, rendered = moving(STILL), moving(PAN)
+    reference.layers[:, 0] = False
+    assert float(CameraMovement()(reference, rendered)) == pytest.approx(0.03, rel=1e-4)
+    reference.layers[:] = False
+    assert CameraMovement()(reference, rendered).isnan().all()
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_pixels_without_a_flow_are_left_out(mode: str) -> None:
+    reference, rendered = moving(STILL), moving(PAN)
+    whole = float(CameraMovement(mode=mode)(reference, rendered))
+    rendered.flow[:, :, ::2, 1::3] = NAN
+    assert float(CameraMovement(mode=mode)(reference, rendered)) == pytest.approx(whole, rel=1e-4)
+
+
+def test_layers_weigh_the_same_whatever_their_area() -> None:
+    reference, rendered = moving(STILL), moving(STILL)
+    rendered.layers[:] = False
+    rendered.layers[:, 0, :4], rendered.layers[:, 1, 4:8], rendered.layers[:, 2, 8:] = True, True, True
+    rendered.flow[:, 0, :4] = 0.03 * 64
+    assert float(CameraMovement()(reference, rendered)) == pytest.approx(0.01, rel=1e-4)
+
+
+def test_line_of_pixels_has_a_finite_fit() -> None:
+    frame = moving(PAN)
+    layers = torch.zeros_like(frame.layers)
+    layers[:, :, 5, :] = True
+    fit = fit_affine_flow(frame.flow, layers, 64)
+    assert fit.coefficients.isfinite().all()
+    torch.testing.assert_close(fit.coefficients[0, 0, 0, 0].float(), torch.tensor(0.03), rtol=1e-2, atol=0)
+
+
+def test_faithful_is_in_pixels_and_priced_so() -> None:
+    assert (CameraMovement().unit, CameraMovement(mode="faithful").unit) == ("frame widths", "px")
+    assert CameraMovement(mode="faithful").penalty > CameraMovement().penalty * 1000
+
+
+def test_options_out_of_range_are_refused() -> None:
+    with pytest.raises(ValueError, match="mismatch must be >= 0, got -1"):
+        CameraMovement(mismatch=-1)
+    with pytest.raises(ValueError, match=r"min_area must be in \(0, 1\], got 0"):
+        CameraMovement(min_area=0)
+
+
+def test_fit_takes_less_than_a_millisecond_a_frame() -> None:
+    flow = torch.randn(10, 2, 90, 160, generator=torch.Generator().manual_seed(0))
+    layers = torch.stack([flow[:, 0] < -0.5, flow[:, 0].abs() <= 0.5, flow[:, 0] > 0.5], dim=1)
+    fit_affine_flow(flow, layers, 160)
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        fit_affine_flow(flow, layers, 160)
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) / 10 < 1e-3

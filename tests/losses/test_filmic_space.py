@@ -1,0 +1,83 @@
+"""Filmic space (Eq. 8-10): ratios of layer depths, and what an empty layer costs."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+from cltransfer.losses.filmic_space import FilmicSpace, filmic_space_loss, space_differences
+from cltransfer.testing import sample_features
+
+NAN = float("nan")
+
+
+def stage(foreground: float | None, character: float | None, background: float | None) -> Features:
+    """One frame of three flat layers at the given depths; None is an empty layer."""
+    depth, layers = torch.full((1, 30, 30), NAN), torch.zeros(1, 3, 30, 30, dtype=torch.bool)
+    for k, value in enumerate((foreground, character, background)):
+        if value is not None:
+            depth[:, 10 * k : 10 * k + 10] = value
+            layers[:, k, 10 * k : 10 * k + 10] = True
+    return replace(sample_features(0, 1), depth=depth, layers=layers)
+
+
+def test_is_the_difference_of_both_log_ratios() -> None:
+    value = FilmicSpace()(stage(1, 2, 8), stage(3, 4, 5))
+    expected = abs(math.log(8 / 2) - math.log(5 / 4)) + abs(math.log(1 / 2) - math.log(3 / 4))
+    assert float(value) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_layer_empty_on_both_sides_costs_nothing_row_7(mode: str) -> None:
+    value = FilmicSpace(mode=mode)(stage(None, 2, 8), stage(None, 4, 8))
+    assert float(value) == pytest.approx(math.log(2), rel=1e-6)
+
+
+def test_layer_empty_on_one_side_costs_the_mismatch_row_7() -> None:
+    full, empty = stage(1, 2, 8), stage(None, 2, 8)
+    assert float(FilmicSpace()(full, empty)) == pytest.approx(math.log(2))
+    assert float(FilmicSpace()(empty, full)) == pytest.approx(math.log(2))
+    assert float(FilmicSpace(mismatch=0.3)(full, empty)) == pytest.approx(0.3)
+    assert float(FilmicSpace(mode="faithful")(full, empty)) == pytest.approx(0)
+
+
+def test_faithful_without_a_ratio_is_undefined_row_7() -> None:
+    assert FilmicSpace(mode="faithful")(stage(1, 2, None), stage(None, 2, 8)).isnan().all()
+    assert filmic_space_loss(torch.tensor([[NAN, 1.0, 2.0]]), torch.tensor([[1.0, 1.0, NAN]])).isnan().all()
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_character_missing_is_undefined_row_7(mode: str) -> None:
+    loss = FilmicSpace(mode=mode)
+    assert loss(stage(1, None, 8), stage(1, 2, 8)).isnan().all()
+    assert loss(stage(1, 2, 8), stage(1, None, 8)).isnan().all()
+    assert space_differences(torch.tensor([[NAN] * 3]), torch.tensor([[NAN] * 3]), 0.7).isnan().all()
+
+
+def test_layer_below_the_least_area_is_empty_row_7() -> None:
+    speck = stage(None, 2, 8)
+    speck.layers[:, 0, 0, :4], speck.depth[:, 0, :4] = True, 0.1  # 4 of 900 pixels
+    assert float(FilmicSpace()(stage(None, 2, 8), speck)) == 0
+    assert float(FilmicSpace(min_area=0.001)(stage(None, 2, 8), speck)) == pytest.approx(math.log(2))
+
+
+def test_flat_layers_are_no_singularity_row_8() -> None:
+    assert float(FilmicSpace()(stage(2, 2, 2), stage(5, 5, 5))) == pytest.approx(0, abs=1e-6)
+
+
+def test_lens_leaves_the_ratio_alone_row_10() -> None:
+    """A longer lens enlarges the middle of the frame and moves no depth; a nearer camera does."""
+    near, far = torch.tensor([[1.0, 3.0, 9.0]]), torch.tensor([[2.0, 4.0, 10.0]])
+    wide = stage(1, 3, 9)
+    long = replace(wide, depth=wide.depth[:, 5:25, 5:25].contiguous(), layers=wide.layers[..., 5:25, 5:25])
+    assert float(FilmicSpace()(wide, long)) == pytest.approx(0, abs=1e-6)
+    assert float(filmic_space_loss(near, far)) > 0.1
+
+
+def test_options_out_of_range_are_refused() -> None:
+    with pytest.raises(ValueError, match="mismatch must be >= 0, got -1"):
+        FilmicSpace(mismatch=-1)
+    with pytest.raises(ValueError, match=r"min_area must be in \[0, 1\], got 2"):
+        FilmicSpace(min_area=2)
