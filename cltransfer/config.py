@@ -56,6 +56,7 @@ class RunConfig:
         sigma0: first step size, as a share of the half-range of each parameter.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
+        smooth: standard deviation of the Gaussian that filters the found path along the clip [frames]; 0 leaves it.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.
     """
@@ -74,6 +75,7 @@ class RunConfig:
     sigma0: float = 0.1
     warm_sigma: float = 0.05
     tolerance: float = 0.0
+    smooth: float = 0.0
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     renderer: dict[str, Any] = field(default_factory=dict)
     extractors: dict[str, Any] = field(default_factory=dict)
@@ -85,6 +87,7 @@ class RunConfig:
             ("frames", 1, 2000), ("threads", 0, 1024), ("search_side", 16, 4096), ("output_side", 16, 4096),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
+            ("smooth", 0.0, 100.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
@@ -127,7 +130,7 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
     file = _read_chain(Path(path)) if path else {}
     preset = above.get("preset", file.get("preset", "balanced"))
     if preset not in presets():
-        raise UsageError("", "preset", f"no preset {preset!r}", _nearest(str(preset), presets()))
+        raise UsageError("", "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
     merged = _read_yaml(_shipped() / f"{preset}.yaml")
     for layer in (file, above):
         merged = _merge(merged, layer)
@@ -219,7 +222,7 @@ def _check(raw: Mapping[str, Any], where: Any) -> None:
     known = [f.name for f in dataclasses.fields(RunConfig)]
     for key, value in raw.items():
         if key not in known and key != "base":
-            raise UsageError(where, str(key), "no such key", _nearest(str(key), known))
+            raise UsageError(where, str(key), "no such key", nearest(str(key), known))
         if key in SECTIONS:
             _check_section(key, value, where)
 
@@ -232,7 +235,7 @@ def _check_section(section: str, value: Any, where: Any) -> None:
     registry = SECTIONS[section]
     for name, options in value.items():
         if str(name) not in registry.names():
-            raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", _nearest(name, registry.names()))
+            raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", nearest(name, registry.names()))
         if options is None:
             continue
         if not isinstance(options, Mapping):
@@ -240,7 +243,7 @@ def _check_section(section: str, value: Any, where: Any) -> None:
         declared = registry.declared_options(str(name))
         for option in options:
             if option not in declared:
-                raise UsageError(where, f"{section}.{name}.{option}", "no such option", _nearest(option, declared))
+                raise UsageError(where, f"{section}.{name}.{option}", "no such option", nearest(option, declared))
 
 
 def _typed(merged: Mapping[str, Any], where: Any) -> RunConfig:
@@ -262,7 +265,8 @@ def _typed(merged: Mapping[str, Any], where: Any) -> RunConfig:
         raise UsageError(where, str(error.full_key or ""), reason) from None
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint that names the known word nearest to ``name``, or all of them."""
     options = sorted(known)
     close = difflib.get_close_matches(str(name), options, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(options)}"

@@ -68,16 +68,16 @@ class Plan:
 
 
 def make_plan(
-    losses: Mapping[str, Any],
+    wanted: frozenset[str],
     extractors: Mapping[str, Any],
     source: frozenset[str],
     family: Family,
     shared: frozenset[str] | None = None,
 ) -> Plan:
-    """Plan for the features that ``losses`` require from ``source``.
+    """Plan for the ``wanted`` features from ``source``.
 
     Args:
-        losses: active losses by name.
+        wanted: what the losses require.
         extractors: configured extractors by name.
         source: features the source has.
         family: image reads with image extractors only; scene prefers scene extractors.
@@ -88,7 +88,6 @@ def make_plan(
         UsageError: two extractors of one family provide the same feature, or extractors need one another in a circle.
     """
     planner = _Planner(extractors, source, family, shared)
-    wanted = frozenset(name for loss in losses.values() for name in loss.requires)
     missing = {}
     for name in sorted(wanted):
         reason = planner.reach(name, ())

@@ -1,0 +1,304 @@
+"""The command line: one short function a verb. Nothing heavy is imported before a verb needs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any, NoReturn, Optional
+
+import typer
+
+from . import __version__
+from .errors import CltransferError, UsageError
+
+HELP = """Transfer the camera language of a reference clip into a 3D scene, and score it.
+
+[bold]Try it[/bold]: `cltransfer transfer` runs on built-in scenes, nothing to download.
+
+[bold]Your own[/bold]: `cltransfer transfer scene.ply clip.mp4 --out run frames=24`
+
+[bold]Score two clips[/bold]: `cltransfer evaluate clip.mp4 render.mp4`
+
+Anything in a config can be set as key=value: `generations=20 losses.framing=null search.paper_box={}`.
+"""
+
+app = typer.Typer(
+    help=HELP, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_enable=False, add_completion=True
+)
+bench_app = typer.Typer(help="Measure: every figure in docs/benchmarks.md is made here.", no_args_is_help=True)
+plugins_app = typer.Typer(help="Components: what there is, and their options.", no_args_is_help=True)
+app.add_typer(bench_app, name="bench")
+app.add_typer(plugins_app, name="plugins")
+
+Config = Annotated[Optional[Path], typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
+Allow = Annotated[
+    Optional[list[str]],
+    typer.Option("--allow-plugin", help="Run this plugin's code: an installed plugin's name, a file or a folder."),
+]
+Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+Up = Annotated[Optional[str], typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
+Out = Annotated[Optional[Path], typer.Option("--out", "-o", help="Folder for the results.")]
+SceneArg = Annotated[str, typer.Argument(help="Gaussian-splat .ply, or builtin:courtyard, builtin:plaza.")]
+Overrides = Annotated[Optional[list[str]], typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
+
+DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
+
+
+def main() -> NoReturn:
+    """Run the command line; every failure is one line on stderr and an exit code."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        code = app(standalone_mode=False)
+    except CltransferError as error:
+        _fail(error, error.exit_code)
+    except typer.Abort:
+        _fail("interrupted", 130)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+    except MemoryError:
+        _fail("out of memory (fewer frames, or smaller search_side and output_side)", 5)
+    except OSError as error:
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 5)
+    except Exception as error:
+        if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # usage errors of the parser
+            _fail(error.format_message(), error.exit_code)
+        if os.environ.get("CLTRANSFER_DEBUG") == "1":
+            raise
+        _fail(f"{type(error).__name__}: {error} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(reason: object, code: int) -> NoReturn:
+    line = " ".join(str(reason).split())
+    print(f"error: {line}", file=sys.stderr)
+    sys.exit(code)
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def transfer(
+    arguments: Annotated[
+        Optional[list[str]],
+        typer.Argument(
+            metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
+            help="Scene: a splat .ply or builtin:NAME (default builtin:courtyard). Reference: a video, an image folder, "
+            "a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
+        ),
+    ] = None,
+    out: Out = None,
+    init: Annotated[str, typer.Option(help="Initial view: auto, or a trajectory file (its first camera).")] = "auto",
+    subject: Annotated[Optional[Path], typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
+    up: Up = None,
+    config: Config = None,
+    print_config: Annotated[bool, typer.Option("--print-config", help="Print the merged config and stop.")] = False,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the cameras that shoot SCENE the way REFERENCE is shot.
+
+    Leaves trajectory.json, camera/camera_path.json (nerfstudio), metrics.json, metrics.csv, video/render.mp4,
+    video/side_by_side.mp4 and report.html in the run folder, and prints the five metrics.
+    """
+    paths, overrides = _split(arguments or [], 2)
+    settings = _settings(config, overrides, allow_plugin)
+    if print_config:
+        print(settings.to_yaml(), end="")
+        return
+    scene, reference = [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
+    from .progress import progress
+    from .run_folder import default_folder, open_run, summary_lines, summary_values, write_run
+    from .transfer import Inputs
+    from .transfer import transfer as run
+
+    inputs = Inputs(scene, reference, init, subject, _vector(up))
+    folder = open_run(out or default_folder(scene, reference))
+    with progress(quiet) as report:
+        result = run(inputs, settings, report)
+        write_run(folder, result, inputs, settings, allow_plugin or [])
+    _show(summary_values(folder, result), summary_lines(folder, result), as_json)
+
+
+@app.command()
+def evaluate(
+    reference: Annotated[str, typer.Argument(help="Video or image folder.")],
+    render: Annotated[str, typer.Argument(help="Video or image folder; its frames are paired by time.")],
+    overrides: Overrides = None,
+    config: Config = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Score the clip RENDER against the clip REFERENCE; no scene is needed."""
+    settings = _settings(config, overrides or [], allow_plugin)
+    from .evaluate import evaluate as run
+    from .evaluate import score_values
+    from .progress import progress
+    from .report.table import score_table
+    from .threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    with progress(quiet) as report:
+        scored, times = run(reference, render, settings, report)
+    _show(score_values(scored, times), score_table(scored), as_json)
+
+
+@app.command()
+def render(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    overrides: Overrides = None,
+    scene: Annotated[Optional[str], typer.Option(help="The scene, where this computer has not seen it before.")] = None,
+    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="Video; default RUN/video/render.mp4.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Render the video of RUN again, at another size if you like: output_side=1280."""
+    from .progress import progress
+    from .run_folder import render_run
+
+    with progress(quiet) as report:
+        written = render_run(run, overrides or [], scene, out, report)
+    print(written)
+
+
+@app.command()
+def lift(
+    scene: SceneArg,
+    overrides: Overrides = None,
+    out: Out = None,
+    view: Annotated[Optional[list[Path]], typer.Option(help="Trajectory files to look from (repeatable).")] = None,
+    views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
+    up: Up = None,
+    config: Config = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
+
+    Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
+    and keeps it in the cache.
+    """
+    settings = _settings(config, overrides or [], None)
+    from .progress import progress
+    from .run_folder import default_folder, lift_lines, lift_to_folder
+    from .scenes.lift import summary
+
+    folder = out or default_folder(scene, "lift")
+    with progress(quiet) as report:
+        found = lift_to_folder(scene, _vector(up), settings, view or [], views, folder, report)
+    _show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
+
+
+@bench_app.command("speed")
+def bench_speed(
+    scene: Annotated[Optional[list[Path]], typer.Argument(help="Splat .ply files to time beside the synthetic rooms.")] = None,
+    seed: Annotated[Optional[list[int]], typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
+    quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
+    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="Markdown file whose speed section is rewritten.")] = None,
+) -> None:
+    """Splat rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
+    from .bench.speed import run_speed, write_benchmarks
+
+    rows = run_speed(seed or [0, 1, 2], scene or [], quick)
+    for row in rows:
+        print(row)
+    if out is not None:
+        write_benchmarks(rows, out)
+
+
+@plugins_app.command("list")
+def plugins_list(as_json: Json = False) -> None:
+    """Every component by kind, and installed plugins (listed, not imported)."""
+    from .config import SECTIONS
+    from .plugins import installed
+
+    values: dict[str, Any] = {section: registry.names() for section, registry in SECTIONS.items()}
+    values["installed plugins"] = [f"{p.name} ({p.distribution} {p.version})" for p in installed()]
+    _show(values, "\n".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in values.items()), as_json)
+
+
+@plugins_app.command("show")
+def plugins_show(
+    name: Annotated[str, typer.Argument(help="Component, e.g. shot_size.")], allow_plugin: Allow = None, as_json: Json = False
+) -> None:
+    """What a component does, requires and provides, and its options with their defaults."""
+    from .config import SECTIONS
+    from .plugins import allow
+
+    allow(allow_plugin or [])
+    found = [(section, registry) for section, registry in SECTIONS.items() if name in registry.names()]
+    if not found:
+        known = [n for registry in SECTIONS.values() for n in registry.names()]
+        from .config import nearest
+
+        raise UsageError("", name, "no such component", nearest(name, known))
+    section, registry = found[0]
+    cls = registry.get(name)
+    values = {
+        "section": section,
+        "about": (cls.__doc__ or "").strip(),
+        "requires": sorted(getattr(cls, "requires", ())),
+        "provides": sorted(getattr(cls, "provides", ())),
+        "options": {key: repr(value) for key, value in registry.options(name).items()},
+    }
+    lines = [f"{section}.{name}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
+    lines += [f"provides: {', '.join(values['provides'])}"] if values["provides"] else []
+    lines += [f"  {key} = {value}" for key, value in values["options"].items()]
+    _show(values, "\n".join(lines), as_json)
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """What this computer has: versions, threads, codecs, models and where they are looked for, a self-test."""
+    from .doctor import examine, healthy
+
+    findings = examine()
+    width = max(len(f.what) for f in findings)
+    text = "\n".join(f"{'ok ' if f.ok else 'NO '} {f.what:<{width}}  {f.says}" for f in findings)
+    _show([vars(f) for f in findings], text, as_json)
+    if not healthy(findings):
+        raise typer.Exit(4)
+
+
+def _split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
+    """Paths first, then key=value; a path that holds '=' must exist."""
+    paths = [a for a in arguments if not _is_override(a)]
+    if len(paths) > most:
+        raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}")
+    return paths, [a for a in arguments if _is_override(a)]
+
+
+def _is_override(argument: str) -> bool:
+    key = argument.partition("=")[0]
+    return "=" in argument and key.replace(".", "").replace("_", "").isalnum() and not Path(argument).exists()
+
+
+def _settings(config: Path | None, overrides: list[str], plugins: list[str] | None) -> Any:
+    from .config import load_config
+    from .plugins import allow
+
+    allow(plugins or [])
+    return load_config(config, overrides)
+
+
+def _vector(text: str | None) -> tuple[float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError("", "--up", f"expected X,Y,Z, got {text!r}") from None
+    return x, y, z
+
+
+def _show(values: Any, text: str, as_json: bool) -> None:
+    print(json.dumps(values, indent=2, allow_nan=False) if as_json else text)

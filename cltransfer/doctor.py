@@ -1,0 +1,134 @@
+"""What this computer has, and whether the program can work on it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+PACKAGES = ("torch", "kornia", "onnxruntime", "opencv-contrib-python-headless", "cma", "numba", "av", "omegaconf")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Args:
+        what: its name.
+        ok: whether the program can work with it.
+        says: what was found.
+        needed: whether nothing works without it.
+    """
+
+    what: str
+    ok: bool
+    says: str
+    needed: bool = True
+
+
+def examine() -> list[Finding]:
+    """Look at everything; nothing is changed."""
+    from . import __version__
+
+    found = [Finding("cltransfer", True, f"{__version__}, Python {platform.python_version()}, {platform.machine()}")]
+    found += [_package(name) for name in PACKAGES]
+    found += [_try("threads", _threads), _try("video codecs", _codecs), _try("cache", _cache)]
+    found += _models()
+    found += [_try("CUDA", _cuda, needed=False), _try("self-test", _self_test)]
+    return found
+
+
+def healthy(findings: Sequence[Finding]) -> bool:
+    """Whether everything that is needed is there."""
+    return all(f.ok for f in findings if f.needed)
+
+
+def _try(what: str, look: Callable[[], str], needed: bool = True) -> Finding:
+    try:
+        return Finding(what, True, look(), needed)
+    except Exception as error:  # a doctor reports every fault, whatever its kind
+        return Finding(what, False, f"{type(error).__name__}: {error}", needed)
+
+
+def _package(name: str) -> Finding:
+    try:
+        return Finding(name, True, metadata.version(name))
+    except metadata.PackageNotFoundError:
+        return Finding(name, False, f"missing; pip install {name}")
+
+
+def _threads() -> str:
+    from .threads import thread_count
+
+    return f"{thread_count()} used of {os.cpu_count()}"
+
+
+def _codecs() -> str:
+    import av.codec
+
+    missing = [name for name in ("libx264", "ffv1") if name not in av.codec.codecs_available]
+    if missing:
+        raise RuntimeError(f"no encoder {', '.join(missing)} in PyAV")
+    return "libx264, ffv1"
+
+
+def _cache() -> str:
+    from .files import cache_dir
+
+    folder = cache_dir()
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=folder):
+        free = shutil.disk_usage(folder).free / 2**30
+    return f"{folder}, {free:.0f} GiB free"
+
+
+def _models() -> list[Finding]:
+    from .errors import ModelError
+    from .models import KNOWN
+    from .onnx import find_model
+
+    found = []
+    for name in KNOWN:
+        try:
+            path: Path = find_model(name)
+            found.append(Finding(name, True, str(path), needed=False))
+        except ModelError as error:
+            found.append(Finding(name, False, str(error), needed=False))
+    return found
+
+
+def _cuda() -> str:
+    import torch
+
+    if not torch.cuda.is_available():
+        raise RuntimeError("none; everything runs on the CPU")
+    return torch.cuda.get_device_name()
+
+
+def _self_test() -> str:
+    """Render one frame of a built-in scene twice; it must show the subject, and the same bits."""
+    import torch
+
+    from .camera import Camera
+    from .registry import RENDERERS
+    from .scenes.builtin import builtin_scene
+
+    start = time.perf_counter()
+    scene = builtin_scene("courtyard")
+    person = scene.subject
+    assert person is not None
+    eye = person.anchor + 2.5 * person.height * person.facing
+    camera = Camera.look_at(eye[None], person.anchor[None], person.up, 0.7, (160, 90))
+    renderer = RENDERERS.build("gaussian_splats")
+    first, second = (renderer.render(scene, camera, frozenset({"image", "label"})) for _ in range(2))
+    if not torch.equal(first.image, second.image):
+        raise RuntimeError("two renders of one camera differ")
+    if float(first.label.max()) < 0.5:
+        raise RuntimeError("the subject of the built-in scene is not seen")
+    return f"rendered the built-in scene twice, same bits, {time.perf_counter() - start:.1f} s"

@@ -1,0 +1,120 @@
+"""Extracted features on disk, as safetensors: read once a clip, used by every run after."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .errors import InputError
+from .features import Features
+from .files import atomic
+
+FORMAT = "cltransfer.features.1"
+LIMIT = 4 * 2**30  # bytes
+HEADER_LIMIT = 2**20  # bytes
+STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "orientation")
+
+
+@dataclass(frozen=True)
+class FeatureFile:
+    """Features of N frames with their times and where they came from.
+
+    Args:
+        features: without pixels.
+        times: (N,) [s].
+        origin: what was read and how, for reports.
+    """
+
+    features: Features
+    times: Tensor  # (N,)
+    origin: str
+
+    def save(self, path: Path) -> None:
+        """Write the file, whole or not at all."""
+        from safetensors.torch import save_file
+
+        tensors = {"times": self.times}
+        for name in STORED:
+            if self.features.has(name):
+                tensors[name] = self.features.require(name).contiguous()
+        tensors.update({f"extras.{name}": value.contiguous() for name, value in self.features.extras.items()})
+        meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": self.origin}
+        with atomic(path) as temporary:
+            save_file(tensors, temporary, metadata=meta)
+
+    @classmethod
+    def load(cls, path: Path) -> FeatureFile:
+        """Read the file.
+
+        Raises:
+            InputError: it is missing, too large, of another format, or its tensors do not fit together.
+        """
+        from safetensors import SafetensorError, safe_open
+
+        _precheck(path)
+        try:
+            with safe_open(path, framework="pt") as stream:
+                meta: dict[str, str] = stream.metadata() or {}
+                tensors = {key: stream.get_tensor(key) for key in stream.keys()}  # noqa: SIM118
+        except SafetensorError as error:
+            raise InputError(path, "", f"not a feature file: {error}") from None
+        if meta.get("format") != FORMAT:
+            raise InputError(path, "format", f"expected {FORMAT!r}, got {meta.get('format')!r}")
+        return cls(_features(path, tensors, meta), _times(path, tensors), meta.get("origin", ""))
+
+
+def _precheck(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(path, "", "no such file")
+    size = path.stat().st_size
+    if size > LIMIT:
+        raise InputError(path, "", f"expected at most {LIMIT} bytes, got {size}")
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if len(start) < 8 or struct.unpack("<Q", start)[0] > min(HEADER_LIMIT, size):
+        raise InputError(path, "header", "not a feature file")
+
+
+def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
+    times = tensors.get("times")
+    if times is None or times.dim() != 1 or len(times) == 0 or not bool((times[1:] > times[:-1]).all()):
+        raise InputError(path, "times", "expected a list of increasing times")
+    return times.double()
+
+
+def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> Features:
+    count = len(_times(path, tensors))
+    try:
+        width, height = (int(v) for v in json.loads(meta["size"]))
+    except (KeyError, ValueError, TypeError):
+        raise InputError(path, "size", "expected [width, height]") from None
+    for name, value in tensors.items():
+        if len(value) != count:
+            raise InputError(path, name, f"expected {count} frames, got {len(value)}")
+        shape = _SHAPES.get(name)
+        if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
+            raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
+    own: dict[str, Any] = {name: tensors[name] for name in STORED if name in tensors}
+    extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
+    return replace(Features((width, height)), **own, extras=extras)
+
+
+_SHAPES: dict[str, tuple[int | None, ...]] = {
+    "keypoints": (14, 3),
+    "box": (5,),
+    "subject": (None, None),
+    "layers": (3, None, None),
+    "depth": (None, None),
+    "flow": (2, None, None),
+    "orientation": (3,),
+}
+
+
+def _fits(got: torch.Size, shape: tuple[int | None, ...]) -> bool:
+    return all(want is None or have == want for have, want in zip(got, shape))

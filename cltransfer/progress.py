@@ -1,0 +1,48 @@
+"""Progress on stderr: one live line on a terminal, one plain line a step elsewhere; results go to stdout."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+    """Reporter ``(step, done, total)``; a total of 0 means that nobody knows."""
+    if quiet:
+        yield lambda step, done, total: None
+    elif sys.stderr.isatty():
+        with _live() as report:
+            yield report
+    else:
+        yield _plain()
+
+
+def _plain() -> Callable[[str, int, int], None]:
+    told: set[tuple[str, int]] = set()
+
+    def report(step: str, done: int, total: int) -> None:
+        quarter = 4 * done // total if total else 0
+        if (step, quarter) not in told:
+            told.add((step, quarter))
+            print(f"{step} {done}/{total}" if total else step, file=sys.stderr, flush=True)
+
+    return report
+
+
+@contextmanager
+def _live() -> Iterator[Callable[[str, int, int], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bars:
+        tasks: dict[str, object] = {}
+
+        def report(step: str, done: int, total: int) -> None:
+            if step not in tasks:
+                tasks[step] = bars.add_task(step, total=total or None)
+            bars.update(tasks[step], completed=done, total=total or None)  # type: ignore[arg-type]
+
+        yield report

@@ -1,0 +1,195 @@
+"""The reference: a clip, an image folder, a feature file, or a scene with a trajectory; read once, cached."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from . import __version__
+from .errors import InputError
+from .feature_file import FeatureFile
+from .features import Features
+from .files import cache_dir, content_hash
+from .graph import CLIP_SOURCE, Family, Plan, make_plan, run_clip
+
+Progress = Callable[[str, int, int], None]
+SCENE_SOURCE = frozenset({"camera", "person"})
+
+
+def silent(step: str, done: int, total: int) -> None:
+    """A progress that says nothing."""
+
+
+@dataclass(frozen=True)
+class Components:
+    """What a config builds.
+
+    Args:
+        renderer: the one renderer.
+        extractors: by name.
+        losses: by name, in the config's order.
+    """
+
+    renderer: Any
+    extractors: Mapping[str, Any]
+    losses: Mapping[str, Any]
+
+    def plan(self, family: Family, shared: frozenset[str] | None = None) -> Plan:
+        """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).
+
+        ``shared`` names what the other side has: a loss that the other side cannot feed asks for nothing.
+        """
+        source = CLIP_SOURCE if family == "image" else frozenset(self.renderer.provides) | SCENE_SOURCE
+        wanted: set[str] = set()
+        for loss in self.losses.values():
+            if shared is None or shared >= set(loss.requires):
+                wanted.update(loss.requires)
+        return make_plan(frozenset(wanted), self.extractors, source, family, shared)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a transfer or an evaluation is measured against.
+
+    Args:
+        features: N frames without pixels.
+        times: (N,) [s], from 0.
+        image: the frames, (N, 3, H, W) uint8, None for a feature file.
+        name: for tables and folders.
+        digest: of its content.
+        family: which extractors read it: image (a clip) or scene (a scene with a trajectory).
+        missing: features it cannot have, with the reason.
+    """
+
+    features: Features
+    times: Tensor  # (N,)
+    image: Tensor | None
+    name: str
+    digest: str
+    family: Family
+    missing: Mapping[str, str]
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a reference is read.
+
+    Args:
+        frames: how many, evenly over the clip; None takes all.
+        side: longer side of the frames that a scene with a trajectory is rendered at [px].
+        scene_family: which extractors read a scene with a trajectory.
+    """
+
+    frames: int | None = None
+    side: int = 720
+    scene_family: Family = "scene"
+
+
+def read_reference(source: str, parts: Components, reading: Reading, progress: Progress = silent) -> Reference:
+    """Read ``source``.
+
+    Args:
+        source: a video, an image folder, a feature file (.safetensors), ``builtin:SHOT``, or ``SCENE@TRAJECTORY``.
+        parts: the config's components.
+        reading: frames, size, extractors.
+        progress: called with a step, frames done, frames in all.
+
+    Raises:
+        InputError: it is missing, damaged, or shows no person in any frame.
+    """
+    if source.startswith("builtin:") or "@" in Path(source).name:
+        reference = _from_scene(source, parts, reading, progress)
+    elif source.endswith(".safetensors"):
+        reference = _from_file(Path(source), parts, reading.frames)
+    else:
+        reference = _from_clip(Path(source), parts, reading.frames, progress)
+    _require_person(reference)
+    return reference
+
+
+def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
+    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``."""
+    size = (image.shape[3], image.shape[2])
+
+    def load(start: int, stop: int) -> Features:
+        return Features(size, image=image[start:stop].float() / 255)
+
+    return run_clip(plan, load, len(image), lambda done: progress("reading frames", done, len(image)))
+
+
+def _from_clip(path: Path, parts: Components, frames: int | None, progress: Progress) -> Reference:
+    from .clip import read_clip
+
+    clip = read_clip(path, frames)
+    plan = parts.plan("image")
+    digest = content_hash(path)
+    cached = cache_dir() / "features" / f"{_key(digest, plan, frames)}.safetensors"
+    if cached.is_file():
+        features = FeatureFile.load(cached).features
+    else:
+        features = clip_features(clip.image, plan, progress)
+        FeatureFile(features, clip.times, path.name).save(cached)
+    return Reference(features, clip.times, clip.image, path.stem, digest, "image", plan.missing)
+
+
+def _key(digest: str, plan: Plan, frames: int | None) -> str:
+    steps = [[s.name, asdict(s.extractor), list(s.hidden)] for s in plan.steps]
+    text = json.dumps([__version__, digest, frames, sorted(plan.wanted), steps], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
+    stored = FeatureFile.load(path)
+    index = list(range(len(stored.times)))
+    if frames is not None and frames != len(index):
+        reason = f"holds {len(index)} frames, {frames} asked for"
+        raise InputError(path, "frames", reason, "flow spans neighbours: extract the clip again instead")
+    wanted = {n for loss in parts.losses.values() for n in loss.requires}
+    missing = {n: "not in the feature file" for n in wanted if not stored.features.has(n)}
+    return Reference(stored.features, stored.times, None, path.stem, content_hash(path), "image", missing)
+
+
+def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
+    from .scenes.load import load_reference_scene
+
+    scene, path = load_reference_scene(source, reading.frames, reading.side)
+    if scene.subject is None and reading.scene_family == "scene":
+        raise InputError(source, "subject", "the reference scene has no lifted person", "run: cltransfer lift SCENE")
+    plan = parts.plan(reading.scene_family)
+    buffers = (plan.buffers | {"image"}) - SCENE_SOURCE
+    images: list[Tensor] = []
+
+    def load(start: int, stop: int) -> Features:
+        rendered = parts.renderer.render(scene, path.camera[start:stop], buffers)
+        images.append(quantised(rendered.image))
+        return replace(rendered, image=images[-1].float() / 255)
+
+    features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
+    digest = hashlib.sha256(f"{scene.digest}{json.dumps(path.to_json())}".encode()).hexdigest()
+    features = replace(features, camera=None, person=None)
+    name = source.removeprefix("builtin:").replace("@", "-")
+    image = torch.cat(images)
+    return Reference(features, path.times, image, Path(name).stem, digest, reading.scene_family, plan.missing)
+
+
+def quantised(image: Tensor) -> Tensor:
+    """What a file keeps of frames (N, 3, H, W) in [0, 1]: uint8."""
+    return (image.clamp(0, 1) * 255).round().to(torch.uint8)
+
+
+def _require_person(reference: Reference) -> None:
+    if not reference.features.has("keypoints"):
+        return
+    seen = torch.isfinite(reference.features.require("keypoints")[..., 0]).any(1)
+    if not bool(seen.any()):
+        raise InputError(reference.name, "person", f"none found in {len(reference)} frames")

@@ -1,0 +1,109 @@
+"""A lifted person beside its scene: subject.json and labels, in a folder or in the cache by content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .. import __version__
+from ..camera import Camera
+from ..errors import InputError
+from ..features import Features
+from ..files import atomic, cache_dir
+from ..graph import CLIP_SOURCE, make_plan, run
+from ..subject import Subject
+from . import Scene
+from .lift import Lift, lift, summary
+
+SUBJECT, LABELS = "subject.json", "labels.safetensors"
+WANTED = frozenset({"box", "keypoints", "subject", "orientation"})
+VIEWS = 16
+
+
+def lift_scene(
+    scene: Scene,
+    renderer: Any,
+    extractors: Mapping[str, Any],
+    given: Camera | None = None,
+    views: int = VIEWS,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Lift:
+    """Lift the person of ``scene`` with the configured image extractors.
+
+    Args:
+        scene: not lifted yet.
+        renderer: draws the views.
+        extractors: by name; they must provide box, keypoints, subject and orientation of an image.
+        given: views to use instead of a ring of our own.
+        views: how many to look from otherwise.
+        progress: called before each round of views.
+
+    Raises:
+        InputError: no person is found.
+    """
+    plan = make_plan(WANTED, extractors, CLIP_SOURCE, "image")
+    if plan.missing:
+        name, reason = next(iter(plan.missing.items()))
+        raise InputError(scene.name, "lift", f"needs {name!r}: {reason}")
+
+    def look(cameras: Camera) -> Features:
+        progress(f"looking from {len(cameras)} views")
+        rendered = renderer.render(scene, cameras, frozenset({"image", "depth"}))
+        return run(plan, rendered, None)
+
+    return lift(scene, look, views, given)
+
+
+def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:
+    """The scene with its person; ``label`` (N,) marks the primitives."""
+    geometry = scene.geometry if label is None else scene.geometry.with_label(label)
+    return replace(scene, subject=subject, geometry=geometry)
+
+
+def save_lift(folder: Path, found: Lift) -> None:
+    """Write subject.json (with the report) and the labels into ``folder``."""
+    from safetensors.torch import save_file
+
+    with atomic(folder / LABELS) as temporary:
+        save_file({"label": found.label.to(torch.uint8)}, temporary)
+    found.subject.save(folder / SUBJECT, lift=summary(found))
+
+
+def load_person(scene: Scene, subject_file: Path) -> Scene:
+    """The scene with the person of ``subject_file``, and the labels beside it where there are any.
+
+    Raises:
+        InputError: a file is damaged, or the labels are of another scene.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    subject = Subject.load(subject_file)
+    labels = subject_file.with_name(LABELS)
+    if not labels.is_file():
+        return with_person(scene, subject, None)
+    count = len(scene.geometry)
+    if labels.stat().st_size > count + 4096:
+        raise InputError(labels, "label", f"expected {count} labels, the file is larger", "lift this scene again")
+    try:
+        label = load_file(labels).get("label")
+    except SafetensorError as error:
+        raise InputError(labels, "", f"not a label file: {error}") from None
+    if label is None or tuple(label.shape) != (count,):
+        got = None if label is None else tuple(label.shape)
+        raise InputError(labels, "label", f"expected ({count},), got {got}", "lift this scene again")
+    return with_person(scene, subject, label.float())
+
+
+def cached_lift(scene: Scene, extractors: Mapping[str, Any]) -> Path:
+    """Where the cache keeps the person of this scene, read with these extractors."""
+    used = {n: asdict(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
+    text = json.dumps([__version__, scene.digest, scene.up.tolist(), used], default=str)
+    return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

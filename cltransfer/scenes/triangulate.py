@@ -1,0 +1,74 @@
+"""One point in the world from its pixels in many views, some of which are wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+
+
+@dataclass(frozen=True)
+class Triangulated:
+    """A point and how well the views agree on it.
+
+    Args:
+        point: (3,) world; NaN where fewer than two views agree.
+        agreed: views whose pixel lies within the tolerance, (V,) bool.
+        error: reprojection error in every view given, (V,) [px]; NaN where the view has no pixel.
+    """
+
+    point: Tensor  # (3,)
+    agreed: Tensor  # (V,) bool
+    error: Tensor  # (V,) [px]
+
+
+def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float) -> Triangulated:
+    """Robust triangulation: the pair of views that most others agree with, then all that agree.
+
+    Every pair is tried, so the result does not depend on chance.
+
+    Args:
+        cameras: V views.
+        pixels: (V, 2) [px].
+        seen: which views have a pixel, (V,) bool.
+        tolerance: largest reprojection error of a view that agrees [px].
+    """
+    views = seen.nonzero()[:, 0]
+    agreed = torch.zeros(len(cameras), dtype=torch.bool)
+    error = torch.full((len(cameras),), float("nan"), dtype=torch.float64)
+    if len(views) < 2:
+        return Triangulated(torch.full((3,), float("nan"), dtype=torch.float64), agreed, error)
+    P = (cameras.K @ cameras.w2c[:, :3])[views]  # (V, 3, 4)
+    xy = pixels[views].double()
+    pairs = torch.combinations(torch.arange(len(views)), 2)  # (M, 2)
+    points = _intersect(P[pairs], xy[pairs])  # (M, 3)
+    errors = _reprojection(P, xy, points)  # (M, V)
+    close = errors < tolerance
+    score = close.sum(1) - (errors * close).sum(1) / (close.sum(1).clamp_min(1) * tolerance) * 0.5
+    best = close[int(score.argmax())]
+    if int(best.sum()) < 2:
+        return Triangulated(torch.full((3,), float("nan"), dtype=torch.float64), agreed, error)
+    point = _intersect(P[best][None], xy[best][None])
+    final = _reprojection(P, xy, point)[0]
+    error[views] = final
+    agreed[views] = final < tolerance
+    return Triangulated(point[0], agreed, error)
+
+
+def _intersect(P: Tensor, xy: Tensor) -> Tensor:
+    """Points (M, 3) nearest to the rays of pixels (M, V, 2) under projections (M, V, 3, 4), by the linear method."""
+    rows = xy[..., None] * P[:, :, 2:3] - P[:, :, :2]  # (M, V, 2, 4)
+    rows = rows / rows[..., :3].norm(dim=-1, keepdim=True)
+    solution = torch.linalg.svd(rows.flatten(1, 2)).Vh[:, -1]
+    return solution[:, :3] / solution[:, 3:]
+
+
+def _reprojection(P: Tensor, xy: Tensor, points: Tensor) -> Tensor:
+    """Errors (M, V) [px] of points (M, 3) in views P (V, 3, 4); infinite behind a camera."""
+    homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], dim=1)
+    seen = torch.einsum("vij,mj->mvi", P, homogeneous)
+    error = (seen[..., :2] / seen[..., 2:] - xy).norm(dim=-1)
+    return torch.where(seen[..., 2] > 0, error, torch.inf)

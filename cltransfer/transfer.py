@@ -1,0 +1,242 @@
+"""The story of a transfer: reference + scene + config -> cameras, measured, rendered and written down."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from .camera import Camera
+from .config import RunConfig
+from .driver.cma_es import Budget
+from .driver.follow import Path as FoundPath
+from .driver.follow import Schedule, follow, smoothed, still
+from .driver.initial_view import best_of_orbit, view_from_file
+from .driver.stage import Spent, Stage
+from .evaluate import Score, score
+from .features import Features
+from .graph import Family
+from .objective import Objective
+from .reference import (
+    Components,
+    Progress,
+    Reading,
+    Reference,
+    clip_features,
+    quantised,
+    read_reference,
+    silent,
+)
+from .scenes import Scene
+from .scenes.lifted import cached_lift, lift_scene, load_person, save_lift
+from .scenes.load import load_scene
+from .threads import set_threads, thread_count
+from .trajectory import Trajectory
+
+SMOOTH_WORTH = 1.25  # a filtered path may cost this much more total loss, and a tenth of a tolerance
+RENDER_BATCH = 8  # frames of the final video rendered together
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a transfer is given beside its config.
+
+    Args:
+        scene: a scene file or ``builtin:NAME``.
+        reference: see :func:`cltransfer.reference.read_reference`.
+        init: ``auto``, or a trajectory file whose first camera is the initial view.
+        subject: a subject.json; None lifts the scene, or takes the lift from the cache.
+        up: the scene's up; None takes the format's usual one.
+    """
+
+    scene: str
+    reference: str
+    init: str = "auto"
+    subject: Path | None = None
+    up: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a transfer found.
+
+    Args:
+        scene, reference: what it was given, read.
+        trajectory: N cameras at the output size.
+        home: the initial view.
+        image: the rendered frames, (N, 3, H, W) uint8.
+        searched: the score in the search, by the inner extractors at the search size.
+        verified: the score of the rendered frames as they are kept; it is what the run reports.
+        held: the same for the first view held still.
+        read_by: image (networks on both sides) or geometry (a scene taught a scene).
+        path: smooth or exact, whichever was kept.
+        found: each frame's minimum.
+        spent: what it cost.
+        seconds: by step.
+    """
+
+    scene: Scene
+    reference: Reference
+    trajectory: Trajectory
+    home: Camera
+    image: Tensor  # (N, 3, H, W) uint8
+    searched: Score
+    verified: Score
+    held: Score
+    read_by: str
+    path: str
+    found: FoundPath
+    spent: Spent
+    seconds: dict[str, float]
+
+
+def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> Result:
+    """Find the cameras that reproduce the reference's camera language in the scene.
+
+    Raises:
+        UsageError: the config asks for what the scene or the reference cannot give.
+        InputError: a file is missing or damaged, or shows no person.
+        ModelError: a network is missing.
+    """
+    clock = Clock()
+    set_threads(config.threads or thread_count())
+    parts = Components(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
+    family: Family = "scene" if config.extract.inner == "geometric" else "image"
+    reading = Reading(config.frames, config.output_side, family)
+    reference = read_reference(inputs.reference, parts, reading, progress)
+    clock.lap("reference")
+    search = config.build_one("search")
+    lifted = family == "scene" or search.needs_subject or inputs.init == "auto"
+    scene = scene_with_person(inputs, parts, progress) if lifted else load_scene(inputs.scene, inputs.up)
+    clock.lap("scene")
+
+    plan = parts.plan(family, shared=reference.features.names())
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses))
+    size = fit(reference.features.size, config.search_side)
+    if inputs.init == "auto":
+        home = best_of_orbit(stage, reference.features[0], size)
+    else:
+        home = view_from_file(Path(inputs.init), size)
+    clock.lap("initial view")
+    schedule = _schedule(config, stage.objective, reference.features)
+    count = len(reference)
+    found = follow(stage, search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))
+    cameras, kind = _smooth(stage, search, reference.features, home, found, config.smooth)
+    clock.lap("search")
+
+    output = fit(reference.features.size, config.output_side)
+    trajectory = Trajectory(cameras.at_size(output), reference.times)
+    image = render_frames(scene, parts, trajectory.camera, progress)
+    clock.lap("render")
+    terms = stage.path_terms(reference.features, cameras)
+    defined = stage.objective.defined(reference.features)
+    totals = stage.objective.totals(terms, defined)
+    searched = Score(stage.objective.names, terms, defined, totals, {})
+    verified, held, read_by = _verify(stage, parts, reference, trajectory, image, config)
+    clock.lap("verification")
+    return Result(
+        scene, reference, trajectory, home, image, searched, verified, held, read_by, kind, found, stage.spent,
+        clock.seconds,
+    )  # fmt: skip
+
+
+class Clock:
+    """Seconds by step."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, step: str) -> None:
+        """Everything since the last lap was ``step``."""
+        now = time.perf_counter()
+        self.seconds[step] = now - self._last
+        self._last = now
+
+
+def fit(size: tuple[int, int], side: int) -> tuple[int, int]:
+    """(W, H) of the same shape whose longer side is ``side`` [px].
+
+    >>> fit((1920, 1080), 160)
+    (160, 90)
+    """
+    scale = side / max(size)
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def scene_with_person(inputs: Inputs, parts: Components, progress: Progress = silent) -> Scene:
+    """The scene with its person: given, known, from the cache by content, or lifted now (and cached)."""
+    scene = load_scene(inputs.scene, inputs.up)
+    if inputs.subject is not None:
+        return load_person(scene, inputs.subject)
+    if scene.subject is not None:
+        return scene
+    cached = cached_lift(scene, parts.extractors)
+    if not cached.is_file():
+        found = lift_scene(scene, parts.renderer, parts.extractors, progress=lambda step: progress(step, 0, 0))
+        save_lift(cached.parent, found)
+    return load_person(scene, cached)
+
+
+def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Progress = silent) -> Tensor:
+    """Frames (N, 3, H, W) uint8 of N cameras."""
+    frames = []
+    for start in range(0, len(cameras), RENDER_BATCH):
+        part = parts.renderer.render(scene, cameras[start : start + RENDER_BATCH], frozenset({"image"}))
+        frames.append(quantised(part.image))
+        progress("rendering", min(start + RENDER_BATCH, len(cameras)), len(cameras))
+    return torch.cat(frames)
+
+
+def _schedule(config: RunConfig, objective: Objective, reference: Features) -> Schedule:
+    budget = Budget(config.generations, config.patience, config.popsize, config.tolerance)
+    free = config.zoom == "free"
+    if config.zoom == "auto" and "filmic_space" in objective.names:
+        free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
+    return Schedule(budget, config.sigma0, config.warm_sigma, config.warm_start, free, config.seed)
+
+
+def _smooth(
+    stage: Stage, search: object, reference: Features, home: Camera, found: FoundPath, frames: float
+) -> tuple[Camera, str]:
+    """The filtered path where it costs little more than the one found, else the one found."""
+    if frames <= 0:
+        return found.camera, "exact"
+    cameras = search.cameras(smoothed(found.x, frames), home, stage.scene.subject)  # type: ignore[attr-defined]
+    defined = stage.objective.defined(reference)
+    exact, smooth = (
+        float(stage.objective.totals(stage.path_terms(reference, path), defined).mean())
+        for path in (found.camera, cameras)
+    )
+    return (cameras, "smooth") if smooth <= SMOOTH_WORTH * exact + 0.1 else (found.camera, "exact")
+
+
+def _verify(
+    stage: Stage, parts: Components, reference: Reference, trajectory: Trajectory, image: Tensor, config: RunConfig
+) -> tuple[Score, Score, str]:
+    """Scores of the result and of its first view held still, by what the reference was read with."""
+    plan = parts.plan(reference.family)
+    if reference.family == "image" and config.extract.verify:
+        rendered = clip_features(image, plan)
+        twice = clip_features(image[[0, 0]], plan)
+        held = twice[[0] + [1] * (len(image) - 1)]
+        stage.spent.network_passes += (len(image) + 2) * plan.passes
+        read_by = "image"
+    else:
+        rendered = _read_path(stage, trajectory.camera)
+        held = _read_path(stage, still(trajectory.camera, len(trajectory)))
+        read_by = "image" if reference.family == "image" and config.extract.inner == "image" else "geometry"
+    scores = [score(stage.objective, plan, reference.features, f) for f in (rendered, held)]
+    return scores[0], scores[1], read_by
+
+
+def _read_path(stage: Stage, cameras: Camera) -> Features:
+    """Features of a path, each frame with the one before it."""
+    frames, before = [], None
+    for i in range(len(cameras)):
+        before = stage.features(cameras[i], before)
+        frames.append(replace(before, image=None))
+    return Features.concatenate(frames)

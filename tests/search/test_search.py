@@ -1,0 +1,122 @@
+"""Vectors to cameras and back, for every search."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.registry import SEARCHES
+from cltransfer.subject import Subject
+
+SIZE = (160, 90)
+
+
+def person() -> Subject:
+    joints = torch.zeros(14, 3, dtype=torch.float64)
+    heights = (1.45, 1.45, 1.15, 1.15, 0.9, 0.9, 0.95, 0.95, 0.5, 0.5, 0.08, 0.08, 1.75, 1.45)
+    joints[:, 2] = torch.tensor(heights, dtype=torch.float64)
+    joints[:, 1] = torch.tensor([1, -1] * 6 + [0, 0], dtype=torch.float64) * 0.15
+    ones = torch.ones(14, dtype=torch.float64)
+    facing, up = torch.eye(3, dtype=torch.float64)[[0, 2]]
+    return Subject(joints, ones, facing, up, 1.75)
+
+
+def home(subject: Subject) -> Camera:
+    eye = subject.anchor + torch.tensor([4.0, 1.0, 0.3], dtype=torch.float64)
+    return Camera.look_at(eye[None], subject.anchor[None], subject.up, 0.8, SIZE)
+
+
+@pytest.mark.parametrize("name", SEARCHES.names())
+def test_vector_inverts_cameras(name: str) -> None:
+    subject = person()
+    search = SEARCHES.build(name)
+    x = torch.rand(20, search.dimensions, generator=torch.Generator().manual_seed(0), dtype=torch.float64) - 0.5
+    camera = search.cameras(x, home(subject), subject)
+    again = search.cameras(search.vector(camera, home(subject), subject), home(subject), subject)
+    torch.testing.assert_close(again.w2c, camera.w2c, atol=1e-9, rtol=0)
+    torch.testing.assert_close(again.K, camera.K, atol=1e-7, rtol=0)
+
+
+@pytest.mark.parametrize("name", SEARCHES.names())
+def test_home_is_a_point_of_the_search(name: str) -> None:
+    subject = person()
+    search, at = SEARCHES.build(name), home(subject)
+    again = search.cameras(search.vector(at, at, subject), at, subject)
+    torch.testing.assert_close(again.w2c, at.w2c, atol=1e-9, rtol=0)
+    torch.testing.assert_close(again.K, at.K, atol=1e-7, rtol=0)
+
+
+@pytest.mark.parametrize("name", SEARCHES.names())
+def test_without_the_lens_the_focal_length_is_that_of_home(name: str) -> None:
+    subject = person()
+    search, at = SEARCHES.build(name), home(subject)
+    x = torch.rand(5, search.dimensions - 1, generator=torch.Generator().manual_seed(1), dtype=torch.float64) - 0.5
+    torch.testing.assert_close(search.cameras(x, at, subject).focal, at.focal.expand(5))
+
+
+@pytest.mark.parametrize("name", SEARCHES.names())
+def test_rotations_are_rotations_over_the_whole_box(name: str) -> None:
+    subject = person()
+    search, at = SEARCHES.build(name), home(subject)
+    low, high = (b.clamp(-4, 4) for b in search.bounds())
+    share = torch.rand(100, search.dimensions, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    R = search.cameras(low + share * (high - low), at, subject).w2c[:, :3, :3]
+    torch.testing.assert_close(R @ R.transpose(1, 2), torch.eye(3, dtype=R.dtype).expand(100, 3, 3), atol=1e-9, rtol=0)
+    assert bool((torch.linalg.det(R) > 0).all())
+
+
+def test_the_paper_box_prints_the_papers_ranges() -> None:
+    subject = person()
+    search, at = SEARCHES.build("paper_box"), home(subject)
+    corner = torch.tensor([[1.0, -1, 1, 0, 0, 1, 1, 1]], dtype=torch.float64)
+    camera = search.cameras(corner, at, subject)
+    moved = (camera.center - at.center) @ at.w2c[0, :3, :3].T
+    torch.testing.assert_close(moved[0], torch.tensor([5.0, -5.0, 5.0], dtype=torch.float64))
+    torch.testing.assert_close(camera.focal, 5 * at.focal)
+    turn = at.w2c[0, :3, :3] @ camera.c2w[0, :3, :3]
+    assert math.acos((float(turn.trace()) - 1) / 2) == pytest.approx(math.pi / 2)
+
+
+def test_gamma_zero_is_clamped_where_the_paper_would_divide_by_zero() -> None:
+    search, at = SEARCHES.build("paper_box"), home(person())
+    x = torch.zeros(1, 8, dtype=torch.float64)
+    x[0, 7] = -1
+    torch.testing.assert_close(search.cameras(x, at, None).focal, 0.05 * at.focal)
+
+
+def test_the_orbit_puts_the_subject_where_it_says() -> None:
+    subject = person()
+    search, at = SEARCHES.build("subject_orbit"), home(subject)
+    # azimuth 90 degrees, two heights away, a quarter frame right and a tenth up, apparent size 0.5
+    p = torch.tensor([[math.pi / 2, 0.2, 0.0, math.log(2), 0.25, -0.1, math.log(0.5)]], dtype=torch.float64)
+    scale = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
+    camera = search.cameras(p / scale, at, subject)
+    pixel, _ = camera.project(subject.anchor[None])
+    torch.testing.assert_close(pixel[0, 0], torch.tensor([0.75 * 160, 0.4 * 90], dtype=torch.float64))
+    offset = camera.center[0] - subject.anchor
+    assert float(offset.norm()) == pytest.approx(2 * subject.height)
+    assert float(offset @ subject.left) == pytest.approx(2 * subject.height * math.cos(0.2))
+    assert float(camera.focal) == pytest.approx(0.5 * 2 * 90)
+
+
+def test_the_apparent_size_alone_is_a_zoom_and_the_distance_alone_a_dolly_zoom() -> None:
+    subject = person()
+    search, at = SEARCHES.build("subject_orbit"), home(subject)
+    base = search.vector(at, at, subject).repeat(2, 1)
+    zoom = base.clone()
+    zoom[1, 6] += 0.5
+    assert torch.allclose(*search.cameras(zoom, at, subject).w2c)
+    dolly = base.clone()
+    dolly[1, 3] += 0.5
+    camera = search.cameras(dolly, at, subject)
+    ratio = camera.focal / (camera.center - subject.anchor).norm(dim=1)
+    torch.testing.assert_close(ratio[0], ratio[1])
+
+
+def test_the_orbit_says_that_it_needs_a_subject() -> None:
+    search = SEARCHES.build("subject_orbit")
+    with pytest.raises(ValueError, match="needs a lifted subject"):
+        search.cameras(torch.zeros(1, 7), home(person()), None)

@@ -1,0 +1,74 @@
+"""One convention inside; every border tested against values worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera, concatenate, intrinsics
+
+SIZE = (200, 100)
+
+
+def looking(eye: list[float], target: list[float], up: list[float], fov: float = math.pi / 2) -> Camera:
+    to = lambda v: torch.tensor(v, dtype=torch.float64)  # noqa: E731
+    return Camera.look_at(to([eye]), to([target]), to(up), fov, SIZE)
+
+
+def test_a_point_ahead_projects_to_the_middle_and_right_is_right() -> None:
+    camera = looking([0, 0, -2], [0, 0, 0], [0, -1, 0])  # identity rotation: y down, z forward
+    torch.testing.assert_close(camera.w2c[0, :3, :3], torch.eye(3, dtype=torch.float64))
+    pixels, depth = camera.project(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]))
+    # focal = 100 / (2 tan 45 deg) = 50 px; 1 unit at depth 2 is 25 px
+    expected = torch.tensor([[100.0, 50], [125, 50], [100, 75]], dtype=torch.float64)
+    torch.testing.assert_close(pixels[0], expected)
+    torch.testing.assert_close(depth[0], torch.full((3,), 2.0, dtype=torch.float64))
+
+
+def test_unproject_inverts_project() -> None:
+    camera = looking([3, 1, -4], [0, 0.5, 0], [0, 0, 1])
+    points = torch.randn(1, 7, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    pixels, depth = camera.project(points)
+    torch.testing.assert_close(camera.unproject(pixels, depth), points)
+
+
+def test_center_is_where_the_camera_stands() -> None:
+    camera = looking([3, 1, -4], [0, 0.5, 0], [0, 0, 1])
+    torch.testing.assert_close(camera.center[0], torch.tensor([3.0, 1, -4], dtype=torch.float64))
+    torch.testing.assert_close(camera.c2w[0, :3, 3], camera.center[0])
+
+
+def test_a_resized_camera_sees_a_point_at_the_same_place_of_the_frame() -> None:
+    camera = looking([3, 1, -4], [0, 0.5, 0], [0, 0, 1])
+    point = torch.tensor([[0.3, 0.2, 0.1]])
+    small, large = camera.project(point)[0], camera.at_size((1000, 300)).project(point)[0]
+    scale = torch.tensor([1000 / 200, 300 / 100], dtype=torch.float64)
+    torch.testing.assert_close(small * scale, large)
+
+
+def test_opengl_poses_are_flipped_at_the_border_only() -> None:
+    # OpenGL identity looks along -z with y up: in our axes it looks along world -z, its x stays right
+    camera = Camera.from_opengl(torch.eye(4)[None], intrinsics(torch.tensor([50.0]), SIZE), SIZE)
+    pixels, depth = camera.project(torch.tensor([[0.0, 0, -2], [0, 1, -2]]))
+    torch.testing.assert_close(depth[0], torch.full((2,), 2.0, dtype=torch.float64))
+    torch.testing.assert_close(pixels[0, 1], torch.tensor([100.0, 25], dtype=torch.float64))  # y up is up
+    torch.testing.assert_close(camera.to_opengl(), torch.eye(4, dtype=torch.float64)[None])
+
+
+def test_vertical_field_of_view_comes_back() -> None:
+    assert float(looking([0, 0, -2], [0, 0, 0], [0, -1, 0], 0.7).vertical_fov) == pytest.approx(0.7)
+
+
+def test_a_missing_batch_dimension_is_named() -> None:
+    with pytest.raises(ValueError, match=r"w2c must be \(B, 4, 4\), got \(4, 4\); add a batch dimension"):
+        Camera(torch.eye(4), torch.eye(3)[None], SIZE)
+
+
+def test_indexing_keeps_the_batch_and_concatenate_joins() -> None:
+    camera = concatenate([looking([0, 0, -k], [0, 0, 0], [0, -1, 0]) for k in (1, 2, 3)])
+    assert len(camera[1]) == 1
+    torch.testing.assert_close(camera[1].center[0, 2], torch.tensor(-2.0, dtype=torch.float64))
+    with pytest.raises(ValueError, match="share one size"):
+        concatenate([camera, camera.at_size((10, 10))])

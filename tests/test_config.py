@@ -1,0 +1,127 @@
+"""One grammar, checked before anything heavy is imported."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cltransfer.config import RunConfig, load_config, presets
+from cltransfer.errors import InputError, UsageError
+
+
+def test_every_shipped_preset_loads_and_builds() -> None:
+    for name in presets():
+        config = load_config(overrides=[f"preset={name}"])
+        assert config.preset == name
+        for section in ("renderer", "extractors", "losses", "search"):
+            assert config.build(section)
+
+
+def test_balanced_is_the_default() -> None:
+    assert load_config().preset == "balanced"
+
+
+def test_overrides_win_over_the_file_and_the_file_over_the_preset(tmp_path: Path) -> None:
+    file = tmp_path / "run.yaml"
+    file.write_text("generations: 7\npopsize: 6\n")
+    config = load_config(file, ["generations=3"])
+    assert (config.generations, config.popsize) == (3, 6)
+
+
+def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
+    (tmp_path / "full.yaml").write_text("losses: {framing: {weight: 2.0}}\n")
+    child = tmp_path / "no_framing.yaml"
+    child.write_text("base: full.yaml\nlosses: {framing: null}\n")
+    assert "framing" not in load_config(child).losses
+    (tmp_path / "full.yaml").write_text("base: other.yaml\n")
+    with pytest.raises(InputError, match="a base names no further base"):
+        load_config(child)
+
+
+def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
+    inner = tmp_path / "a" / "b"
+    inner.mkdir(parents=True)
+    (tmp_path / "secret.yaml").write_text("seed: 1\n")
+    (inner / "run.yaml").write_text("base: ../../secret.yaml\n")
+    with pytest.raises(InputError, match="expected a file in this folder or the one above"):
+        load_config(inner / "run.yaml")
+
+
+def test_naming_another_search_replaces_the_one_below() -> None:
+    assert list(load_config(overrides=["search.paper_box={}"]).search) == ["paper_box"]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("generatons=3", "did you mean 'generations'"),
+        ("losses.framin={}", "did you mean 'framing'"),
+        ("losses.framing.weigh=3", "did you mean 'weight'"),
+        ("extract.iner=image", "did you mean: 'inner'"),
+        ("preset=balancd", "did you mean 'balanced'"),
+        ("generations=many", "could not be converted to Integer"),
+        ("generations=0", "expected 1 to 1000000, got 0"),
+        ("popsize=2", "expected 4 to 10000, got 2"),
+        ("extract.inner=telepathy", "expected one of"),
+        ("losses.framing=3", "expected options as a mapping"),
+        ("losses=3", "expected name: {options}"),
+        ("seed=${oc.env:HOME}", "interpolation is not part of the grammar"),
+        ("frames", "expected key=value"),
+        ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
+        ("losses.shot_size._target_=os.system", "no such option"),
+    ],
+)
+def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_config(overrides=[override])
+    assert message.lower() in str(caught.value).lower()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "not a config"),
+        ("- 1\n- 2\n", "expected a mapping"),
+        ("seed: !!python/object/apply:os.system ['true']\n", "not a config"),
+        ("seed: ${seed}\n", "interpolation"),
+        ("seed: 1\nseed: 2\n", "not a config"),
+        ("x" * (2**20 + 1), "expected at most"),
+    ],
+)
+def test_a_hostile_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    with pytest.raises((UsageError, InputError)) as caught:
+        load_config(file)
+    assert message in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_an_option_of_the_wrong_type_is_named_when_built() -> None:
+    with pytest.raises(UsageError, match=r"loss\.framing"):
+        load_config(overrides=["losses.framing.weight=heavy"]).build("losses")
+
+
+def test_the_merged_config_reads_back_as_itself(tmp_path: Path) -> None:
+    config = load_config(overrides=["frames=5", "losses.framing.weight=3"])
+    file = tmp_path / "config.yaml"
+    file.write_text(config.to_yaml())
+    assert load_config(file) == config
+
+
+def test_config_errors_need_no_torch() -> None:
+    code = (
+        "import sys\nfrom cltransfer.config import load_config\nfrom cltransfer.errors import UsageError\n"
+        "try:\n    load_config(overrides=['losses.framin={}'])\nexcept UsageError:\n    pass\n"
+        "assert 'torch' not in sys.modules and 'kornia' not in sys.modules, sorted(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_ranges_are_checked_in_python_too() -> None:
+    with pytest.raises(UsageError, match="frames"):
+        RunConfig(frames=0)

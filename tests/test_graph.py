@@ -1,0 +1,112 @@
+"""Only what an active loss reaches is computed, in an order that works."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import pytest
+import torch
+
+from cltransfer.errors import UsageError
+from cltransfer.features import Features
+from cltransfer.graph import make_plan, run, run_clip
+
+
+@dataclass(frozen=True)
+class Making:
+    """An extractor that writes how many frames it saw, and whether it saw an optional input."""
+
+    provides: tuple[str, ...]
+    requires: tuple[str, ...] = ("image",)
+    family: str = "image"
+    uses: tuple[str, ...] = ()
+    needs_before: bool = False
+    passes: int = 1
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        image = now.require("image") if now.has("image") else torch.zeros(len(now), 1)
+        base = image.flatten(1).mean(1)
+        if self.needs_before:
+            assert before is not None
+            base = base - before.require("image").flatten(1).mean(1)
+        seen = sum(now.has(name) for name in self.uses)
+        made = {n: base[:, None] + 100 * seen for n in self.provides}
+        own = {n: v for n, v in made.items() if n in Features.__dataclass_fields__}
+        return replace(now, **own, extras={**now.extras, **{n: v for n, v in made.items() if n not in own}})
+
+
+IMAGE = frozenset({"image"})
+
+
+def plan(wanted: set[str], extractors: dict[str, Making], source: frozenset[str] = IMAGE, **more):  # noqa: ANN003, ANN201
+    return make_plan(frozenset(wanted), extractors, source, more.pop("family", "image"), **more)
+
+
+def test_only_what_is_wanted_runs_and_in_order() -> None:
+    chain = {"b": Making(("orientation",), ("box",)), "a": Making(("box",)), "c": Making(("gaze",))}
+    made = plan({"orientation"}, chain)
+    assert [s.name for s in made.steps] == ["a", "b"]
+    assert made.passes == 2
+
+
+def test_a_source_is_asked_only_for_the_buffers_reached() -> None:
+    source = frozenset({"image", "depth", "label", "camera"})
+    made = plan({"flow"}, {"f": Making(("flow",), ("depth", "camera"), "scene")}, source, family="scene")
+    assert made.buffers == {"depth", "camera"}
+
+
+def test_what_cannot_be_had_is_told_and_costs_nothing() -> None:
+    made = plan({"depth", "box"}, {"a": Making(("box",)), "d": Making(("depth",), ("lidar",))})
+    assert [s.name for s in made.steps] == ["a"]
+    assert made.missing == {"depth": "d needs 'lidar': no image extractor provides 'lidar'"}
+
+
+def test_a_scene_prefers_scene_extractors_and_an_image_never_uses_them() -> None:
+    both = {"net": Making(("box",)), "geo": Making(("box",), ("camera",), "scene")}
+    assert [s.name for s in plan({"box"}, both, IMAGE | {"camera"}, family="scene").steps] == ["geo"]
+    assert [s.name for s in plan({"box"}, both).steps] == ["net"]
+
+
+def test_two_providers_of_one_feature_are_ambiguous() -> None:
+    with pytest.raises(UsageError, match="one and two both provide 'box'"):
+        plan({"box"}, {"one": Making(("box",)), "two": Making(("box",))})
+
+
+def test_a_circle_is_named() -> None:
+    with pytest.raises(UsageError, match="circle: box -> gaze -> box"):
+        plan({"box"}, {"a": Making(("box",), ("gaze",)), "b": Making(("gaze",), ("box",))})
+
+
+@pytest.mark.parametrize(("shared", "seen"), [(None, 100), (frozenset({"box"}), 0), (frozenset({"depth"}), 100)])
+def test_an_optional_input_is_hidden_unless_both_sides_have_it(shared: frozenset[str] | None, seen: int) -> None:
+    source = frozenset({"image", "depth"})
+    both = {"a": Making(("box",), uses=("depth",), family="both"), "f": Making(("gaze",), ("depth",), "scene")}
+    made = plan({"box", "gaze"}, both, source, family="scene", shared=shared)
+    got = run(made, Features((2, 2), image=torch.zeros(1, 3, 2, 2), depth=torch.ones(1, 2, 2)), None)
+    assert float(got.require("box")) == seen
+    assert got.has("depth")  # hidden from one step, not lost
+
+
+def test_a_first_frame_has_no_flow_and_the_others_compare_with_the_one_before() -> None:
+    image = torch.arange(20.0)[:, None, None, None].expand(20, 3, 2, 2)  # longer than one chunk
+    made = plan({"gaze"}, {"f": Making(("gaze",), needs_before=True)})
+    got = run_clip(made, lambda a, b: Features((2, 2), image=image[a:b]), 20).require("gaze")[:, 0]
+    assert bool(torch.isnan(got[0]))
+    torch.testing.assert_close(got[1:], torch.ones(19))
+
+
+def test_a_clip_keeps_what_was_wanted_and_not_its_pixels() -> None:
+    made = plan({"box"}, {"a": Making(("box",))})
+    got = run_clip(made, lambda a, b: Features((2, 2), image=torch.zeros(b - a, 3, 2, 2)), 3)
+    assert got.names() == {"box"}
+
+
+def test_an_extractor_that_breaks_its_promise_is_named() -> None:
+    @dataclass(frozen=True)
+    class Idle(Making):
+        def __call__(self, now: Features, before: Features | None) -> Features:
+            return now
+
+    made = plan({"box"}, {"idle": Idle(("box",))})
+    with pytest.raises(UsageError, match="extractor idle: promised 'box'"):
+        run(made, Features((2, 2), image=torch.zeros(1, 3, 2, 2)), None)

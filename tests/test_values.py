@@ -1,0 +1,136 @@
+"""Features, Subject, Trajectory and the skeleton: what flows, saved and read back, refused when damaged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.errors import InputError
+from cltransfer.feature_file import FeatureFile
+from cltransfer.features import Features
+from cltransfer.skeleton import HEAD_TOP_BEYOND_EARS, JOINTS, from_blazepose, from_coco, key_joints
+from cltransfer.subject import Subject
+from cltransfer.trajectory import Trajectory
+
+
+def subject() -> Subject:
+    joints = torch.arange(42, dtype=torch.float64).reshape(14, 3)
+    joints[3] = torch.nan
+    confidence = torch.ones(14, dtype=torch.float64)
+    confidence[3] = 0
+    facing, up = torch.eye(3, dtype=torch.float64)[[0, 2]]
+    return Subject(joints, confidence, facing, up, 1.7, 1.0)
+
+
+def trajectory() -> Trajectory:
+    eye = torch.tensor([[3.0, 0, 1], [3, 0.5, 1], [3, 1, 1]])
+    camera = Camera.look_at(eye, torch.zeros(1, 3), torch.tensor([0.0, 0, 1]), 0.7, (64, 36))
+    return Trajectory(camera, torch.tensor([0.0, 0.1, 0.2], dtype=torch.float64))
+
+
+def test_a_subject_comes_back_and_an_unknown_joint_is_null(tmp_path: Path) -> None:
+    subject().save(tmp_path / "subject.json", note="a report")
+    assert json.loads((tmp_path / "subject.json").read_text())["joints"]["right_elbow"] is None
+    again = Subject.load(tmp_path / "subject.json")
+    torch.testing.assert_close(again.joints, subject().joints, equal_nan=True)
+    assert again.height == 1.7
+
+
+def test_left_is_left_of_facing() -> None:
+    torch.testing.assert_close(subject().left, torch.tensor([0.0, 1, 0], dtype=torch.float64))  # x ahead, z up
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "other"}, "format: expected 'cltransfer.subject'"),
+        ({"facing": [2, 0, 0]}, "facing: expected a unit vector"),
+        ({"height": -1}, "height must be positive"),
+        ({"up": [1, 0]}, "up must be"),
+        ({"joints": {}}, "left_shoulder: field is missing"),
+    ],
+)
+def test_a_damaged_subject_is_refused_by_field(tmp_path: Path, change: dict, message: str) -> None:
+    path = tmp_path / "subject.json"
+    path.write_text(json.dumps({**subject().to_json(), **change}))
+    with pytest.raises(InputError) as caught:
+        Subject.load(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_a_trajectory_comes_back_exactly(tmp_path: Path) -> None:
+    trajectory().save(tmp_path / "t.json")
+    again = Trajectory.load(tmp_path / "t.json")
+    assert torch.equal(again.camera.w2c, trajectory().camera.w2c)
+    assert torch.equal(again.camera.K, trajectory().camera.K)
+    assert again.fps == pytest.approx(10)
+
+
+def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
+    path = tmp_path / "t.json"
+    good = trajectory().to_json()
+
+    def refuse(message: str, **change: object) -> None:
+        path.write_text(json.dumps({**good, **change}))
+        with pytest.raises(InputError, match=message):
+            Trajectory.load(path)
+
+    mirrored = json.loads(json.dumps(good["frames"]))
+    mirrored[1]["w2c"][0][0] *= -1
+    backwards = json.loads(json.dumps(good["frames"]))
+    backwards[1]["time"] = 9.0
+    refuse("expected rotations", frames=mirrored)
+    refuse("times must increase", frames=backwards)
+    refuse("expected a list of 1 to 2000", frames=[])
+    refuse("not a trajectory", size="wide")
+
+
+def test_key_joints_are_midpoints_of_crowdpose_joints() -> None:
+    keypoints = torch.rand(3, 14, 3, generator=torch.Generator().manual_seed(0))
+    at = {n: keypoints[:, i] for i, n in enumerate(JOINTS)}
+    expected = (at["left_hip"] + at["right_hip"])[:, :2] / 2
+    torch.testing.assert_close(key_joints(keypoints)[:, 2, :2], expected)
+    torch.testing.assert_close(key_joints(keypoints)[:, 0], at["head_top"])
+
+
+@pytest.mark.parametrize(("convert", "count", "ears", "shoulders"), [(from_coco, 17, 3, 5), (from_blazepose, 33, 7, 11)])
+def test_the_head_top_lies_beyond_the_ears_by_one_rule(convert, count: int, ears: int, shoulders: int) -> None:  # noqa: ANN001
+    keypoints = torch.ones(1, count, 3)
+    keypoints[0, ears : ears + 2, 1] = 10.0
+    keypoints[0, shoulders : shoulders + 2, 1] = 20.0
+    top = convert(keypoints)[0, JOINTS.index("head_top")]
+    assert float(top[1]) == pytest.approx(10 - HEAD_TOP_BEYOND_EARS * 10)
+
+
+def test_features_index_concatenate_and_require() -> None:
+    features = Features((4, 2), image=torch.rand(3, 3, 2, 4), extras={"gaze": torch.rand(3, 2)})
+    assert len(features[1]) == 1
+    joined = Features.concatenate([features[0], features[1:]])
+    assert torch.equal(joined.require("gaze"), features.require("gaze"))
+    with pytest.raises(KeyError, match="feature 'depth' was not extracted; add an extractor"):
+        features.require("depth")
+
+
+def test_a_feature_file_comes_back_and_a_foreign_one_is_refused(tmp_path: Path) -> None:
+    features = Features((8, 4), keypoints=torch.rand(2, 14, 3), layers=torch.zeros(2, 3, 4, 8, dtype=torch.bool))
+    path = tmp_path / "clip.safetensors"
+    FeatureFile(features, torch.tensor([0.0, 0.5], dtype=torch.float64), "clip.mp4").save(path)
+    again = FeatureFile.load(path)
+    assert torch.equal(again.features.require("keypoints"), features.require("keypoints"))
+    assert again.features.size == (8, 4)
+    path.write_bytes(b"\xff" * 100)
+    with pytest.raises(InputError, match="not a feature file"):
+        FeatureFile.load(path)
+
+
+def test_a_feature_file_of_unequal_lengths_is_refused_by_tensor(tmp_path: Path) -> None:
+    path = tmp_path / "clip.safetensors"
+    times = torch.tensor([0.0, 0.5], dtype=torch.float64)
+    FeatureFile(Features((8, 4), keypoints=torch.rand(3, 14, 3)), times, "").save(path)
+    with pytest.raises(InputError, match="keypoints: expected 2 frames, got 3"):
+        FeatureFile.load(path)
