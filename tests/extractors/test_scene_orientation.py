@@ -1,0 +1,59 @@
+"""The angle from the lifted person: signs as Features states them."""
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.extractors.scene_orientation import SceneOrientation
+from cltransfer.features import Features
+from cltransfer.testing import sample_subject
+
+UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+MIDDLE = sample_subject().anchor
+
+
+def seen_from(*offset: float, up: torch.Tensor = UP) -> list[float]:
+    """Yaw, pitch, roll [deg] of a camera at ``offset`` from the anchor; the person faces +y, its left is -x."""
+    eye = MIDDLE + torch.tensor(offset, dtype=torch.float64)
+    camera = Camera.look_at(eye[None], MIDDLE[None], up, math.radians(40), (64, 36))
+    got = SceneOrientation()(Features((64, 36), camera=camera, person=sample_subject()), None).orientation
+    return got[0].rad2deg().tolist()
+
+
+@pytest.mark.parametrize(
+    ("offset", "expected"),
+    [
+        ((0, 4, 0), (0, 0, 0)),
+        ((-4, 0, 0), (90, 0, 0)),
+        ((4, 0, 0), (-90, 0, 0)),
+        ((0, 4, 4), (0, 45, 0)),
+        ((0, 4, -4), (0, -45, 0)),
+        ((-3, -3, 0), (135, 0, 0)),
+    ],
+)
+def test_yaw_grows_to_the_left_and_pitch_upwards(offset: tuple[float, ...], expected: tuple[float, ...]) -> None:
+    assert seen_from(*offset) == pytest.approx(expected, abs=1e-5)
+
+
+def test_roll_is_positive_when_the_body_leans_right() -> None:
+    tilt = math.radians(20)
+    leaning = seen_from(0, 4, 0, up=torch.tensor([math.sin(tilt), 0, math.cos(tilt)], dtype=torch.float64))
+    assert leaning == pytest.approx((0, 0, 20), abs=1e-5)  # seen from +y, +x is on the left: the camera leans left
+
+
+def test_panning_away_leaves_the_place_of_the_camera() -> None:
+    """Yaw and pitch tell where the camera is, not where it looks; framing tells that."""
+    eye = MIDDLE + torch.tensor([0.0, 4, 0], dtype=torch.float64)
+    aims = MIDDLE + torch.tensor([[0.0, 0, 0], [1.0, 0, 0]], dtype=torch.float64)
+    camera = Camera.look_at(eye.expand(2, 3), aims, UP, math.radians(40), (64, 36))
+    got = SceneOrientation()(Features((64, 36), camera=camera, person=sample_subject()), None).orientation
+    torch.testing.assert_close(got[0], got[1], atol=1e-12, rtol=0)
+
+
+def test_person_behind_the_camera_is_undefined_row_4() -> None:
+    eye = MIDDLE + torch.tensor([0.0, 4, 0], dtype=torch.float64)
+    camera = Camera.look_at(eye[None], 2 * eye[None] - MIDDLE, UP, math.radians(40), (64, 36))
+    got = SceneOrientation()(Features((64, 36), camera=camera, person=sample_subject()), None).orientation
+    assert got.isnan().all()

@@ -1,0 +1,33 @@
+"""The scene extractors are the inner loop: each takes less than a millisecond a frame."""
+
+import time
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+from cltransfer.registry import EXTRACTORS
+from cltransfer.testing import sample_cameras, sample_subject
+
+
+def frames(seed: int) -> Features:
+    size, batch = (160, 90), 10
+    random = torch.Generator().manual_seed(seed)
+    depth = torch.rand(batch, 90, 160, generator=random) * 5 + 1
+    label = torch.zeros_like(depth)
+    label[:, 20:80, 60:100] = 1.0
+    camera = sample_cameras(seed, batch, size)
+    return Features(size, depth=depth, label=label, subject=label > 0.5, camera=camera, person=sample_subject())
+
+
+@pytest.mark.parametrize("name", ["scene_joints", "scene_subject", "layers", "scene_flow", "scene_orientation"])
+def test_takes_less_than_a_millisecond_a_frame(name: str) -> None:
+    extractor, now = EXTRACTORS.build(name), frames(1)
+    before = frames(2) if getattr(extractor, "needs_before", False) else None
+    extractor(now, before)
+    seconds = []
+    for _ in range(7):
+        start = time.perf_counter()
+        extractor(now, before)
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) / len(now) < 1e-3
