@@ -1,6 +1,7 @@
 """The scene extractors are the inner loop: each takes less than a millisecond a frame."""
 
 import time
+from collections.abc import Iterator
 
 import pytest
 import torch
@@ -20,6 +21,15 @@ def frames(seed: int) -> Features:
     return Features(size, depth=depth, label=label, subject=label > 0.5, camera=camera, person=sample_subject())
 
 
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize("name", ["scene_joints", "scene_subject", "layers", "scene_flow", "scene_orientation"])
 def test_takes_less_than_a_millisecond_a_frame(name: str) -> None:
     extractor, now = EXTRACTORS.build(name), frames(1)
@@ -27,7 +37,7 @@ def test_takes_less_than_a_millisecond_a_frame(name: str) -> None:
     extractor(now, before)
     seconds = []
     for _ in range(7):
-        start = time.perf_counter()
+        start = time.process_time()
         extractor(now, before)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     assert min(seconds) / len(now) < 1e-3

