@@ -1,7 +1,12 @@
-"""Every registered loss and scene extractor passes the case that a plugin would inherit."""
+"""Every registered loss and extractor passes the case that a plugin would inherit."""
+
+from functools import cache
+from pathlib import Path
 
 import pytest
 
+from cltransfer.clip import read_clip
+from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.testing import ExtractorCase, LossCase, sample_features
 
@@ -9,13 +14,15 @@ OUR_LOSSES = ("shot_size", "framing", "filmic_space", "camera_movement", "camera
 LOSS_MODES = [(name, mode) for name in OUR_LOSSES for mode in ("robust", "faithful")]
 OTHER_LOSSES = [(name, None) for name in LOSSES.names() if name not in OUR_LOSSES]
 GEOMETRIC = [name for name in EXTRACTORS.names() if EXTRACTORS.get(name).family != "image"]
+IMAGE = [name for name in EXTRACTORS.names() if EXTRACTORS.get(name).family == "image"]
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SAMPLE = sample_features(0, 1).names()
 
 
 def needs_more(requires: tuple[str, ...]) -> None:
     lacking = sorted(set(requires) - SAMPLE)
     if lacking:
-        pytest.skip(f"needs {', '.join(lacking)}, which sample features lack; its own test inherits the case")
+        pytest.skip(f"needs {', '.join(lacking)}, which sample features lack; a test of its own can override sample")
 
 
 class TestLosses(LossCase):
@@ -31,6 +38,31 @@ class TestGeometricExtractors(ExtractorCase):
     def use(self, request: pytest.FixtureRequest) -> None:
         self.component = EXTRACTORS.build(request.param)
         needs_more(self.component.requires)
+
+
+@cache
+def juggler() -> Features:
+    """Frames of a real clip with the person's box, 240 px high."""
+    clip = read_clip(DATA / "video" / "sav_05_juggle.mp4", frames=10, max_side=426).features()
+    return EXTRACTORS.build("detect_yolox")(clip, None)
+
+
+class TestImageExtractors(ExtractorCase):
+    @pytest.fixture(autouse=True, params=IMAGE)
+    def use(self, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+        if "???" in EXTRACTORS.options(request.param).values():
+            pytest.skip("needs a network that the user names")
+        if not (DATA / "models").is_dir() or not (DATA / "video").is_dir():
+            pytest.skip("needs the models and clips of shared/data")
+        monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+        self.component = EXTRACTORS.build(request.param)
+        lacking = set(self.component.requires) - juggler().names()
+        if lacking:
+            pytest.skip(f"needs {', '.join(sorted(lacking))}, which a clip does not give")
+
+    def sample(self, seed: int, batch: int) -> Features:
+        frames = juggler()
+        return frames[[(seed + i) % len(frames) for i in range(batch)]]
 
 
 def test_all_five_losses_and_five_scene_extractors_are_there() -> None:
