@@ -1,0 +1,170 @@
+"""Charts of a report as SVG to be set into a page; the same values give the same bytes.
+
+Colours are written as CSS variables of the page, so one chart serves light and dark and paper.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from ..subject import Subject
+from ..trajectory import Trajectory
+from .data import ReportData, Term
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# stand-ins that matplotlib can draw -> what the page makes of them
+_INK, _FAINT, _MAIN, _OTHER = "#010101", "#020202", "#030303", "#040404"
+_VARIABLES = {_INK: "var(--ink)", _FAINT: "var(--faint)", _MAIN: "var(--main)", _OTHER: "var(--other)"}
+
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "cltransfer",
+    "text.parse_math": False,
+    "text.color": _INK,
+    "axes.edgecolor": _FAINT,
+    "axes.labelcolor": _INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "xtick.color": _FAINT,
+    "ytick.color": _FAINT,
+    "xtick.labelcolor": _INK,
+    "ytick.labelcolor": _INK,
+    "grid.color": _FAINT,
+    "grid.linewidth": 0.3,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+
+_LOG_SPAN = 30.0  # largest over smallest value from which a chart is drawn on a log scale
+
+
+def term_curves(report: ReportData) -> str:
+    """Each raw term over time, with the first view held still beside it, (SVG)."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(len(report.scores.terms), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, term in zip(axes, report.scores.terms):
+            other = None if report.baseline is None else report.baseline.term(term.name)
+            _curves(ax, report.times.numpy(), term, other)
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, borderpad=0)
+        axes[-1].set_xlabel("time [s]")
+
+    return _svg(draw, (6.4, 1.15 * len(report.scores.terms) + 0.3))
+
+
+def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None) -> None:
+    series = [term.values.numpy()] + ([] if other is None else [other.values.numpy()])
+    if len(series) == 2:
+        ax.plot(
+            times,
+            series[1],
+            color=_OTHER,
+            linestyle=(0, (4, 2)),
+            linewidth=1.1,
+            label="first view held still",
+        )
+    ax.plot(times, series[0], color=_MAIN, label="transfer", marker="o", markersize=2)
+    values = np.concatenate(series)
+    values = values[np.isfinite(values) & (values > 0)]
+    if len(values) and values.max() / values.min() > _LOG_SPAN:
+        ax.set_yscale("log", nonpositive="mask")
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        ax.yaxis.set_minor_formatter(lambda value, _: "")
+    else:
+        ax.set_ylim(bottom=0)
+    ax.set_title(f"{term.name} [{term.unit}]", pad=3)
+    ax.grid(axis="y")
+
+
+def top_view(trajectory: Trajectory, subject: Subject) -> str:
+    """The camera path from above, in subject heights, with the subject, its facing and some frusta, (SVG)."""
+    camera = trajectory.camera
+    ground = torch.stack([-subject.left, subject.facing]) / subject.height  # facing points up the page
+    path = ((camera.center - subject.anchor) @ ground.T).numpy()
+    corners = torch.tensor(
+        [[0.0, camera.size[1] / 2], [camera.size[0], camera.size[1] / 2]], dtype=torch.float64
+    )
+    depth = torch.full((len(camera), 2), 0.45 * subject.height, dtype=torch.float64)
+    rays = camera.unproject(corners.expand(len(camera), 2, 2), depth)
+    edges = ((rays - subject.anchor) @ ground.T).numpy()
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        for index in np.unique(np.linspace(0, len(path) - 1, 7).round().astype(int)):
+            triangle = np.stack([edges[index, 0], path[index], edges[index, 1]])
+            ax.plot(*triangle.T, color=_OTHER, linewidth=0.9)
+        ax.plot(*path.T, color=_MAIN)
+        ax.plot(*path[0], marker="o", color=_MAIN, markersize=5)
+        ax.annotate("start", path[0], xytext=(6, 4), textcoords="offset points", fontsize=8)
+        ax.plot(0, 0, marker="o", color=_INK, markersize=7)
+        ax.annotate("", (0, 0.6), (0, 0), arrowprops={"arrowstyle": "-|>", "color": _INK, "linewidth": 1.2})
+        ax.annotate("subject faces", (0, 0), xytext=(8, -10), textcoords="offset points", fontsize=8)
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.margins(0.12)
+        ax.set_xlabel("from above [subject heights]")
+        ax.grid()
+
+    return _svg(draw, (4.4, 4.0))
+
+
+def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
+    """Focal length over time, and the distance to the subject where one is known, (SVG)."""
+    times, camera = trajectory.times.numpy(), trajectory.camera
+    rows = [("focal length [mm on a 24 mm high sensor]", (24 * camera.focal / camera.size[1]).numpy())]
+    if subject is not None:
+        distance = (camera.center - subject.anchor).norm(dim=1) / subject.height
+        rows.append(("distance [subject heights]", distance.numpy()))
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, (name, values) in zip(axes, rows):
+            ax.plot(times, values, color=_MAIN)
+            ax.set_ylim(0, 1.15 * float(values.max()))
+            ax.set_title(name, pad=3)
+            ax.grid(axis="y")
+        axes[-1].set_xlabel("time [s]")
+
+    return _svg(draw, (4.4, 1.25 * len(rows) + 0.3))
+
+
+def _svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
+    """The ``<svg>`` element of a figure of ``size`` [inch]: no date, no links, colours as CSS variables."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        figure.patch.set_alpha(0)
+        draw(figure)
+        for ax in figure.axes:
+            ax.patch.set_alpha(0)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", svg)
+    for color, variable in _VARIABLES.items():
+        svg = svg.replace(color, variable)
+    width, height = (math.ceil(96 * side) for side in size)
+    return re.sub(
+        r'<svg [^>]*?viewBox="([^"]*)"[^>]*>',
+        rf'<svg viewBox="\1" width="{width}" height="{height}">',
+        svg,
+        count=1,
+    )

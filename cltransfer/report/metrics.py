@@ -1,0 +1,177 @@
+"""The metrics as files and as a table. A value that is undefined is null with its reason, never NaN."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from ..files import write_json, write_text
+from .data import ReportData, Scores, Term
+
+HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "better by")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the summary.
+
+    Args:
+        name: of the term, or "total".
+        unit: of ``mean`` and ``baseline``.
+        mean: raw mean over the frames that have a value, None where none has.
+        weighted: what it adds to the total on average.
+        defined, frames: how many frames have a value, of how many.
+        baseline: the same mean for the first view held still.
+        reason: why values are missing.
+    """
+
+    name: str
+    unit: str
+    mean: float | None
+    weighted: float | None
+    defined: int
+    frames: int
+    baseline: float | None
+    reason: str
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times larger the baseline is, None where that cannot be said."""
+        if self.mean is None or self.baseline is None or self.mean <= 0:
+            return None
+        return self.baseline / self.mean
+
+    def cells(self) -> tuple[str, ...]:
+        """Text under :data:`HEAD`."""
+        ratio = "–" if self.ratio is None else f"{number(self.ratio)}×"
+        coverage = f"{self.defined}/{self.frames}"
+        return (
+            self.name,
+            number(self.mean),
+            self.unit,
+            number(self.weighted),
+            coverage,
+            number(self.baseline),
+            ratio,
+        )
+
+
+def rows(report: ReportData) -> tuple[Row, ...]:
+    """One row per term, then the total."""
+    found = [_row(term, term.weight, report.baseline) for term in report.scores.terms]
+    total = Term("total", "", 1.0, report.scores.totals)
+    against = None if report.baseline is None else Term("total", "", 1.0, report.baseline.totals).mean
+    return (*found, Row("total", "", total.mean, total.mean, total.defined, len(total.values), against, ""))
+
+
+def _row(term: Term, weight: float, baseline: Scores | None) -> Row:
+    other = None if baseline is None else baseline.term(term.name)
+    weighted = None if term.mean is None else weight * term.mean
+    against = None if other is None else other.mean
+    return Row(
+        term.name, term.unit, term.mean, weighted, term.defined, len(term.values), against, term.reason
+    )
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, whole numbers in full; a dash where there is no value.
+
+    >>> number(0.0123456), number(0.1), number(1234.5), number(7), number(None)
+    ('0.0123', '0.100', '1234', '7', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    if isinstance(value, int) or abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:#.3g}".rstrip(".")
+
+
+def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
+    """Table of the metrics: drawn for a terminal, Markdown otherwise.
+
+    ``terminal`` is whether it will be seen in one; None looks at standard output.
+    """
+    lines = [row.cells() for row in rows(report)]
+    if sys.stdout.isatty() if terminal is None else terminal:
+        return _drawn(lines)
+    head = [HEAD, tuple("---" if i in (0, 2) else "--:" for i in range(len(HEAD)))]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [*head, *lines])
+
+
+def _drawn(lines: list[tuple[str, ...]]) -> str:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for i, name in enumerate(HEAD):
+        table.add_column(name, justify="left" if i in (0, 2) else "right")
+    for cells in lines:
+        table.add_row(*(Text(cell) for cell in cells), style="bold" if cells[0] == "total" else None)
+    console = Console(file=io.StringIO(), force_terminal=True, width=100)
+    console.print(table)
+    return console.file.getvalue().rstrip("\n")  # type: ignore[attr-defined]
+
+
+def write_metrics(run: Path, report: ReportData) -> None:
+    """Write ``metrics.json`` (means, coverage, reasons) and ``metrics.csv`` (one row per frame) into ``run``."""
+    write_json(run / "metrics.json", metrics_json(report))
+    write_text(run / "metrics.csv", metrics_csv(report))
+
+
+def metrics_json(report: ReportData) -> dict[str, Any]:
+    """Plain values for ``metrics.json``."""
+    return {
+        "format": "cltransfer.metrics",
+        "version": 1,
+        "title": report.title,
+        "frames": len(report.times),
+        "metrics": {row.name: _row_json(row, report) for row in rows(report)},
+        "flags": [{"frame": flag.frame, "reason": flag.reason} for flag in report.flags],
+        "spent": {
+            name: finite(value) if isinstance(value, float) else value for name, value in report.spent.items()
+        },
+        "command": report.command,
+    }
+
+
+def _row_json(row: Row, report: ReportData) -> dict[str, Any]:
+    term = report.scores.term(row.name)
+    values: Tensor = report.scores.totals if term is None else term.values
+    return {
+        "mean": row.mean,
+        "unit": row.unit,
+        "weighted": row.weighted,
+        "defined": row.defined,
+        "frames": row.frames,
+        "reason": row.reason or ("" if row.defined == row.frames else "undefined on some frames"),
+        "first_view": row.baseline,
+        "ratio": row.ratio,
+        "values": [finite(value) for value in values.tolist()],
+    }
+
+
+def metrics_csv(report: ReportData) -> str:
+    """Frame, time, each raw term, weighted total and flags; undefined is an empty cell."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    names = [term.name for term in report.scores.terms]
+    table.writerow(["frame", "time", *names, "total", "flags"])
+    columns = [term.values.tolist() for term in report.scores.terms]
+    for frame, (time, total) in enumerate(zip(report.times.tolist(), report.scores.totals.tolist())):
+        flags = "; ".join(flag.reason for flag in report.flags if flag.frame == frame)
+        values = [finite(column[frame]) for column in columns]
+        table.writerow([frame, time, *values, finite(total), flags])
+    return text.getvalue()
+
+
+def finite(value: float) -> float | None:
+    """The value itself, None where it is NaN or infinite."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,92 @@
+"""One page about one run, complete in itself: no script, no link, nothing fetched."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from torch import Tensor
+
+from ..files import write_text
+from .data import ReportData
+from .figures import lens_curves, term_curves, top_view
+from .metrics import HEAD, number, rows
+
+_COLUMNS = 8
+_WIDTH = 320  # [px] of a frame in the strip
+_QUALITY = 82  # of JPEG
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One column of the strip: the time [s] and both frames as data URIs."""
+
+    time: str
+    reference: str
+    render: str
+
+
+def write_report(run: Path, report: ReportData) -> Path:
+    """Write ``report.html`` into ``run``, whole or not at all, and return its path."""
+    write_text(run / "report.html", page(report))
+    return run / "report.html"
+
+
+def page(report: ReportData) -> str:
+    """The page as HTML."""
+    found = rows(report)
+    # Markup: our own SVG, in which the writer has escaped every text
+    charts = {"terms": Markup(term_curves(report))}
+    if report.trajectory is not None:
+        charts["lens"] = Markup(lens_curves(report.trajectory, report.subject))
+        if report.subject is not None:
+            charts["top"] = Markup(top_view(report.trajectory, report.subject))
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+    return template.render(
+        report=report,
+        head=HEAD,
+        rows=found,
+        total=found[-1],
+        charts=charts,
+        pairs=_pairs(report),
+        number=number,
+        duration=f"{float(report.times[-1] - report.times[0]):.2f}",
+    )
+
+
+def _pairs(report: ReportData) -> list[Pair]:
+    """Up to eight frames spread evenly over the clip."""
+    count = len(report.times)
+    indices = np.unique(np.linspace(0, count - 1, min(_COLUMNS, count)).round().astype(int))
+    return [
+        Pair(
+            f"{float(report.times[i]):.2f} s",
+            _data_uri(report.reference_frames[i]),
+            _data_uri(report.render_frames[i]),
+        )
+        for i in indices.tolist()
+    ]
+
+
+def _data_uri(frame: Tensor) -> str:
+    """A frame (3, H, W) uint8 as a small JPEG data URI.
+
+    Raises:
+        ValueError: the encoder refused it.
+    """
+    image = np.ascontiguousarray(frame.permute(1, 2, 0).numpy()[..., ::-1])
+    size = (_WIDTH, max(1, round(image.shape[0] * _WIDTH / image.shape[1])))
+    done, coded = cv2.imencode(
+        ".jpg", cv2.resize(image, size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
+    )
+    if not done:
+        raise ValueError(f"could not encode a frame of {image.shape[1]}x{image.shape[0]} px as JPEG")
+    return "data:image/jpeg;base64," + base64.b64encode(coded.tobytes()).decode()

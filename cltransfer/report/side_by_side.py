@@ -1,0 +1,68 @@
+"""Two clips in one picture, for the eye."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+_GAP = 4  # [px] between the two
+_INK, _PAPER = (235, 235, 235), 18  # RGB of text, grey of the ground
+
+
+def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
+    """Frames of both beside each other, equally high, under a line with their names and the time.
+
+    Args:
+        reference: RGB (N, 3, H, W) uint8.
+        render: RGB (N, 3, H2, W2) uint8.
+        times: (N,) [s].
+
+    Returns:
+        (N, 3, H3, W3) uint8; both sides are even, as video encoders want them.
+
+    Raises:
+        ValueError: the numbers of frames differ.
+    """
+    if not len(reference) == len(render) == len(times):
+        raise ValueError(
+            f"expected equally many, got {len(reference)}, {len(render)}, {len(times)} frames and times"
+        )
+    height = max(reference.shape[2], render.shape[2])
+    left, right = _to_height(reference, height), _to_height(render, height)
+    band = max(18, height // 16)
+    width = left.shape[2] + _GAP + right.shape[2]
+    sheet = np.full((len(left), (band + height + 1) // 2 * 2, (width + 1) // 2 * 2, 3), _PAPER, np.uint8)
+    sheet[:, :band] = _captions(band, sheet.shape[2], left.shape[2] + _GAP)
+    sheet[:, band : band + height, : left.shape[2]] = left
+    sheet[:, band : band + height, left.shape[2] + _GAP : width] = right
+    for frame, time in zip(sheet, times.tolist()):
+        _write(frame[:band], f"{time:.2f} s", right_of=None)
+    return torch.from_numpy(sheet).permute(0, 3, 1, 2)
+
+
+def _to_height(clip: Tensor, height: int) -> np.ndarray:
+    """(N, height, W', 3), resized with its shape kept."""
+    frames = np.ascontiguousarray(clip.permute(0, 2, 3, 1).numpy())
+    if frames.shape[1] == height:
+        return frames
+    size = (max(1, round(frames.shape[2] * height / frames.shape[1])), height)
+    return np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC) for frame in frames])
+
+
+def _captions(band: int, width: int, second: int) -> np.ndarray:
+    """The line above the frames, (band, width, 3), with what does not change."""
+    line = np.full((band, width, 3), _PAPER, np.uint8)
+    _write(line, "reference", right_of=0)
+    _write(line, "transfer", right_of=second)
+    return line
+
+
+def _write(line: np.ndarray, text: str, right_of: int | None) -> None:
+    """Text in a line (band, W, 3), from a column on, or at the right end where that is None."""
+    scale = 0.55 * line.shape[0] / 20
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)
+    start = line.shape[1] - width - 6 if right_of is None else right_of + 6
+    place = (start, (line.shape[0] + height) // 2)
+    cv2.putText(line, text, place, cv2.FONT_HERSHEY_DUPLEX, scale, _INK, 1, cv2.LINE_AA)

@@ -1,0 +1,68 @@
+import csv
+import io
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.report.data import Scores, Term
+from cltransfer.report.metrics import metrics_table, rows, write_metrics
+
+NAN = float("nan")
+
+
+def term(name: str, values: list[float], reason: str = "") -> Term:
+    return Term(name, "frame", 2.0, torch.tensor(values, dtype=torch.float64), reason)
+
+
+def test_rows_count_what_is_defined_and_compare_with_the_first_view(report):
+    size, movement, total = rows(report)
+    assert (size.mean, size.weighted, size.baseline) == pytest.approx((0.02, 0.04, 0.2))
+    assert size.ratio == pytest.approx(10)
+    assert (movement.defined, movement.frames, movement.mean) == (3, 4, pytest.approx(0.2))
+    assert movement.reason == "no frame before the first"
+    assert total.mean == pytest.approx((0.02 + 0.34 + 0.66 + 0.94) / 4)
+
+
+def test_a_term_without_any_value_has_no_mean_and_no_ratio(report):
+    terms = (term("shot_size", [NAN] * 4), term("camera_movement", [0.0] * 4))
+    size, movement, _ = rows(replace(report, scores=Scores(terms, torch.ones(4))))
+    assert (size.mean, size.weighted, size.ratio, size.defined) == (None, None, None, 0)
+    assert movement.ratio is None  # nothing is any number of times as large as 0
+    assert size.cells()[1] == "–"
+
+
+def test_metrics_json_holds_null_and_a_reason_where_undefined(report, tmp_path):
+    write_metrics(tmp_path, report)
+    text = (tmp_path / "metrics.json").read_text()
+    assert "NaN" not in text
+    movement = json.loads(text)["metrics"]["camera_movement"]
+    assert movement["values"] == [None, 0.1, 0.2, 0.3]
+    assert movement["reason"] == "no frame before the first"
+    assert json.loads(text)["spent"]["rate"] is None
+
+
+def test_a_missing_value_without_a_given_reason_still_says_so(report, tmp_path):
+    unexplained = Scores((term("framing", [NAN, 1.0, 1.0, 1.0]),), torch.ones(4, dtype=torch.float64))
+    write_metrics(tmp_path, replace(report, scores=unexplained))
+    metric = json.loads((tmp_path / "metrics.json").read_text())["metrics"]["framing"]
+    assert metric["reason"] == "undefined on some frames"
+
+
+def test_metrics_csv_has_one_row_per_frame_and_empty_cells_where_undefined(report, tmp_path):
+    write_metrics(tmp_path, report)
+    table = list(csv.DictReader(io.StringIO((tmp_path / "metrics.csv").read_text())))
+    assert list(table[0]) == ["frame", "time", "shot_size", "camera_movement", "total", "flags"]
+    assert len(table) == 4
+    assert table[0]["camera_movement"] == ""
+    assert table[0]["flags"] == "camera_movement is undefined"
+    assert float(table[2]["total"]) == pytest.approx(2 * 0.03 + 3 * 0.2)
+
+
+def test_the_table_is_markdown_when_piped_and_drawn_in_a_terminal(report):
+    piped, drawn = metrics_table(report, terminal=False), metrics_table(report, terminal=True)
+    assert piped.splitlines()[2] == "| shot_size | 0.0200 | frame | 0.0400 | 4/4 | 0.200 | 10.0× |"
+    assert "\x1b[" not in piped
+    assert "\x1b[" in drawn
+    assert "camera_movement" in drawn

@@ -1,0 +1,72 @@
+import re
+from dataclasses import replace
+
+import torch
+
+from cltransfer.report.data import Flag, ReportData, Scores, Term
+from cltransfer.report.page import page, write_report
+from cltransfer.trajectory import Trajectory
+
+
+def term(name: str, values: list[float], reason: str = "") -> Term:
+    return Term(name, "frame", 2.0, torch.tensor(values, dtype=torch.float64), reason)
+
+
+def test_the_page_is_complete_in_itself(report, tmp_path):
+    text = write_report(tmp_path, report).read_text()
+    bare = re.sub(r'src="data:image/jpeg;base64,[^"]*"', "", text)
+    assert not re.search(r"<script|https?:|//[a-z]|@import|url\((?!#)|<link|<iframe| on[a-z]+=", bare)
+    assert "default-src 'none'; img-src data:; style-src 'unsafe-inline'" in text
+    assert text.count('src="data:image/jpeg;base64,') == text.count("src=") == 8
+    assert "<dd>–</dd>" in text  # a cost that is not a number
+    assert text.count("<svg") == 3
+    for said in (
+        "dolly_zoom → courtyard",
+        "3/4",
+        "first view held still",
+        "focal length is weakly seen",
+        "patience",
+    ):
+        assert said in text
+
+
+def test_the_page_repeats_byte_for_byte(report):
+    assert page(report) == page(report)
+
+
+def test_hostile_names_are_text(report):
+    evil = "<script>alert(1)</script>\"'$\\frac{"
+    hostile = replace(
+        report,
+        title=evil,
+        command=evil,
+        spent={evil: evil},
+        flags=(Flag(0, evil),),
+        scores=Scores(
+            (term(evil, [1.0, 2.0, 3.0, float("nan")], reason=evil),), torch.ones(4, dtype=torch.float64)
+        ),
+        baseline=None,
+    )
+    text = page(hostile)
+    assert "<script" not in text
+    assert text.count("&lt;script&gt;") >= 6
+
+
+def test_a_scored_pair_of_clips_needs_no_cameras(report):
+    text = page(replace(report, trajectory=None, subject=None, baseline=None))
+    assert text.count("<svg") == 1
+    assert "first view held still" not in text
+
+
+def test_one_frame_makes_a_page(report):
+    one = ReportData(
+        "one",
+        report.times[:1],
+        Scores((term("framing", [0.5]),), torch.ones(1, dtype=torch.float64)),
+        None,
+        Trajectory(report.trajectory.camera[0], report.times[:1]),
+        report.subject,
+        report.reference_frames[:1],
+        report.render_frames[:1],
+    )
+    assert page(one).count("<img") == 2
