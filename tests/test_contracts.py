@@ -1,4 +1,4 @@
-"""Every registered loss and extractor passes the case that a plugin would inherit."""
+"""Every registered loss, extractor and renderer passes the case that a plugin would inherit."""
 
 from functools import cache
 from pathlib import Path
@@ -7,8 +7,9 @@ import pytest
 
 from cltransfer.clip import read_clip
 from cltransfer.features import Features
-from cltransfer.registry import EXTRACTORS, LOSSES
-from cltransfer.testing import ExtractorCase, LossCase, sample_features
+from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.testing import ExtractorCase, LossCase, RendererCase, sample_features
 
 OUR_LOSSES = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 LOSS_MODES = [(name, mode) for name in OUR_LOSSES for mode in ("robust", "faithful")]
@@ -63,6 +64,12 @@ class TestImageExtractors(ExtractorCase):
     def sample(self, seed: int, batch: int) -> Features:
         frames = juggler()
         return frames[[(seed + i) % len(frames) for i in range(batch)]]
+
+
+class TestGaussianSplats(RendererCase):
+    component = RENDERERS.build("gaussian_splats")
+    scene = builtin_scene("courtyard")
+    points = scene.geometry.means
 
 
 def test_all_five_losses_and_five_scene_extractors_are_there() -> None:

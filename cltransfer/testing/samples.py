@@ -51,9 +51,7 @@ def sample_features(seed: int, batch: int) -> Features:
     low, high = pixels.amin(1), pixels.amax(1)
     x, y = pixel_centres(camera.size)
     middle, radius = (low + high)[:, :, None, None] / 2, (high - low)[:, :, None, None] / 2
-    subject = ((x - middle[:, 0]) / (radius[:, 0] + 2)) ** 2 + (
-        (y - middle[:, 1]) / (radius[:, 1] + 1)
-    ) ** 2 <= 1
+    subject = ((x - middle[:, 0]) / (radius[:, 0] + 2)) ** 2 + ((y - middle[:, 1]) / (radius[:, 1] + 1)) ** 2 <= 1
     post = ~subject & (x < 0.1 * camera.size[0])
     layers = torch.stack([post, subject, ~subject & ~post], dim=1)
     near = ahead.mean(1)[:, None, None] + 0.02 * (x - middle[:, 0]) / camera.size[0]
@@ -83,9 +81,7 @@ def without_person(features: Features) -> Features:
     gone: dict[str, Any] = {
         "label": torch.zeros_like(features.require("label")),
         "subject": torch.zeros_like(features.require("subject")),
-        **{
-            name: torch.full_like(features.require(name), nan) for name in ("keypoints", "box", "orientation")
-        },
+        **{name: torch.full_like(features.require(name), nan) for name in ("keypoints", "box", "orientation")},
     }
     layers = features.require("layers").clone()
     layers[:, 2] |= layers[:, 1]
