@@ -25,9 +25,14 @@ def backward_flow(depth: Tensor, now: Camera, before: Camera) -> Tensor:
     Returns:
         (B, 2, H, W) float32 [px of the cameras' size]; NaN where depth is, and where the point lay behind the
         camera before.
+
+    Raises:
+        ValueError: there is not one camera for each depth map.
     """
     from ._kernels import static_flow
 
+    if len(depth) != len(now):
+        raise ValueError(f"depth must have one map a camera, got {len(depth)} maps and {len(now)} cameras")
     back = now.K.inverse()
     motion = before.w2c @ now.c2w  # now's axes -> before's axes
     turn, shift = before.K @ motion[:, :3, :3] @ back, (before.K @ motion[:, :3, 3:])[..., 0]
@@ -40,9 +45,7 @@ def backward_flow_by_points(depth: Tensor, now: Camera, before: Camera) -> Tenso
     """The same as :func:`backward_flow` by way of the world points: slower, and readable."""
     batch, height, width = depth.shape
     scale = depth.new_tensor([now.size[0] / width, now.size[1] / height]).double()
-    grid = create_meshgrid(
-        height, width, normalized_coordinates=False, dtype=torch.float64
-    )  # integer-centred
+    grid = create_meshgrid(height, width, normalized_coordinates=False, dtype=torch.float64)  # integer-centred
     pixels = ((grid + 0.5) * scale).reshape(1, -1, 2).expand(batch, -1, 2)
     points = now.unproject(pixels, depth.flatten(1))
     moved, ahead = before.project(points)

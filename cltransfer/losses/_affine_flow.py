@@ -38,9 +38,14 @@ def fit_affine_flow(flow: Tensor, layers: Tensor, width: float) -> AffineFlow:
 
     Returns:
         The fields in frame widths, float64.
+
+    Raises:
+        ValueError: flow and layers are not on one grid.
     """
     from ._kernels import flow_sums
 
+    if flow.shape != (len(layers), 2, *layers.shape[2:]):
+        raise ValueError(f"flow and layers must share a grid, got {tuple(flow.shape)} and {tuple(layers.shape)}")
     sums = torch.from_numpy(flow_sums(flow.detach().cpu().numpy(), layers.cpu().numpy())).to(flow.device)
     count = sums[..., :1]
     mean = sums / count.clamp_min(1)

@@ -22,9 +22,14 @@ def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:
     Returns:
         (B, K) float64, unit of ``depth``; NaN where a mask holds no depth.
 
+    Raises:
+        ValueError: depth and masks are not on one grid.
+
     >>> depth_mode(torch.full((1, 2, 2), 3.0), torch.ones(1, 1, 2, 2, dtype=torch.bool))
     tensor([[3.0000]], dtype=torch.float64)
     """
     from ._kernels import depth_modes
 
+    if depth.shape != (len(masks), *masks.shape[2:]):
+        raise ValueError(f"depth and masks must share a grid, got {tuple(depth.shape)} and {tuple(masks.shape)}")
     return torch.from_numpy(depth_modes(depth.detach().cpu().numpy(), masks.cpu().numpy())).to(depth.device)

@@ -72,8 +72,9 @@ def layer_depths(features: Features, min_area: float) -> Tensor:
 class FilmicSpace:
     """Difference of the log depth ratios background : character and foreground : character (paper Eq. 8-10).
 
-    It does not change with the scale of either depth, nor with the lens. It does change with a shift of
-    inverse depth, which some depth networks leave unknown: use depth from the same source on both sides.
+    It does not change with the scale of either depth, and a lens changes it only by what it leaves out of the
+    frame. It does change with a shift of inverse depth, which some depth networks leave unknown: use depth
+    from the same source on both sides.
 
     Args:
         mode: ``faithful`` skips a ratio whose layer is empty on either side; ``robust`` lets it cost

@@ -46,6 +46,11 @@ def test_point_behind_the_camera_before_is_undefined(form: object) -> None:
     assert torch.equal(undefined, depth < 3)
 
 
+def test_one_camera_a_depth_map_is_asked_for() -> None:
+    with pytest.raises(ValueError, match="got 2 maps and 1 cameras"):
+        backward_flow(depth_map(0, 2), sample_cameras(1, 1), sample_cameras(1, 1))
+
+
 def test_sideways_camera_moves_points_by_focal_over_depth() -> None:
     now, before = cameras_at((0.1, 0, 0)), cameras_at((0, 0, 0))
     depth = depth_map(0, 1)

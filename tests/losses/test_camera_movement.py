@@ -140,6 +140,11 @@ def test_faithful_is_in_pixels_and_priced_so() -> None:
     assert CameraMovement(mode="faithful").penalty > CameraMovement().penalty * 1000
 
 
+def test_flow_and_layers_on_two_grids_are_refused() -> None:
+    with pytest.raises(ValueError, match="flow and layers must share a grid"):
+        fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 4, 8, dtype=torch.bool), 8)
+
+
 def test_options_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match="mismatch must be >= 0, got -1"):
         CameraMovement(mismatch=-1)

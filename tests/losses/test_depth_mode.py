@@ -59,6 +59,11 @@ def test_pixels_without_a_depth_are_left_out() -> None:
     )
 
 
+def test_depth_and_masks_on_two_grids_are_refused() -> None:
+    with pytest.raises(ValueError, match="depth and masks must share a grid"):
+        depth_mode(torch.ones(1, 8, 8), torch.ones(1, 3, 4, 8, dtype=torch.bool))
+
+
 def test_takes_less_than_a_millisecond_a_frame() -> None:
     depth = torch.rand(10, 90, 160, generator=torch.Generator().manual_seed(0)) + 1
     masks = torch.stack([depth < 1.2, (depth >= 1.2) & (depth < 1.5), depth >= 1.5], dim=1)
