@@ -42,7 +42,7 @@ def render_one(
         rows.append(torch.cat(row, dim=2))
     planes = torch.cat(rows, dim=1)  # (7, H, W)
     alpha = planes[3]
-    mean = planes[5] / torch.where(alpha >= MIN_COVER, alpha, torch.nan)
+    mean = torch.where(alpha >= MIN_COVER, planes[5] / alpha.clamp(min=MIN_COVER), torch.nan)
     depth = torch.where(planes[6] > 0, planes[6], torch.nan)
     return {
         "image": planes[:3].clamp(max=1),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
 
 import torch
-from torch import Tensor
 
 from ..camera import Camera
 from ..errors import UsageError
@@ -72,22 +71,22 @@ class GaussianSplats:
         if cameras.K[:, 0, 1].any():
             raise ValueError("cameras must have no skew: K[0, 1] is not 0")
         draw = self._numba if self.backend == "numba" else self._torch
-        frames = Features(cameras.size, camera=cameras, person=scene.subject)
-        return replace(frames, **draw(scene.geometry, cameras, buffers))
+        drawn = draw(scene.geometry, cameras, buffers)
+        return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     @property
     def settings(self) -> kernels.Settings:
         """What the backends share."""
         return kernels.Settings(self.near, self.near_fade, self.antialiased)
 
-    def _numba(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Tensor]:
+    def _numba(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
         matrices = zip(cameras.w2c.detach().cpu().numpy(), cameras.K.detach().cpu().numpy())
         views = [kernels.make_view(w2c, K, cameras.size, self.settings) for w2c, K in matrices]
         threads = self.threads or thread_count()
         out = kernels.render(splats.packed, views, "image" in buffers, threads)._asdict()
         return {name: torch.from_numpy(out[name]) for name in buffers}
 
-    def _torch(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Tensor]:
+    def _torch(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
         # camera by camera: 150 ms each at 10k Gaussians and 160x90, so the loop itself costs nothing
         frames = [
             _splats_torch.render_one(splats, w2c, K, cameras.size, self.settings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -129,9 +129,9 @@ def _require(path: Path, element: Element, names: Sequence[str], types: Sequence
             raise InputError(path, f"property {name}", f"expected type {types[0]}, got {element.types[name]}")
 
 
-def _rest_names(types: dict[str, str]) -> list[str]:
+def _rest_names(names: Iterable[str]) -> list[str]:
     """f_rest_0, f_rest_1, ... as many as there are."""
-    return [f"f_rest_{i}" for i in range(sum(name.startswith("f_rest_") for name in types))]
+    return [f"f_rest_{i}" for i in range(sum(name.startswith("f_rest_") for name in names))]
 
 
 def _check_rest(path: Path, count: int) -> None:
@@ -157,7 +157,7 @@ def _from_trained(table: Array) -> Columns:
     """Values of the INRIA layout: opacity is a logit, scales are logarithms."""
     with np.errstate(over="ignore"):
         opacity = 1 / (1 + np.exp(-_stack(table, ["opacity"])[:, 0]))
-    rest = _stack(table, _rest_names(dict.fromkeys(table.dtype.names, "")))
+    rest = _stack(table, _rest_names(table.dtype.names or ()))
     return {
         "means": _stack(table, POSITION),
         "log_scales": _stack(table, SCALE),
@@ -185,15 +185,11 @@ def _from_compressed(tables: dict[str, Array]) -> Columns:
         return np.stack([_unorm(words, 21, 11), _unorm(words, 11, 10), _unorm(words, 0, 11)], axis=1)
 
     color = np.stack([_unorm(vertex["packed_color"], shift, 8) for shift in (24, 16, 8)], axis=1)
-    if "min_r" in chunk.dtype.names:
+    if "min_r" in (chunk.dtype.names or ()):
         color = between(color, "", "rgb")
     rest = np.zeros((len(vertex), 0), np.float32)
     if "sh" in tables:
-        rest = (
-            _stack(tables["sh"], _rest_names(dict.fromkeys(tables["sh"].dtype.names, "")))
-            * np.float32(8 / 255)
-            - 4
-        )
+        rest = _stack(tables["sh"], _rest_names(tables["sh"].dtype.names or ())) * np.float32(8 / 255) - 4
     return {
         "means": between(triple(vertex["packed_position"]), ""),
         "log_scales": between(triple(vertex["packed_scale"]), "scale_"),

@@ -19,3 +19,6 @@ CACHED: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", 
 """For code that must see NaN and infinity."""
 FAST: dict[str, Any] = {**CACHED, "fastmath": True}
 """For code whose inputs are known to be finite."""
+INLINE: dict[str, Any] = {"error_model": "numpy", "boundscheck": False, "forceinline": True}
+"""For helpers of a loop: a real call would pass every array and scalar again."""
+FAST_INLINE: dict[str, Any] = {**INLINE, "fastmath": True}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from . import CACHED, FAST, Array, f32
+from . import CACHED, FAST, FAST_INLINE, Array, f32
 from .splat_cull import View
 from .splat_pack import MIN_ALPHA
 from .splat_project import (
@@ -41,13 +41,13 @@ LOOK = 16  # splats of a tile between looks whether it is opaque
 MIN_COVER = 1e-3  # alpha below which the mean depth means nothing
 DEPTH_PLANES, ALL_PLANES = 4, 7  # transmittance, depth sum, label sum, median depth, then red, green, blue
 
-_ZERO, _HALF, _ONE = f32(0), f32(0.5), f32(1)
+_ZERO, _HALF, _ONE, _UNDEFINED = f32(0), f32(0.5), f32(1), f32(np.nan)
 _MIN_ALPHA, _MAX_ALPHA = f32(MIN_ALPHA), f32(MAX_ALPHA)
 _MIN_TRANSMITTANCE, _MIN_COVER = f32(MIN_TRANSMITTANCE), f32(MIN_COVER)
-# exp(x) on [-6, 0] as p(x / 8)^8 with p the degree-4 interpolant of exp at Chebyshev points, relative error < 2e-6
-_E0, _E1, _E2, _E3, _E4 = (
+# exp(x) on [-6, 0] as p(x / 8)^8 with p the degree-5 interpolant at Chebyshev points, relative error < 4e-6
+_E0, _E1, _E2, _E3, _E4, _E5 = (
     f32(c)
-    for c in np.polynomial.Chebyshev.interpolate(np.exp, 4, domain=[-0.75, 0.0])
+    for c in np.polynomial.Chebyshev.interpolate(np.exp, 5, domain=[-0.75, 0.0])
     .convert(kind=np.polynomial.Polynomial)
     .coef
 )
@@ -64,7 +64,7 @@ class Outputs(NamedTuple):
     expected_depth: Array  # (H, W), mean, scene units
 
 
-@njit(**FAST)
+@njit(**FAST_INLINE)
 def _blend(planes: Array, base: int, slab: Slab, k: int, corner: tuple[int, int], color: bool | None) -> None:
     """Blend record k into the tile at ``corner``; a finished pixel carries its transmittance negative."""
     record, box = slab.records, slab.boxes
@@ -91,7 +91,7 @@ def _blend(planes: Array, base: int, slab: Slab, k: int, corner: tuple[int, int]
             for lane in range(np.uint64(LANES)):  # no branches, unit stride: becomes vector instructions
                 dx = left + f32(lane)
                 e = max(across + dx * (along + qa * dx), _LOWEST_POWER) * f32(0.125)
-                e = _E0 + e * (_E1 + e * (_E2 + e * (_E3 + e * _E4)))
+                e = _E0 + e * (_E1 + e * (_E2 + e * (_E3 + e * (_E4 + e * _E5))))
                 e = e * e
                 e = e * e
                 alpha = min(peak * e * e, _MAX_ALPHA)
@@ -115,7 +115,7 @@ def _blend(planes: Array, base: int, slab: Slab, k: int, corner: tuple[int, int]
             at += np.uint64(LANES)
 
 
-@njit(**FAST)
+@njit(**FAST_INLINE)
 def _opaque(planes: Array, base: int) -> bool:
     """Whether every pixel of the tile is finished."""
     clearest = -_ONE
@@ -159,13 +159,14 @@ def clear(planes: Array, view: View, count: int) -> None:
     """Transmittance 1 and sums 0; pixels of the last tiles outside the image are finished from the start."""
     columns = (view.width + TILE - 1) // TILE
     grid = planes.reshape((count, -1, STRIPS, TILE, LANES))
+    grid[:, 1:] = _ZERO
     for tile in range(count):
-        grid[tile, 1:] = _ZERO
+        left, top = tile % columns * TILE, tile // columns * TILE
         for strip in range(STRIPS):
             for row in range(TILE):
                 for lane in range(LANES):
-                    x, y = tile % columns * TILE + strip * LANES + lane, tile // columns * TILE + row
-                    grid[tile, 0, strip, row, lane] = _ONE if x < view.width and y < view.height else -_ONE
+                    inside = left + strip * LANES + lane < view.width and top + row < view.height
+                    grid[tile, 0, strip, row, lane] = _ONE if inside else -_ONE
 
 
 @njit(**CACHED)
@@ -178,12 +179,9 @@ def resolve(planes: Array, view: View, count: int, out: Outputs) -> None:
             tile = y // TILE * columns + x // TILE
             strip, row, lane = x % TILE // LANES, y % TILE, x % LANES
             alpha = _ONE - abs(grid[tile, 0, strip, row, lane])
-            out.alpha[y, x] = alpha
-            out.expected_depth[y, x] = (
-                grid[tile, 1, strip, row, lane] / alpha if alpha >= _MIN_COVER else f32(np.nan)
-            )
-            out.label[y, x] = grid[tile, 2, strip, row, lane]
-            median = grid[tile, 3, strip, row, lane]
-            out.depth[y, x] = median if median > _ZERO else f32(np.nan)
+            mean, median = grid[tile, 1, strip, row, lane] / alpha, grid[tile, 3, strip, row, lane]
+            out.alpha[y, x], out.label[y, x] = alpha, grid[tile, 2, strip, row, lane]
+            out.expected_depth[y, x] = mean if alpha >= _MIN_COVER else _UNDEFINED
+            out.depth[y, x] = median if median > _ZERO else _UNDEFINED
             for channel in range(len(out.image)):
                 out.image[channel, y, x] = min(grid[tile, 4 + channel, strip, row, lane], _ONE)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from . import CACHED, Array, f32
+from . import CACHED, INLINE, Array, f32
 from .splat_pack import CHUNK
 
 LOW_PASS = 0.3  # [px^2], added to the diagonal of every projected covariance (Kerbl et al. 2023)
@@ -68,7 +68,7 @@ def _scalars(vector: Array) -> tuple[Any, ...]:
     return tuple(f32(value) for value in vector)
 
 
-@njit(**CACHED)
+@njit(**INLINE)
 def _side_planes(view: View) -> tuple[Array, Array, Array]:
     """Tangents of the frame's low and high sides, and how much a sphere of radius 1 widens each, (2,) and (2, 2).
 
@@ -83,8 +83,8 @@ def _side_planes(view: View) -> tuple[Array, Array, Array]:
     return low, high, widen
 
 
-@njit(**CACHED)
-def _inside(x: float, y: float, z: float, radius: float, planes: tuple[Array, Array, Array]) -> bool:
+@njit(**INLINE)
+def _inside(x: f32, y: f32, z: f32, radius: f32, planes: tuple[Array, Array, Array]) -> bool:
     """Whether a sphere at camera coordinates can touch the frame, near plane aside."""
     low, high, widen = planes
     return (

@@ -52,7 +52,7 @@ def pack(means: Array, covariances: Array, scales: Array, opacity: Array, label:
     geometry[:, OPACITY], geometry[:, LABEL], geometry[:, RADIUS] = opacity[keep], label[keep], radius
     geometry[:, RADIUS + 1 :] = 0
     rows = aligned((len(keep), sh.shape[1] * 3))
-    rows[:] = sh[keep].reshape(len(keep), -1)
+    rows[:] = sh[keep].reshape(rows.shape)
     bounds = np.ascontiguousarray(geometry[:, [0, 1, 2, RADIUS]])
     return Packed(geometry, bounds, _spheres(bounds), rows)
 
@@ -85,7 +85,7 @@ def _spheres(bounds: Array) -> Array:
     if len(bounds) == 0:
         return np.zeros((0, 4), np.float32)
     starts = np.arange(0, len(bounds), CHUNK)
-    centers, radii = bounds[:, :3], bounds[:, 3:]
+    centers, radii = bounds[:, :3].astype(np.float64), bounds[:, 3:]
     low = np.minimum.reduceat(centers - radii, starts)
     high = np.maximum.reduceat(centers + radii, starts)
     middle = (low + high) / 2

@@ -9,7 +9,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from . import CACHED, Array, f32
+from . import CACHED, INLINE, Array, f32
 from .splat_cull import LOW_PASS, View
 from .splat_pack import COVARIANCE, LABEL, MIN_ALPHA, OPACITY, RADIUS
 
@@ -71,15 +71,22 @@ def prefetch(typing_context, rows, index, lines):  # type: ignore[no-untyped-def
     return types.void(rows, types.intp, lines), generate
 
 
-@njit(**CACHED)
-def _clip(value: float, low: float, high: float) -> float:
+@njit(**INLINE)
+def _clip(value: f32, low: f32, high: f32) -> f32:
     return low if value < low else (high if value > high else value)
 
 
-@njit(**CACHED)
-def _ellipse(
-    geometry: Array, i: int, point: tuple[float, float, float], view: View
-) -> tuple[float, float, float]:
+@njit(**INLINE)
+def _to_camera(geometry: Array, i: int, view: View) -> tuple[f32, f32, f32]:
+    """Mean of row i in camera axes."""
+    m, px, py, pz = view.w2c, geometry[i, 0], geometry[i, 1], geometry[i, 2]
+    x = m[0][0] * px + m[0][1] * py + m[0][2] * pz + m[0][3]
+    y = m[1][0] * px + m[1][1] * py + m[1][2] * pz + m[1][3]
+    return x, y, m[2][0] * px + m[2][1] * py + m[2][2] * pz + m[2][3]
+
+
+@njit(**INLINE)
+def _ellipse(geometry: Array, i: int, point: tuple[f32, f32, f32], view: View) -> tuple[f32, f32, f32]:
     """Image covariance xx, xy, yy [px^2] of row i at camera coordinates (EWA splatting, Zwicker 2002)."""
     x, y, z = point
     m, inverse = view.w2c, _ONE / z
@@ -96,45 +103,43 @@ def _ellipse(
     return a0 * s0 + a1 * s1 + a2 * s2, b0 * s0 + b1 * s1 + b2 * s2, b0 * r0 + b1 * r1 + b2 * r2
 
 
-@njit(**CACHED)
-def _pixels(middle: float, reach: float, size: int) -> tuple[int, int]:
+@njit(**INLINE)
+def _pixels(middle: f32, reach: f32, size: int) -> tuple[int, int]:
     """First and last pixel whose centre is within ``reach`` of ``middle``; first > last where none is."""
     limit = f32(size)
-    first = np.int32(_clip(np.ceil(middle - reach - _HALF), _ZERO, limit))
-    return first, np.int32(_clip(np.floor(middle + reach - _HALF), -_ONE, limit - _ONE))
+    first = int(_clip(np.ceil(middle - reach - _HALF), _ZERO, limit))
+    return first, int(_clip(np.floor(middle + reach - _HALF), -_ONE, limit - _ONE))
 
 
-@njit(**CACHED)
+@njit(**INLINE)
 def _record(geometry: Array, i: int, view: View, slab: Slab, k: int) -> bool:
     """Fill slot k of the slab with the ellipse of row i; false where it leaves no trace on the image."""
     record, box = slab.records, slab.boxes
-    m = view.w2c
-    z = m[2][0] * geometry[i, 0] + m[2][1] * geometry[i, 1] + m[2][2] * geometry[i, 2] + m[2][3]
-    x = m[0][0] * geometry[i, 0] + m[0][1] * geometry[i, 1] + m[0][2] * geometry[i, 2] + m[0][3]
-    y = m[1][0] * geometry[i, 0] + m[1][1] * geometry[i, 1] + m[1][2] * geometry[i, 2] + m[1][3]
+    x, y, z = _to_camera(geometry, i, view)
     xx, xy, yy = _ellipse(geometry, i, (x, y, z), view)
     sharp = xx * yy - xy * xy
     xx, yy = xx + _LOW_PASS, yy + _LOW_PASS
     determinant = xx * yy - xy * xy
     if not ((determinant > _ZERO) & (determinant < _MAX_DETERMINANT)):
         return False
-    inverse = _ONE / determinant
+    inverse, shrink = _ONE / z, _ONE / determinant
     peak = geometry[i, OPACITY] * _clip((z - view.near) * view.fade_rate, _ZERO, _ONE)
     if view.antialiased:
-        peak *= np.sqrt(_clip(sharp * inverse, _MIN_COMPENSATION, _ONE))
+        peak *= np.sqrt(_clip(sharp * shrink, _MIN_COMPENSATION, _ONE))
     if peak <= _MIN_ALPHA:
         return False
-    u, v = view.focal[0] * x / z + view.center[0], view.focal[1] * y / z + view.center[1]
+    u = view.focal[0] * x * inverse + view.center[0]
+    v = view.focal[1] * y * inverse + view.center[1]
     reach = _TWO * np.log(peak / _MIN_ALPHA)  # squared, in standard deviations
     box[k, X0], box[k, X1] = _pixels(u, np.sqrt(reach * xx), view.width)
     box[k, Y0], box[k, Y1] = _pixels(v, np.sqrt(reach * yy), view.height)
     record[k, U], record[k, V], record[k, DEPTH] = u, v, z
-    record[k, QA], record[k, QB], record[k, QC] = -_HALF * yy * inverse, xy * inverse, -_HALF * xx * inverse
+    record[k, QA], record[k, QB], record[k, QC] = -_HALF * yy * shrink, xy * shrink, -_HALF * xx * shrink
     record[k, PEAK], record[k, MEMBER] = peak, geometry[i, LABEL]
     return box[k, X0] <= box[k, X1] and box[k, Y0] <= box[k, Y1]
 
 
-@njit(**CACHED)
+@njit(**INLINE)
 def _count_open(box: Array, k: int, tiles: Tiles, columns: int) -> int:
     """Add one to each open tile the box touches; return how many there were."""
     hits = 0
@@ -147,21 +152,16 @@ def _count_open(box: Array, k: int, tiles: Tiles, columns: int) -> int:
     return hits
 
 
-@njit(**CACHED)
+@njit(**INLINE)
 def _hidden(geometry: Array, i: int, view: View, tiles: Tiles, columns: int) -> bool:
     """Whether every tile a small Gaussian could touch is closed; cheaper than projecting it."""
-    m = view.w2c
-    inverse = _ONE / (
-        m[2][0] * geometry[i, 0] + m[2][1] * geometry[i, 1] + m[2][2] * geometry[i, 2] + m[2][3]
-    )
-    u = (m[0][0] * geometry[i, 0] + m[0][1] * geometry[i, 1] + m[0][2] * geometry[i, 2] + m[0][3]) * inverse
-    v = (m[1][0] * geometry[i, 0] + m[1][1] * geometry[i, 1] + m[1][2] * geometry[i, 2] + m[1][3]) * inverse
-    u, v = u * view.focal[0] + view.center[0], v * view.focal[1] + view.center[1]
+    x, y, z = _to_camera(geometry, i, view)
+    inverse = _ONE / z
+    u, v = view.focal[0] * x * inverse + view.center[0], view.focal[1] * y * inverse + view.center[1]
     low, high = view.tangent_low, view.tangent_high
     wide = max(max(-low[0], high[0]), max(-low[1], high[1]))
-    reach = (
-        geometry[i, RADIUS] * max(view.focal[0], view.focal[1]) * inverse * np.sqrt(_ONE + wide * wide) + _TWO
-    )
+    widen = max(view.focal[0], view.focal[1]) * inverse * np.sqrt(_ONE + wide * wide)
+    reach = geometry[i, RADIUS] * widen + _TWO
     if not reach < f32(2 * TILE):
         return False
     first_x, last_x = _pixels(u, reach, view.width)
@@ -192,7 +192,7 @@ def project_slab(geometry: Array, order: Array, view: View, slab: Slab, tiles: T
         row = order[taken]
         taken += 1
         if taken + AHEAD < len(order):
-            prefetch(geometry, order[taken + AHEAD], 1)
+            prefetch(geometry, order[taken + AHEAD], 1)  # type: ignore[call-arg]  # numba adds the first
         if any_closed and _hidden(geometry, row, view, tiles, columns):
             continue
         if _record(geometry, row, view, slab, kept):
@@ -204,7 +204,7 @@ def project_slab(geometry: Array, order: Array, view: View, slab: Slab, tiles: T
     return taken, kept
 
 
-@njit(**CACHED)
+@njit(**INLINE)
 def _list_by_tile(kept: int, slab: Slab, tiles: Tiles, columns: int) -> None:
     """Counting sort of the slab's records by tile; depth order is kept."""
     for tile in range(len(tiles.closed)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from . import FAST, Array, f32
+from . import FAST, FAST_INLINE, Array, f32
 from .splat_cull import View
 from .splat_project import BLUE, GREEN, RED, SOURCE, Slab, prefetch
 
@@ -14,21 +14,21 @@ LINES = 3  # cache lines of a row of degree 3
 _ZERO, _HALF, _ONE = f32(0), f32(0.5), f32(1)
 
 
-@njit(**FAST)
-def _band1(x: float, y: float, z: float) -> tuple[float, ...]:
+@njit(**FAST_INLINE)
+def _band1(x: f32, y: f32, z: f32) -> tuple[f32, ...]:
     c = f32(0.48860251)
     return -c * y, c * z, -c * x
 
 
-@njit(**FAST)
-def _band2(x: float, y: float, z: float) -> tuple[float, ...]:
+@njit(**FAST_INLINE)
+def _band2(x: f32, y: f32, z: f32) -> tuple[f32, ...]:
     c = f32(1.0925484)
     zonal = f32(0.94617470) * z * z - f32(0.31539157)
     return c * x * y, -c * y * z, zonal, -c * x * z, f32(0.54627422) * (x * x - y * y)
 
 
-@njit(**FAST)
-def _band3(x: float, y: float, z: float) -> tuple[float, ...]:
+@njit(**FAST_INLINE)
+def _band3(x: f32, y: f32, z: f32) -> tuple[f32, ...]:
     xx, yy, zz = x * x, y * y, z * z
     side = f32(-0.45704580) * (f32(5) * zz - _ONE)
     return (
@@ -42,10 +42,10 @@ def _band3(x: float, y: float, z: float) -> tuple[float, ...]:
     )
 
 
-@njit(**FAST)
+@njit(**FAST_INLINE)
 def _add_band(
-    color: tuple[float, float, float], sh: Array, row: int, column: int, basis: tuple[float, ...]
-) -> tuple[float, float, float]:
+    color: tuple[f32, f32, f32], sh: Array, row: int, column: int, basis: tuple[f32, ...]
+) -> tuple[f32, f32, f32]:
     """Add the terms of one band, whose coefficients start at ``column``."""
     r, g, b = color
     for k in range(len(basis)):
@@ -69,7 +69,7 @@ def shade_slab(geometry: Array, sh: Array, view: View, slab: Slab, kept: int) ->
     coefficients = sh.shape[1]
     for k in range(kept):
         row = slab.boxes[k, SOURCE]
-        prefetch(sh, slab.boxes[min(k + AHEAD, kept - 1), SOURCE], LINES)
+        prefetch(sh, slab.boxes[min(k + AHEAD, kept - 1), SOURCE], LINES)  # type: ignore[call-arg]
         x, y, z = (
             geometry[row, 0] - view.eye[0],
             geometry[row, 1] - view.eye[1],

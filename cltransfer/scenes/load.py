@@ -1,0 +1,56 @@
+"""A scene by its path."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError, UsageError
+from ..files import content_hash
+from . import Scene
+
+BUILTIN = "builtin:"
+SPLAT_UP = (
+    0.0,
+    -1.0,
+    0.0,
+)  # what trainers of splats mostly leave behind: COLMAP's first camera stood upright
+
+
+def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -> Scene:
+    """Read a scene; its subject is not lifted yet, except in built-in scenes.
+
+    Args:
+        path: a Gaussian-splat ``.ply``, or ``builtin:NAME``.
+        up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and what a built-in scene says.
+
+    Raises:
+        InputError: the file is missing, damaged or of no known kind.
+        UsageError: ``up`` has no direction, or there is no such built-in scene.
+    """
+    if str(path).startswith(BUILTIN):
+        from .builtin import builtin_scene
+
+        scene = builtin_scene(str(path).removeprefix(BUILTIN))
+        if up is not None and not torch.allclose(_unit(up), scene.up):
+            raise UsageError(str(path), "up", f"is {tuple(scene.up.tolist())} in this scene; leave it out")
+        return scene
+    path = Path(path)
+    if path.suffix.lower() != ".ply":
+        raise InputError(
+            path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply or builtin:NAME"
+        )
+    from .ply import read_splats
+
+    splats = read_splats(path)
+    return Scene(splats, None, _unit(up or SPLAT_UP), path.stem, content_hash(path))
+
+
+def _unit(vector: tuple[float, float, float]) -> Tensor:
+    length = math.hypot(*vector)
+    if not (math.isfinite(length) and length > 0):
+        raise UsageError("", "up", f"expected a direction, got {vector}")
+    return torch.tensor(vector, dtype=torch.float64) / length
