@@ -73,11 +73,10 @@ class Body:
     def parts(self) -> list[Part]:
         """Painted surfaces, all marked as the subject."""
         joints = self.joints() / self.height
-        pieces = [*self._torso(joints), *self._head(joints)]
-        for side in (0, 1):
-            pieces += self._limbs(joints[side:12:2])
-        fine = 0.0146 * self.height
-        return [Part(body.scaled(self.height), paint, fine, subject=True) for body, paint in pieces]
+        body = [*self._torso(joints), *self._limbs(joints[0:12:2]), *self._limbs(joints[1:12:2])]
+        pieces = [(*piece, 0.0165) for piece in body] + [(*piece, 0.0085) for piece in self._head(joints)]
+        h = self.height
+        return [Part(shape.scaled(h), paint, spacing * h, subject=True) for shape, paint, spacing in pieces]
 
     def _limbs(self, chain: Array) -> list[tuple[Lathe, Paint]]:
         """Arm and leg of one side, in body heights."""
@@ -99,7 +98,7 @@ class Body:
         g, cloth = self.girth, plain(self.jacket)
         hips, chest = joints[6:8].mean(0), _by(joints[13], 0.0, 0.0, -0.075)
         waist = hips + (chest - hips) * 0.45
-        front = capsule(_by(waist, 0.036, 0.0, 0.0), _by(chest, 0.042, 0.0, 0.035), 0.020, 0.026)
+        front = capsule(_by(waist, 0.039, 0.0, 0.0), _by(chest, 0.045, 0.0, 0.035), 0.020, 0.026)
         return [
             (
                 capsule(hips, _by(waist, 0.0, 0.0, 0.01), 0.088 * g, 0.078 * g, flat=0.66),
@@ -124,8 +123,8 @@ class Body:
             (ball(_by(middle, 0.045, 0.0, -0.033), 0.013, tall=0.3, flat=0.5), lips),
         ]
         for side in _SIDES:
-            eye, ear = _by(middle, 0.046, side * 0.017, 0.006), _by(middle, -0.004, side * 0.045, -0.006)
-            pieces.append((ball(eye, 0.0065, flat=0.6), plain((0.12, 0.10, 0.10), 0.0)))
+            eye, ear = _by(middle, 0.0465, side * 0.0175, 0.006), _by(middle, -0.004, side * 0.045, -0.006)
+            pieces.append((ball(eye, 0.0070, flat=0.6), plain((0.12, 0.10, 0.10), 0.0)))
             pieces.append((ball(ear, 0.006, tall=2.4, flat=2.0), skin))
         return pieces
 

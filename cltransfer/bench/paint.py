@@ -143,7 +143,7 @@ def shade(cells: Cells, occluders: Array, sun: Array) -> Array:
         sky += facing * visibility(raised, occluders, direction, 0.2, 0.25) / len(directions)
     below = 0.5 - 0.5 * normal[:, 2]
     warm, cool, earth = (
-        np.array([1.22, 1.10, 0.90]),
+        np.array([1.02, 0.93, 0.78]),
         np.array([0.80, 0.90, 1.04]),
         np.array([0.34, 0.31, 0.27]),
     )

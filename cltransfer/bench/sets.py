@@ -24,20 +24,22 @@ def courtyard() -> tuple[Body, list[Part]]:
     arcade = openings(bricks(_STONE), _DARK, 2.4, 1.4, (0.0, 2.1))
     windows = openings(bricks((0.78, 0.62, 0.48)), (0.22, 0.26, 0.32), 2.0, 0.8, (1.2, 2.2))
     parts = [
-        Part(Panel((-6.6, -7.2, 0), (18, 0, 0), (0, 14.4, 0)), paving, 0.15),
-        Part(Panel((-6.6, -7.2, 0), (0, 14.4, 0), (0, 0, 5.0)), arcade, 0.15),
-        Part(Panel((11.4, -7.2, 0), (-18, 0, 0), (0, 0, 4.2)), windows, 0.21),
-        Part(Panel((-6.6, 7.2, 0), (18, 0, 0), (0, 0, 4.2)), windows, 0.21),
-        Part(Panel((11.4, 7.2, 0), (0, -14.4, 0), (0, 0, 4.2)), bricks(_STONE), 0.3),
+        Part(Panel((-6.6, -7.2, 0), (18, 0, 0), (0, 16.8, 0)), paving, 0.15),
+        Part(Panel((-6.6, -7.2, 0), (0, 16.8, 0), (0, 0, 5.0)), arcade, 0.16),
+        Part(Panel((11.4, -7.2, 0), (-18, 0, 0), (0, 0, 4.2)), windows, 0.25),
+        Part(Panel((-6.6, 9.6, 0), (18, 0, 0), (0, 0, 4.2)), windows, 0.25),
+        Part(Panel((11.4, 9.6, 0), (0, -16.8, 0), (0, 0, 4.2)), bricks(_STONE), 0.5),
         *_surroundings(),
     ]
-    for y in np.arange(-6.0, 6.1, 2.4):
+    for y in np.arange(-6.0, 8.5, 2.4):
         parts += _column((-5.4, y), 2.7)
-    parts += [Part(p, plain((0.66, 0.36, 0.26), 0.1), 0.2) for p in box((-6.6, -7.2, 2.7), (-5.1, 7.2, 2.95))]
+    parts += [
+        Part(p, plain((0.66, 0.36, 0.26), 0.1), 0.24) for p in box((-6.6, -7.2, 2.7), (-5.1, 9.6, 2.95))
+    ]
     parts += _fountain((-2.6, -2.4))
     for spot, size in (((-3.6, 3.0), 1.1), ((2.2, -5.6), 1.0), ((5.4, 5.8), 1.2)):
         parts += _tree(spot, size, _LEAF)
-    for spot in ((1.15, -1.0), (0.45, 1.55), (3.4, -0.9), (3.0, 3.7), (5.8, -1.7)):
+    for spot in ((1.15, -1.0), (0.45, 1.55), (3.3, -1.9), (3.0, 3.7), (5.8, -1.7)):
         parts += _planter(spot, (0.62, 0.36, 0.26))
     return body, parts
 
@@ -91,12 +93,12 @@ def _surroundings() -> list[Part]:
     towers = (((-19, -9), (-14, -5), 11.0), ((-24, 1), (-19, 6), 14.0), ((-17, 9), (-13, 13), 9.0))
     # a frame of earth round the set: large cells under it would shine through the fine paving
     for corner, along, across in (
-        ((-42, -42), (84, 0, 0), (0, 33, 0)), ((-42, 9), (84, 0, 0), (0, 33, 0)),
-        ((-42, -9), (33, 0, 0), (0, 18, 0)), ((14, -9), (28, 0, 0), (0, 18, 0)),
+        ((-42, -42), (84, 0, 0), (0, 33, 0)), ((-42, 10), (84, 0, 0), (0, 32, 0)),
+        ((-42, -9), (33, 0, 0), (0, 19, 0)), ((14, -9), (28, 0, 0), (0, 19, 0)),
     ):  # fmt: skip
         parts.append(Part(Panel((*corner, -0.02), along, across), plain((0.46, 0.45, 0.40)), 2.0))
     for low, high, rise in towers:
-        parts += _house(low, high, rise, (0.62, 0.60, 0.62), 0.5)
+        parts += _house(low, high, rise, (0.62, 0.60, 0.62), 0.7)
     return parts
 
 
