@@ -1,0 +1,178 @@
+"""Joints, person mask and body orientation by BlazePose (https://arxiv.org/abs/2006.10204)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..crops import Crops, about_boxes
+from ..features import Features
+from ..onnx import Network, find_model
+from ..orientation import orientation_from_axes
+from ..pixels import to_uint8
+from ..registry import EXTRACTORS
+from ..skeleton import from_blazepose
+
+SIDE = 256  # of the crop the network sees [px]
+MARGIN = 1.25  # side of the crop over the longer side of the person
+CUT = 0.04  # a box that ends this near the lower edge [frame heights] shows a body that goes on below
+STANDING = 3.0  # height over width of a standing body
+HIPS, BODY = 33, 34  # auxiliary landmarks: middle of the hips, and a point of the circle about the whole body
+LEFT_SHOULDER, RIGHT_SHOULDER, LEFT_HIP, RIGHT_HIP = 11, 12, 23, 24
+
+
+@dataclass(frozen=True)
+class Poses:
+    """What one pass says of N persons, in pixels and axes of their frames.
+
+    Args:
+        landmarks: (N, 39, 3) as x, y [px], visibility in [0, 1].
+        world: (N, 39, 3) about the hips [m], x right, y down, z forward.
+        mask: logits over the crop, (N, SIDE, SIDE).
+        presence: (N,) in [0, 1].
+        crops: where they were read.
+    """
+
+    landmarks: np.ndarray
+    world: np.ndarray
+    mask: np.ndarray
+    presence: np.ndarray
+    crops: Crops
+
+    def __getitem__(self, keep: np.ndarray) -> Poses:
+        crops = Crops(self.crops.center[keep], self.crops.side[keep], self.crops.up[keep], SIDE)
+        return Poses(self.landmarks[keep], self.world[keep], self.mask[keep], self.presence[keep], crops)
+
+
+def whole_bodies(boxes: np.ndarray, height: int) -> np.ndarray:
+    """Boxes (N, 4) as x, y, width, height [px]; those cut by the lower edge of the frame go on to the feet.
+
+    The network wants the hips in the middle of its crop. In a medium shot they are not in the middle of what is
+    seen, and then it squeezes the body into the box: the waist climbs to the chest and pitch is off by 50 degrees.
+    """
+    grown = boxes.copy()
+    cut = boxes[:, 1] + boxes[:, 3] >= (1 - CUT) * height
+    grown[cut, 3] = np.maximum(boxes[cut, 3], STANDING * boxes[cut, 2])
+    return grown
+
+
+def about_landmarks(landmarks: np.ndarray) -> Crops:
+    """Squares about the hips in which the body stands upright, of landmarks (N, 39, 2 or more)."""
+    hips = landmarks[:, HIPS, :2]
+    axis = landmarks[:, BODY, :2] - hips
+    radius = np.maximum(np.linalg.norm(axis, axis=1), 1.0)
+    return Crops(hips, 2 * MARGIN * radius, axis / radius[:, None], SIDE)
+
+
+def body_orientation(world: Tensor) -> Tensor:
+    """Yaw, pitch, roll (N, 3) [rad] of landmarks (N, 39, 3), seen along the optical axis.
+
+    The network reads the crop as if the camera pointed at it, so the body is on the axis of that camera.
+    """
+    shoulders, hips = world[:, [LEFT_SHOULDER, RIGHT_SHOULDER]], world[:, [LEFT_HIP, RIGHT_HIP]]
+    left = shoulders[:, 0] - shoulders[:, 1] + hips[:, 0] - hips[:, 1]
+    return orientation_from_axes(left, shoulders.mean(1) - hips.mean(1), world.new_tensor([0.0, 0.0, -1.0]))
+
+
+def frame_joints(landmarks: Tensor, size: tuple[int, int]) -> Tensor:
+    """The 14 joints (N, 14, 3) of landmarks (N, 39, 3); out of the frame of ``size`` (W, H) none is visible."""
+    joints = from_blazepose(landmarks)
+    limit = joints.new_tensor(size)
+    inside = ((joints[..., :2] >= 0) & (joints[..., :2] <= limit)).all(-1)
+    return torch.cat([joints[..., :2], torch.where(inside, joints[..., 2], 0.0)[..., None]], dim=-1)
+
+
+@EXTRACTORS.register("pose_blazepose")
+@dataclass(frozen=True)
+class PoseBlazepose:
+    """14 joints, the person's pixels and the orientation of one person per frame, from one look at its box.
+
+    The confidence of a joint is the network's visibility, 0 out of the frame. Without a box or below
+    ``min_presence`` joints and orientation are NaN and the mask is empty.
+
+    Args:
+        model: ONNX file, ``input`` (1, 3, 256, 256) RGB in [0, 1] -> ``output0`` 39 landmarks, ``output1``
+            presence, ``output2`` mask, ``output4`` world landmarks.
+        second_crop: look again at a crop that the first look's landmarks centre and turn upright.
+        min_presence: probability of a person that counts as one, in [0, 1].
+    """
+
+    requires: ClassVar[tuple[str, ...]] = ("image", "box")
+    provides: ClassVar[tuple[str, ...]] = ("keypoints", "subject", "orientation")
+    family: ClassVar[Literal["image", "scene", "both"]] = "image"
+    model: str = "mp_pose_landmark_lite.onnx"
+    second_crop: bool = True
+    min_presence: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.min_presence <= 1:
+            raise ValueError(f"min_presence must be in [0, 1], got {self.min_presence}")
+
+    @property
+    def passes(self) -> int:
+        """Network passes one frame costs."""
+        return 2 if self.second_crop else 1
+
+    @cached_property
+    def network(self) -> Network:
+        """The pose network."""
+        outputs = {"output0": (None, 195), "output1": (None, 1), "output2": (None, 1, SIDE, SIDE)}
+        return Network(
+            find_model(self.model), {"input": (None, 3, SIDE, SIDE)}, {**outputs, "output4": (None, 117)}
+        )
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        """``now`` with ``keypoints``, ``subject`` and ``orientation``.
+
+        Raises:
+            ModelError: the network is missing or refused.
+        """
+        image, box = now.require("image"), now.require("box")
+        count, _, height, width = image.shape
+        scale = np.array([now.size[0] / width, now.size[1] / height])  # image -> size
+        rows, poses = self._poses(to_uint8(image), box[:, :4].double().cpu().numpy() / np.tile(scale, 2))
+        keypoints, orientation = torch.full((count, 14, 3), torch.nan), torch.full((count, 3), torch.nan)
+        subject = torch.zeros((count, height, width), dtype=torch.bool)
+        if poses is not None:
+            landmarks = torch.from_numpy(poses.landmarks * np.append(scale, 1.0)).float()
+            keypoints[rows] = frame_joints(landmarks, now.size)
+            orientation[rows] = body_orientation(torch.from_numpy(poses.world).float())
+            subject[rows] = torch.from_numpy(poses.crops.paste(poses.mask, (width, height), -1.0) > 0)
+        return replace(
+            now,
+            keypoints=keypoints.to(image.device),
+            subject=subject.to(image.device),
+            orientation=orientation.to(image.device),
+        )
+
+    def _poses(self, images: np.ndarray, boxes: np.ndarray) -> tuple[np.ndarray, Poses | None]:
+        """Indices of the frames with a person and their poses, None if there is none."""
+        rows = np.flatnonzero(np.isfinite(boxes).all(axis=1))
+        crops, poses = about_boxes(whole_bodies(boxes[rows], images.shape[1]), MARGIN, SIDE), None
+        for _ in range(self.passes):
+            if len(rows) == 0:
+                return rows, None
+            poses = self._look(images[rows], crops)
+            sure = poses.presence >= self.min_presence
+            rows, poses = rows[sure], poses[sure]
+            crops = about_landmarks(poses.landmarks)
+        return rows, poses
+
+    def _look(self, images: np.ndarray, crops: Crops) -> Poses:
+        rgb = crops.cut(images).transpose(0, 3, 1, 2).astype(np.float32) / 255
+        got = self.network({"input": rgb})
+        landmarks = got["output0"].reshape(-1, 39, 5).astype(np.float64)
+        visibility = torch.sigmoid(torch.from_numpy(landmarks[..., 3:4])).numpy()
+        world = got["output4"].reshape(-1, 39, 3).astype(np.float64)
+        return Poses(
+            np.concatenate([crops.to_frame(landmarks[..., :2]), visibility], axis=-1),
+            np.concatenate([world[..., :2] @ crops.turn, world[..., 2:]], axis=-1),
+            got["output2"][:, 0],
+            got["output1"][:, 0],
+            crops,
+        )
