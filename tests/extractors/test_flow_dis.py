@@ -1,0 +1,58 @@
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from cltransfer.extractors.flow_dis import FlowDis
+from cltransfer.features import Features
+
+
+def texture(seed=0, size=(160, 120), shift=(0.0, 0.0)):
+    """Smooth coloured noise, moved right and down by ``shift`` [px], (1, 3, H, W)."""
+    rng = np.random.default_rng(seed)
+    noise = cv2.GaussianBlur(rng.random((size[1] + 80, size[0] + 80, 3)).astype(np.float32), (0, 0), 2)
+    noise = (noise - noise.min()) / (noise.max() - noise.min())
+    moved = cv2.warpAffine(noise, np.float32([[1, 0, shift[0]], [0, 1, shift[1]]]), noise.shape[1::-1])
+    return torch.from_numpy(moved[40:-40, 40:-40]).permute(2, 0, 1)[None]
+
+
+def features(image, size=None):
+    return Features(size or (image.shape[3], image.shape[2]), image=image)
+
+
+def inner(flow):
+    """Median flow (B, 2) away from the borders."""
+    return flow[:, :, 25:-25, 25:-25].flatten(2).median(2).values
+
+
+@pytest.mark.parametrize(("preset", "height"), [("ultrafast", 360), ("medium", 360), ("medium", 60)])
+def test_flow_points_back_to_where_things_were(preset, height):
+    now, before = texture(shift=(4.0, -3.0)), texture()
+    flow = FlowDis(preset=preset, height=height)(features(now), features(before)).flow
+    assert flow.shape == (1, 2, 120, 160)
+    torch.testing.assert_close(inner(flow), torch.tensor([[-4.0, 3.0]]), atol=0.3, rtol=0)
+
+
+def test_vectors_are_in_pixels_of_the_features_size():
+    now, before = texture(shift=(4.0, -3.0)), texture()
+    flow = FlowDis()(features(now, (320, 360)), features(before, (320, 360))).flow
+    torch.testing.assert_close(inner(flow), torch.tensor([[-8.0, 9.0]]), atol=0.6, rtol=0)
+
+
+def test_one_frame_before_serves_a_batch_and_batch_equals_single():
+    now, before = torch.cat([texture(shift=(2.0, 0)), texture(shift=(0, 5.0))]), texture()
+    flow = FlowDis()(features(now), features(before)).flow
+    torch.testing.assert_close(inner(flow), torch.tensor([[-2.0, 0], [0, -5.0]]), atol=0.3, rtol=0)
+    alone = FlowDis()(features(now[1:]), features(before)).flow
+    assert torch.equal(flow[1:], alone)
+
+
+def test_a_frame_without_one_before_is_nan():
+    flow = FlowDis()(features(texture()), None).flow
+    assert flow.shape == (1, 2, 120, 160)
+    assert flow.isnan().all()
+
+
+def test_a_height_without_room_is_refused():
+    with pytest.raises(ValueError, match="height"):
+        FlowDis(height=8)
