@@ -1,0 +1,96 @@
+"""Depth by any monocular network that was exported to ONNX: Depth Anything, MiDaS, DPT."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..onnx import Network, find_model
+from ..pixels import to_uint8
+from ..registry import EXTRACTORS
+
+
+def depth_from_disparity(disparity: Tensor, floor: float) -> Tensor:
+    """Depth (B, H, W) > 0 of disparity (B, H, W), up to the scale and shift of the network.
+
+    Disparity below ``floor`` times the frame's largest counts as that, so a frame's depths span at most
+    1 / floor. NaN where a frame has no positive disparity.
+    """
+    largest = disparity.amax(dim=(1, 2), keepdim=True)
+    depth = 1 / torch.maximum(disparity, floor * largest)
+    return torch.where(largest > 0, depth, torch.nan)
+
+
+@EXTRACTORS.register("depth_onnx")
+@dataclass(frozen=True)
+class DepthOnnx:
+    """Depth of each pixel as the network sees it; its scale, and for disparity its shift, are unknown.
+
+    Args:
+        model: ONNX file, RGB (1 or B, 3, height, width) -> (1 or B, [1,] h, w).
+        kind: what it puts out. Disparity (nearer is larger) is inverted, see :func:`depth_from_disparity`; of
+            depth what is not positive is NaN.
+        width: of the network's input [px]; the image is stretched to it.
+        height: likewise.
+        mean: of each channel, in [0, 1], subtracted.
+        std: of each channel, divides then.
+        input: name of the input.
+        output: name of the output.
+        floor: smallest disparity over the largest, in (0, 1).
+    """
+
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("depth",)
+    family: ClassVar[Literal["image", "scene", "both"]] = "image"
+    passes: ClassVar[int] = 1
+    model: str
+    kind: Literal["disparity", "depth"]
+    width: int = 518
+    height: int = 518
+    mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
+    std: tuple[float, float, float] = (0.229, 0.224, 0.225)
+    input: str = "pixel_values"
+    output: str = "predicted_depth"
+    floor: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("disparity", "depth"):
+            raise ValueError(f"kind must be disparity or depth, got {self.kind!r}")
+        if min(self.width, self.height) < 1 or min(self.std) <= 0 or not 0 < self.floor < 1:
+            raise ValueError("width, height and std must be positive and floor in (0, 1)")
+
+    @cached_property
+    def network(self) -> Network:
+        """The depth network."""
+        shape = (None, 3, self.height, self.width)
+        return Network(find_model(self.model), {self.input: shape}, {self.output: None})
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        """``now`` with ``depth``, on the pixels of ``image``.
+
+        Raises:
+            ModelError: the network is missing or refused, or its output is no map.
+        """
+        image = now.require("image")
+        raw = self.network({self.input: self._input(image)})[self.output]
+        maps = torch.from_numpy(raw.reshape(len(raw), 1, *raw.shape[-2:]))
+        maps = torch.nn.functional.interpolate(maps, image.shape[2:], mode="bilinear")[:, 0]
+        if self.kind == "disparity":
+            depth = depth_from_disparity(maps, self.floor)
+        else:
+            depth = torch.where(maps > 0, maps, torch.nan)
+        return replace(now, depth=depth.to(image.device))
+
+    def _input(self, image: Tensor) -> np.ndarray:
+        shrinks = image.shape[3] > self.width
+        how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+        rgb = np.stack([cv2.resize(f, (self.width, self.height), interpolation=how) for f in to_uint8(image)])
+        normal = (rgb / 255.0 - np.array(self.mean)) / np.array(self.std)
+        return normal.transpose(0, 3, 1, 2).astype(np.float32)

@@ -1,0 +1,75 @@
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+
+from cltransfer.errors import ModelError
+from cltransfer.extractors.depth_onnx import DepthOnnx, depth_from_disparity
+from cltransfer.features import Features
+from cltransfer.registry import EXTRACTORS
+
+PLAIN = {"width": 32, "height": 16, "mean": [0.0, 0.0, 0.0], "std": [1.0, 1.0, 1.0]}
+
+
+@pytest.fixture
+def planted(tmp_path, monkeypatch):
+    """A network that calls its first channel the depth (or disparity)."""
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+
+    def build(channel_axis=False, batch="batch", **options):
+        pick = numpy_helper.from_array(np.array([0] if channel_axis else 0), "pick")
+        node = helper.make_node("Gather", ["pixel_values", "pick"], ["predicted_depth"], axis=1)
+        shape = [batch, 1, 16, 32] if channel_axis else [batch, 16, 32]
+        image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, [batch, 3, 16, 32])
+        depth = helper.make_tensor_value_info("predicted_depth", TensorProto.FLOAT, shape)
+        graph = helper.make_graph([node], "depth", [image], [depth], [pick])
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+        onnx.save_model(model, str(tmp_path / "planted.onnx"))
+        return EXTRACTORS.build("depth_onnx", {"model": "planted.onnx", **PLAIN, **options})
+
+    return build
+
+
+def halves():
+    """Two frames of 64x32: red 1 on the left, 0.2 on the right; the second frame upside down in time."""
+    image = torch.full((2, 3, 32, 64), 0.5)
+    image[0, 0, :, :32], image[0, 0, :, 32:] = 1.0, 0.2
+    image[1, 0, :, :32], image[1, 0, :, 32:] = 0.4, 0.8
+    return Features((64, 32), image=image)
+
+
+@pytest.mark.parametrize(("channel_axis", "batch"), [(False, "batch"), (True, "batch"), (False, 1)])
+def test_disparity_is_inverted_on_the_pixels_of_the_image(planted, channel_axis, batch):
+    depth = planted(channel_axis, batch, kind="disparity")(halves()).depth
+    assert depth.shape == (2, 32, 64)
+    sides = torch.tensor([[1.0, 5.0], [2.5, 1.25]])
+    torch.testing.assert_close(depth[:, 16][:, [8, 56]], sides, atol=0.02, rtol=0)
+
+
+def test_depth_stays_and_what_is_not_positive_is_nan(planted):
+    features = halves()
+    features.image[1, 0, :, :32] = 0
+    depth = planted(kind="depth")(features).depth
+    torch.testing.assert_close(depth[0, 16, [8, 56]], torch.tensor([1.0, 0.2]), atol=2e-3, rtol=0)
+    assert depth[1, 16, 8].isnan()
+
+
+def test_mean_and_std_are_those_of_each_channel(planted):
+    depth = planted(kind="depth", mean=[0.1, 0.5, 0.5], std=[0.5, 9.0, 9.0])(halves()).depth
+    torch.testing.assert_close(depth[0, 16, [8, 56]], torch.tensor([1.8, 0.2]), atol=5e-3, rtol=0)
+
+
+def test_disparity_near_zero_is_clamped_to_the_floor():
+    depth = depth_from_disparity(torch.tensor([[[10.0, 0.0, -3.0]], [[0.0, 0.0, -1.0]]]), floor=0.01)
+    torch.testing.assert_close(depth[0, 0], torch.tensor([0.1, 10.0, 10.0]))
+    assert depth[1].isnan().all()
+
+
+def test_options_and_foreign_networks_are_refused(planted):
+    with pytest.raises(ValueError, match="kind"):
+        DepthOnnx(model="a.onnx", kind="inverse")
+    with pytest.raises(ValueError, match="std"):
+        DepthOnnx(model="a.onnx", kind="depth", std=(1, 1, 0))
+    with pytest.raises(ModelError, match="input pixel_values"):
+        planted(kind="depth", width=64)(halves())
