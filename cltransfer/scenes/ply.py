@@ -155,7 +155,7 @@ def _harmonics(constant: Array, rest: Array) -> Array:
 
 def _from_trained(table: Array) -> Columns:
     """Values of the INRIA layout: opacity is a logit, scales are logarithms."""
-    with np.errstate(over="ignore"):
+    with np.errstate(all="ignore"):  # what is not finite is counted later
         opacity = 1 / (1 + np.exp(-_stack(table, ["opacity"])[:, 0]))
     rest = _stack(table, _rest_names(table.dtype.names or ()))
     return {
@@ -216,8 +216,9 @@ def _smallest_three(words: Array) -> Array:
 
 def _finite(path: Path, columns: Columns) -> Splats:
     """Splats of the rows that can be drawn; too many others are an error."""
-    scales = np.exp(columns["log_scales"].clip(max=np.log(MAX_SCALE) + 1))
-    length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
+    with np.errstate(all="ignore"):
+        scales = np.exp(columns["log_scales"])
+        length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
     bad = {
         "x, y, z": ~np.isfinite(columns["means"]).all(1),
         "scale": ~(scales <= MAX_SCALE).all(1),

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+import torch
+
+from cltransfer.bench.synthetic_room import synthetic_room
+from cltransfer.errors import InputError, UsageError
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.ply import write_splats
+
+
+def test_a_ply_becomes_a_scene_named_and_keyed_by_its_file(tmp_path):
+    path = tmp_path / "stage.ply"
+    write_splats(path, synthetic_room(200))
+    scene = load_scene(str(path))
+    assert (scene.name, scene.subject) == ("stage", None)
+    assert len(scene.geometry) == 200
+    assert scene.up.tolist() == [0, -1, 0]
+    assert scene.digest == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_up_is_made_a_unit_vector(tmp_path):
+    path = tmp_path / "stage.ply"
+    write_splats(path, synthetic_room(200))
+    assert load_scene(path, up=(0, 0, 5)).up.tolist() == [0, 0, 1]
+    for up in ((0, 0, 0), (0, float("nan"), 1)):
+        with pytest.raises(UsageError, match="up: expected a direction"):
+            load_scene(path, up=up)
+
+
+def test_an_unknown_suffix_and_a_missing_file_are_named(tmp_path):
+    with pytest.raises(InputError, match=r"scene.xyz: no scene has the suffix '.xyz'"):
+        load_scene(tmp_path / "scene.xyz")
+    with pytest.raises(InputError, match="no such file"):
+        load_scene(tmp_path / "scene.ply")
+
+
+def test_a_builtin_scene_has_its_own_up():
+    scene = load_scene("builtin:courtyard")
+    assert scene.subject is not None
+    assert torch.equal(load_scene("builtin:courtyard", up=(0, 0, 2)).up, scene.up)
+    with pytest.raises(UsageError, match="leave it out"):
+        load_scene("builtin:courtyard", up=(1, 0, 0))
+    with pytest.raises(UsageError):
+        load_scene("builtin:nowhere")
