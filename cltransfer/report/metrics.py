@@ -65,15 +65,15 @@ class Row:
 
 def rows(report: ReportData) -> tuple[Row, ...]:
     """One row per term, then the total."""
-    found = [_row(term, term.weight, report.baseline) for term in report.scores.terms]
+    found = [_row(term, report.baseline) for term in report.scores.terms]
     total = Term("total", "", 1.0, report.scores.totals)
     against = None if report.baseline is None else Term("total", "", 1.0, report.baseline.totals).mean
     return (*found, Row("total", "", total.mean, total.mean, total.defined, len(total.values), against, ""))
 
 
-def _row(term: Term, weight: float, baseline: Scores | None) -> Row:
+def _row(term: Term, baseline: Scores | None) -> Row:
     other = None if baseline is None else baseline.term(term.name)
-    weighted = None if term.mean is None else weight * term.mean
+    weighted = None if term.mean is None else term.weight * term.mean
     against = None if other is None else other.mean
     return Row(
         term.name, term.unit, term.mean, weighted, term.defined, len(term.values), against, term.reason
