@@ -33,9 +33,9 @@ def test_constant_depth_is_its_own_mode_row_8() -> None:
 
 
 def test_ties_go_to_the_peak_nearest_the_median_row_8() -> None:
-    values = np.exp(np.repeat([0.0, 1.0, 4.0, 5.0], [200, 10, 1, 200]))  # equal peaks; the median is near the first
-    assert mode_of(values) == pytest.approx(1.0, rel=0.05)
-    assert mode_of(1 / values) == pytest.approx(1.0, rel=0.05)
+    values = np.repeat([0.0, 2.0, 5.0], [200, 20, 200])  # two equal peaks; the median is 2
+    assert mode_of(np.exp(values)) == pytest.approx(1.0)
+    assert mode_of(np.exp(5 - values)) == pytest.approx(np.exp(5.0))
 
 
 def test_mode_follows_scale_and_inversion() -> None:

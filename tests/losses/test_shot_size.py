@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from cltransfer.features import Features
+from cltransfer.losses._person import mask_extent
 from cltransfer.losses.shot_size import ShotSize, degenerate, extent_difference, shot_size_loss
 from cltransfer.testing import sample_features
 
@@ -72,6 +73,18 @@ def test_too_few_joints_compare_the_masks_row_3() -> None:
     masks[1, :, 9:18, 0:64] = True  # a quarter as high, and as wide as the frame
     value = ShotSize()(replace(reference, subject=masks[0]), replace(reference, subject=masks[1]))
     torch.testing.assert_close(value, torch.tensor([0.25]).to(value))
+
+
+def test_extent_of_a_mask_counts_its_first_and_last_pixel() -> None:
+    mask = torch.zeros(1, 10, 20, dtype=torch.bool)
+    mask[:, 2, 3], mask[:, 6, 12] = True, True
+    torch.testing.assert_close(mask_extent(mask), torch.tensor([[10 / 20, 5 / 10]]))
+
+
+def test_joint_without_a_place_is_not_visible_row_20() -> None:
+    nowhere = STANDING.clone()
+    nowhere[:, 0, :2] = torch.nan
+    torch.testing.assert_close(shot_size_loss(nowhere, STANDING), torch.zeros(1))
 
 
 def test_empty_mask_is_undefined_row_3() -> None:
