@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 class Loss(Protocol):
     """What the objective needs of a loss; a frozen dataclass whose fields are its options.
 
-    Optional: ``residuals(reference, rendered) -> (B, R)`` for refiners that use least squares.
+    Optional: ``residuals(reference, rendered) -> (B, R)`` for refiners that use least squares, with ``groups``, the
+    group of each of the R: the loss is the sum over the groups of the norm of their residuals.
     """
 
     requires: ClassVar[tuple[str, ...]]
