@@ -1,0 +1,240 @@
+"""How fast splats render, and how exactly: every comparison is made within one run, on one machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from .. import __version__
+from ..camera import Camera
+from ..files import write_text
+from ..renderers.gaussian_splats import GaussianSplats
+from ..renderers.kernels.splats import count_visible, make_view
+from ..scenes import Scene
+from ..scenes.load import load_scene
+from .synthetic_room import room_cameras, synthetic_room
+
+ALL = GaussianSplats.provides
+GEOMETRY = frozenset({"depth", "label"})
+SIZES = ((160, 90), (320, 180), (640, 360))
+FRAMES = 4  # cameras a call
+Posed = tuple[Scene, Camera]
+BEGIN, END = "<!-- splat rendering: begin -->", "<!-- splat rendering: end -->"
+
+_FIRST_FRAME = """
+import time
+start = time.perf_counter()
+import numpy as np
+from cltransfer.renderers.kernels import splats, splat_pack
+n, one = 10_000, np.ones(10_000, np.float32)
+means = np.random.default_rng(0).uniform((-2, -1, 2), (2, 1, 6), (n, 3)).astype(np.float32)
+covariances = np.broadcast_to(np.eye(3, dtype=np.float32) * 1e-3, (n, 3, 3))
+sh = np.zeros((n, 16, 3), np.float32)
+packed = splat_pack.pack(means, covariances, np.full((n, 3), 0.03, np.float32), one * 0.7, one, sh)
+K = np.array([[130.0, 0, 80], [0, 130, 45], [0, 0, 1]])
+view = splats.make_view(np.eye(4), K, (160, 90), splats.Settings(0.1, 0.3, True))
+splats.render(packed, [view], True, 1)
+print(time.perf_counter() - start, splats.count_visible(packed, view))
+"""
+
+
+@dataclass(frozen=True)
+class SpeedRow:
+    """One setting, timed.
+
+    Args:
+        scene: what was rendered.
+        size: (W, H) [px].
+        setting: backend and buffers.
+        threads: that worked at once.
+        gaussians: in the scene.
+        visible: of them that can touch the frame, mean over the cameras.
+        milliseconds: wall time a frame: lower quartile, median, upper quartile.
+        speedup: median of the torch oracle over this median, where both were timed in turn.
+        psnr: of the image against the oracle's [dB], the least over the seeds.
+    """
+
+    scene: str
+    size: tuple[int, int]
+    setting: str
+    threads: int
+    gaussians: int
+    visible: int
+    milliseconds: tuple[float, float, float]
+    speedup: float | None = None
+    psnr: float | None = None
+
+    HEADER = "scene | size | setting | threads | Gaussians | visible | ms a frame (quartiles) | against torch | PSNR"
+
+    def cells(self) -> list[str]:
+        """What a table shows, in the order of ``HEADER``."""
+        low, median, high = self.milliseconds
+        counts = [f"{self.gaussians:,}", f"{self.visible:,}"]
+        size = f"{self.size[0]}x{self.size[1]}"
+        speedup = "" if self.speedup is None else f"{self.speedup:.0f}x"
+        psnr = "" if self.psnr is None else f"{self.psnr:.0f} dB"
+        timing = f"{median:.1f} ({low:.1f}-{high:.1f})"
+        return [self.scene, size, self.setting, str(self.threads), *counts, timing, speedup, psnr]
+
+    def __str__(self) -> str:
+        return " | ".join(self.cells())
+
+
+def run_speed(seeds: Sequence[int], scene_paths: Iterable[str | Path], quick: bool = False) -> list[SpeedRow]:
+    """Time the kernels against the oracle, over sizes and scenes, and a second process' first frame.
+
+    Args:
+        seeds: of the synthetic rooms; times of all are pooled.
+        scene_paths: scenes to time beside them.
+        quick: few repeats of small settings, to check that the bench works.
+
+    Returns:
+        Rows in the order of the table. Torch and kernels run on one thread where they are compared.
+    """
+    repeats = 2 if quick else 9
+    rows = _against_oracle([_room(2_000 if quick else 10_000, seed) for seed in seeds], repeats)
+    sizes = SIZES[:1] if quick else SIZES
+    for count in (2_000,) if quick else (10_000, 100_000, 500_000):
+        rows += _over_sizes([_room(count, seed) for seed in seeds], sizes, repeats)
+    for path in scene_paths:
+        rows += _over_sizes([_posed(load_scene(path))], sizes, repeats)
+    return [*rows, _second_process(repeats)]
+
+
+def _room(count: int, seed: int) -> Posed:
+    """A synthetic room and the cameras of a search in it."""
+    name = f"room {count // 1000}k"
+    scene = Scene(synthetic_room(count, seed), None, torch.tensor([0.0, 0.0, 1.0]), name, f"{name}:{seed}")
+    return scene, room_cameras(FRAMES, SIZES[0], seed)
+
+
+def _posed(scene: Scene) -> Posed:
+    """A scene and cameras around the bulk of it, a little from above."""
+    means = scene.geometry.means.double()
+    sample = means[:: len(means) // 100_000 + 1]  # torch.quantile takes at most 16 million numbers
+    low, middle, high = (torch.quantile(sample, share, dim=0) for share in (0.05, 0.5, 0.95))
+    side = torch.linalg.cross(scene.up, scene.up.roll(1))
+    angles = torch.arange(FRAMES).double()[:, None] * 2 * torch.pi / FRAMES
+    around = angles.cos() * side + angles.sin() * torch.linalg.cross(scene.up, side)
+    eyes = middle + (high - low).max() * (1.2 * around + 0.25 * scene.up)
+    return scene, Camera.look_at(eyes, middle, scene.up, 0.7, SIZES[0])
+
+
+def _time(renderer: GaussianSplats, posed: Posed, buffers: frozenset[str]) -> float:
+    """Wall time of one call [ms a frame]."""
+    start = time.perf_counter()
+    renderer.render(*posed, buffers)
+    return (time.perf_counter() - start) / len(posed[1]) * 1e3
+
+
+def _quartiles(times: Sequence[float]) -> tuple[float, float, float]:
+    low, median, high = statistics.quantiles(times, n=4, method="inclusive")
+    return low, median, high
+
+
+def _against_oracle(posed: list[Posed], repeats: int) -> list[SpeedRow]:
+    """Kernels and oracle in turn on one thread each, and how far their images are apart."""
+    fast, plain = GaussianSplats(threads=1), GaussianSplats(backend="torch")
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    oracle, kernels, psnr = [], [], []
+    for pair in posed:
+        images = [renderer.render(*pair, ALL).image for renderer in (fast, plain)]
+        psnr.append(-10 * float(((images[0] - images[1]) ** 2).mean().log10()))
+        for _ in range(max(2, repeats // 3)):
+            kernels.append(_time(fast, pair, ALL))
+            oracle.append(_time(plain, pair, ALL))
+    torch.set_num_threads(threads)
+    row = _row(posed[0], "torch, all", 1, oracle)
+    speedup = statistics.median(oracle) / statistics.median(kernels)
+    return [row, replace(_row(posed[0], "numba, all", 1, kernels), speedup=speedup, psnr=min(psnr))]
+
+
+def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: int) -> list[SpeedRow]:
+    """Kernels at each size: all buffers and geometry alone on one thread, and all buffers on two."""
+    rows = []
+    for size in sizes:
+        resized = [(scene, cameras.at_size(size)) for scene, cameras in posed]
+        for setting, buffers, threads in (("all", ALL, 1), ("depth + label", GEOMETRY, 1), ("all", ALL, 2)):
+            renderer = GaussianSplats(threads=threads)
+            for pair in resized:
+                renderer.render(*pair, buffers)  # packs, and loads compiled code
+            times = [_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
+            rows.append(_row(resized[0], f"numba, {setting}", threads, times))
+    return rows
+
+
+def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> SpeedRow:
+    """Row of a scene's times; quartiles, and the Gaussians that can touch the frame."""
+    scene, cameras = posed
+    settings = GaussianSplats().settings
+    views = [
+        make_view(w2c, K, cameras.size, settings) for w2c, K in zip(cameras.w2c.numpy(), cameras.K.numpy())
+    ]
+    visible = round(statistics.mean(count_visible(scene.geometry.packed, view) for view in views))
+    return SpeedRow(
+        scene.name, cameras.size, setting, threads, len(scene.geometry), visible, _quartiles(times)
+    )
+
+
+def _second_process(repeats: int) -> SpeedRow:
+    """From the import of the kernels to the end of the first frame, in a process that finds them compiled."""
+    run = [sys.executable, "-c", _FIRST_FRAME]
+    answers = [
+        subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
+        for _ in range(repeats + 1)
+    ]
+    times = _quartiles([1e3 * float(seconds) for seconds, _ in answers[1:]])  # the first may compile
+    visible = int(answers[0][1])
+    return SpeedRow("second process", SIZES[0], "numba, import and first frame", 1, 10_000, visible, times)
+
+
+def write_benchmarks(rows: Sequence[SpeedRow], path: Path) -> None:
+    """Put the rows into the Markdown file ``path``, between two marker comments that it gets where it has none."""
+    header = SpeedRow.HEADER.split(" | ")
+    table = [header, ["---"] * len(header), *(row.cells() for row in rows)]
+    lines = [
+        BEGIN,
+        "Made by `cltransfer bench speed SCENE.ply --out docs/benchmarks.md`. Wall time, four cameras a call,",
+        "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
+        f"Machine: {_cpu()}, {os.cpu_count()} logical cores, load average {os.getloadavg()[1]:.1f} while measured;",
+        f"torch {torch.__version__}; commit {_commit()}.",
+        "",
+        *("| " + " | ".join(cells) + " |" for cells in table),
+        END,
+    ]
+    section = "\n".join(lines)
+    text = path.read_text(encoding="utf-8") if path.exists() else "# Benchmarks\n"
+    if BEGIN in text and END in text:
+        head, _, rest = text.partition(BEGIN)
+        text = head + section + rest.partition(END)[2]
+    else:
+        text = f"{text.rstrip()}\n\n## Splat rendering\n\n{section}\n"
+    write_text(path, text)
+
+
+def _cpu() -> str:
+    """The processor's name, where the system tells it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _commit() -> str:
+    """Commit of the checkout this runs from, else the version of the package."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return f"cltransfer {__version__}"
+    return answer.stdout.strip() or f"cltransfer {__version__}"
