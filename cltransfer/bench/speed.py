@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from .. import __version__
@@ -119,9 +120,9 @@ def _room(count: int, seed: int) -> Posed:
 
 def _posed(scene: Scene) -> Posed:
     """A scene and cameras around the bulk of it, a little from above."""
-    means = scene.geometry.means.double()
-    sample = means[:: len(means) // 100_000 + 1]  # torch.quantile takes at most 16 million numbers
-    low, middle, high = (torch.quantile(sample, share, dim=0) for share in (0.05, 0.5, 0.95))
+    low, middle, high = torch.from_numpy(
+        np.quantile(scene.geometry.means.numpy(), (0.05, 0.5, 0.95), axis=0)
+    ).double()
     side = torch.linalg.cross(scene.up, scene.up.roll(1))
     angles = torch.arange(FRAMES).double()[:, None] * 2 * torch.pi / FRAMES
     around = angles.cos() * side + angles.sin() * torch.linalg.cross(scene.up, side)
@@ -148,7 +149,7 @@ def _against_oracle(posed: list[Posed], repeats: int) -> list[SpeedRow]:
     torch.set_num_threads(1)
     oracle, kernels, psnr = [], [], []
     for pair in posed:
-        images = [renderer.render(*pair, ALL).image for renderer in (fast, plain)]
+        images = [renderer.render(*pair, ALL).require("image") for renderer in (fast, plain)]
         psnr.append(-10 * float(((images[0] - images[1]) ** 2).mean().log10()))
         for _ in range(max(2, repeats // 3)):
             kernels.append(_time(fast, pair, ALL))

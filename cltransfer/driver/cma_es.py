@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,6 +41,7 @@ class Minimum:
         evaluations: candidates evaluated, the start included.
         generations: asked and told.
         stop: tolerance, patience or generations.
+        shape: square root of the covariance it ended with, (D, D), its longest axis 1 long: which directions are flat.
     """
 
     x: Tensor  # (D,)
@@ -47,12 +49,27 @@ class Minimum:
     evaluations: int
     generations: int
     stop: str
+    shape: Tensor  # (D, D)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a minimisation begins.
+
+    Args:
+        x: (D,) float64.
+        sigma: step size along the longest axis of ``shape``, in the units of x.
+        shape: (D, D) square root of a covariance with a longest axis of 1; None is round.
+    """
+
+    x: Tensor  # (D,)
+    sigma: float
+    shape: Tensor | None = None  # (D, D)
 
 
 def minimise(
     evaluate: Callable[[Tensor], Tensor],
-    start: Tensor,
-    sigma: float,
+    start: Start,
     bounds: tuple[Tensor, Tensor],
     budget: Budget,
     generator: np.random.Generator,
@@ -64,35 +81,36 @@ def minimise(
 
     Args:
         evaluate: totals (B,) of x (B, D), finite.
-        start: (D,) float64.
-        sigma: first step size, in the units of x.
-        bounds: lowest and highest x, (D,) each; infinite where free.
+        start: where to begin.
+        bounds: lowest and highest x, (D,) each; infinite where free. Candidates outside are moved onto them.
         budget: when to stop.
         generator: source of every random number.
     """
     import cma
 
     low, high = bounds
+    shape = torch.eye(len(low), dtype=torch.float64) if start.shape is None else start.shape
+    origin = torch.minimum(torch.maximum(start.x.double(), low), high)
+
+    def to_x(asked: list[np.ndarray]) -> Tensor:
+        x = origin + torch.from_numpy(np.stack(asked)) @ shape.T
+        return torch.minimum(torch.maximum(x, low), high)
+
     options = {
         "verbose": -9,
         "seed": math.nan,  # pycma then leaves numpy's global state alone
         "randn": lambda *shape: generator.standard_normal(shape),
         "popsize": budget.popsize,
-        "bounds": [_open(low), _open(high)],
     }
-    inside = torch.minimum(torch.maximum(start.double(), low + 1e-9), high - 1e-9)
-    strategy = cma.CMAEvolutionStrategy(inside.numpy(), sigma, options)
-    best, total = inside, float(evaluate(inside[None])[0])
+    strategy = cma.CMAEvolutionStrategy(np.zeros(len(low)), start.sigma, options)
+    best, total = origin, float(evaluate(origin[None])[0])
     evaluations, waited, generation, stop = 1, 0, 0, "generations"
     while generation < budget.generations:
-        if total <= budget.tolerance:
-            stop = "tolerance"
-            break
-        if waited >= budget.patience:
-            stop = "patience"
+        if total <= budget.tolerance or waited >= budget.patience:
+            stop = "tolerance" if total <= budget.tolerance else "patience"
             break
         asked = strategy.ask()
-        x = torch.from_numpy(np.stack(asked))
+        x = to_x(asked)
         totals = evaluate(x)
         strategy.tell(asked, totals.tolist())
         evaluations, generation, waited = evaluations + len(x), generation + 1, waited + 1
@@ -101,8 +119,11 @@ def minimise(
             waited = 0
         if float(totals[index]) < total:
             best, total = x[index], float(totals[index])
-    return Minimum(best, total, evaluations, generation, stop)
+    return Minimum(best, total, evaluations, generation, stop, _shape(strategy, shape))
 
 
-def _open(limit: Tensor) -> list[float | None]:
-    return [value if math.isfinite(value) else None for value in limit.tolist()]
+def _shape(strategy: Any, before: Tensor) -> Tensor:
+    """Square root of the strategy's covariance in the units of x, its longest axis 1 long."""
+    values, vectors = torch.linalg.eigh(torch.from_numpy(np.array(strategy.C)))
+    root = before @ (vectors * values.clamp_min(0).sqrt())
+    return root / torch.linalg.matrix_norm(root, 2)

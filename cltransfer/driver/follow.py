@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..features import Features
-from .cma_es import Budget, Minimum, minimise
+from .cma_es import Budget, Minimum, Start, minimise
 from .stage import Stage
 
 
@@ -62,7 +62,8 @@ def follow(
 ) -> Path:
     """Find a camera for every frame of ``reference``, in order.
 
-    Sequential because flow spans a frame and the one before (paper Sec. 9). Each frame has its own random numbers,
+    Sequential because flow spans a frame and the one before (paper Sec. 9). A warm frame starts where the last ones
+    lead, and with the covariance the last one learned: neighbours have nearly the same landscape. Each frame has its own random numbers,
     derived from the seed and its index, so that a frame does not depend on how long the ones before it took.
 
     Args:
@@ -88,11 +89,12 @@ def follow(
             cameras = search.cameras(x, home, subject)
             return stage.objective.totals(stage.terms(reference[i], cameras, before), defined[i])
 
-        warm = schedule.warm and i > 0
-        start = _warm_start(xs, totals) if warm else at_home
-        sigma = schedule.warm_sigma if warm else schedule.sigma
+        if schedule.warm and i > 0:
+            start = Start(_predicted(xs, totals), schedule.warm_sigma, found[-1].shape)
+        else:
+            start = Start(at_home, schedule.sigma)
         generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
-        minimum = minimise(totals, start, sigma, (low[:D], high[:D]), schedule.budget, generator)
+        minimum = minimise(totals, start, (low[:D], high[:D]), schedule.budget, generator)
         stage.spent.generations += minimum.generations
         xs.append(minimum.x)
         found.append(minimum)
@@ -102,7 +104,7 @@ def follow(
     return Path(x, search.cameras(x, home, subject), tuple(found))
 
 
-def _warm_start(xs: list[Tensor], totals: Callable[[Tensor], Tensor]) -> Tensor:
+def _predicted(xs: list[Tensor], totals: Callable[[Tensor], Tensor]) -> Tensor:
     """The last frame, or the last motion continued, whichever scores better."""
     if len(xs) < 2:
         return xs[-1]

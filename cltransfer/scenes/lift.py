@@ -132,7 +132,7 @@ def _find(scene: Scene, look: Look) -> tuple[Tensor, float]:
         if got is not None and (best is None or got[0] > best[0]):
             best = got
     if best is None:
-        hint = "another way up? --up X,Y,Z, or give views: --view FILE"
+        hint = "is another way up? --up X,Y,Z, or give views: --view FILE"
         raise InputError(scene.name, "lift", "no person found in any view", hint)
     for _ in range(2):
         closer = _measure(ring(best[1], best[2], scene.up, 8), look)

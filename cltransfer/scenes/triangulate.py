@@ -47,8 +47,9 @@ def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float)
     points = _intersect(P[pairs], xy[pairs])  # (M, 3)
     errors = _reprojection(P, xy, points)  # (M, V)
     close = errors < tolerance
-    score = close.sum(1) - (errors * close).sum(1) / (close.sum(1).clamp_min(1) * tolerance) * 0.5
-    best = close[int(score.argmax())]
+    agreeing = close.sum(1)
+    mean_error = torch.where(close, errors, 0.0).sum(1) / agreeing.clamp_min(1)
+    best = close[int((agreeing - mean_error / (2 * tolerance)).argmax())]  # most views, then the closest
     if int(best.sum()) < 2:
         return Triangulated(torch.full((3,), float("nan"), dtype=torch.float64), agreed, error)
     point = _intersect(P[best][None], xy[best][None])

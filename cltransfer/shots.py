@@ -10,11 +10,11 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
-from ..camera import Camera, intrinsics
-from ..errors import UsageError
-from ..scenes import Scene
-from ..subject import Subject
-from ..trajectory import Trajectory
+from .camera import Camera, intrinsics
+from .errors import UsageError
+from .scenes import Scene
+from .subject import Subject
+from .trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def builtin_reference(name: str, size: tuple[int, int], frames: int = 24) -> tup
     Raises:
         UsageError: there is no such shot.
     """
-    from ..scenes.builtin import builtin_scene
+    from .scenes.builtin import builtin_scene
 
     scene = builtin_scene("plaza")
     assert scene.subject is not None

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cltransfer.bench.surfaces import Cells, Panel, ball, box, capsule
+from cltransfer.scenes.builtin.surfaces import Cells, Panel, ball, box, capsule
 
 
 def area(cells: Cells) -> float:

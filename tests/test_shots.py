@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from cltransfer.bench.shots import SHOTS, Setup, builtin_reference, shot
+from cltransfer.shots import SHOTS, Setup, builtin_reference, shot
 from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene

@@ -1,7 +1,7 @@
 import numpy as np
 
-from cltransfer.bench.paint import bricks, checker, openings, plain, shade, visibility
-from cltransfer.bench.surfaces import Cells, Panel, box
+from cltransfer.scenes.builtin.paint import bricks, checker, openings, plain, shade, visibility
+from cltransfer.scenes.builtin.surfaces import Cells, Panel, box
 
 SUN = np.array([0.6, 0.0, 0.8])
 

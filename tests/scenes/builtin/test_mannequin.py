@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cltransfer.bench.mannequin import Body
-from cltransfer.bench.surfaces import Cells
+from cltransfer.scenes.builtin.mannequin import Body
+from cltransfer.scenes.builtin.surfaces import Cells
 from cltransfer.skeleton import JOINTS
 
 

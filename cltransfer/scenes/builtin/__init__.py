@@ -9,13 +9,13 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 
-from ..bench.paint import Part, shade
-from ..bench.sets import SETS
-from ..bench.surfaces import Array, Cells
-from ..errors import UsageError
-from ..subject import Subject
-from . import Scene
-from .splats import Splats
+from .paint import Part, shade
+from .sets import SETS
+from .surfaces import Array, Cells
+from ...errors import UsageError
+from ...subject import Subject
+from .. import Scene
+from ..splats import Splats
 
 VERSION = 2  # part of the digest: raise it when the same name and seed give other Gaussians
 

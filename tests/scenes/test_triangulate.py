@@ -1,0 +1,53 @@
+"""One point from many views, some of which are wrong."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.scenes.triangulate import triangulate
+
+
+def ring(views: int) -> Camera:
+    azimuth = torch.arange(views, dtype=torch.float64) * (2 * math.pi / views)
+    eye = torch.stack([4 * torch.cos(azimuth), 4 * torch.sin(azimuth), 0.5 + 0.1 * azimuth], dim=1)
+    return Camera.look_at(eye, torch.zeros(1, 3), torch.tensor([0.0, 0, 1]), 0.7, (640, 360))
+
+
+POINT = torch.tensor([[0.2, -0.1, 0.4]], dtype=torch.float64)
+
+
+def test_exact_pixels_give_the_exact_point() -> None:
+    cameras = ring(8)
+    pixels = cameras.project(POINT)[0][:, 0]
+    found = triangulate(cameras, pixels, torch.ones(8, dtype=torch.bool), 8.0)
+    torch.testing.assert_close(found.point, POINT[0], atol=1e-9, rtol=0)
+    assert bool(found.agreed.all())
+    assert float(found.error.max()) < 1e-6
+
+
+def test_wrong_views_are_outvoted_and_named() -> None:
+    cameras = ring(10)
+    pixels = cameras.project(POINT)[0][:, 0]
+    pixels[[1, 4, 7]] += torch.tensor([60.0, -40.0], dtype=torch.float64)
+    found = triangulate(cameras, pixels, torch.ones(10, dtype=torch.bool), 8.0)
+    torch.testing.assert_close(found.point, POINT[0], atol=1e-6, rtol=0)
+    assert (~found.agreed).nonzero()[:, 0].tolist() == [1, 4, 7]
+
+
+def test_a_pair_that_meets_behind_a_camera_does_not_spoil_the_rest() -> None:
+    cameras = ring(6)
+    pixels = cameras.project(POINT)[0][:, 0]
+    pixels[0] = torch.tensor([-4000.0, 180.0])  # its rays meet others behind the cameras: infinite errors
+    found = triangulate(cameras, pixels, torch.ones(6, dtype=torch.bool), 8.0)
+    torch.testing.assert_close(found.point, POINT[0], atol=1e-6, rtol=0)
+
+
+def test_fewer_than_two_views_leave_the_point_unknown() -> None:
+    cameras = ring(4)
+    pixels = cameras.project(POINT)[0][:, 0]
+    found = triangulate(cameras, pixels, torch.tensor([True, False, False, False]), 8.0)
+    assert bool(torch.isnan(found.point).all())
+    assert not bool(found.agreed.any())
