@@ -20,6 +20,7 @@ MAX_DROPPED = 0.01  # share of Gaussians that may be left out because they are n
 MIN_SCALE = 1e-9  # scene units; a flat Gaussian is a very thin one
 MAX_SCALE = 1e9  # scene units; beyond it the squares of the renderers overflow
 CHUNK = 256  # Gaussians that share a range in the compressed layout
+BLOCK = 2**16  # rows read at a time
 _SH0 = 0.28209479177387814
 _HINT = "is it a Gaussian-splat PLY?"
 
@@ -49,11 +50,12 @@ def read_splats(path: Path) -> Splats:
         ply = PlyData.read(str(path), mmap="r")
     except (PlyParseError, ValueError, UnicodeDecodeError) as error:
         raise InputError(path, "header", f"not readable: {error}") from None
-    if "packed_position" in elements["vertex"].types:
-        columns = _from_compressed({name: ply[name].data for name in elements})
-    else:
-        columns = _from_trained(ply["vertex"].data)
-    return _finite(path, columns)
+    with np.errstate(all="ignore"):  # what is not finite is counted, not warned of
+        if "packed_position" in elements["vertex"].types:
+            columns = _from_compressed({name: ply[name].data for name in elements})
+        else:
+            columns = _from_trained(ply["vertex"].data)
+        return _finite(path, columns)
 
 
 def write_splats(path: Path, splats: Splats) -> None:
@@ -140,30 +142,29 @@ def _check_rest(path: Path, count: int) -> None:
 
 
 def _stack(table: Array, names: Sequence[str]) -> Array:
-    """Columns side by side, (N, len(names)) float32."""
+    """Columns side by side, (N, len(names)) float32; in blocks, so that each row is fetched once."""
     out = np.empty((len(table), len(names)), np.float32)
-    for column, name in enumerate(names):
-        out[:, column] = table[name]
+    for start in range(0, len(table), BLOCK):
+        rows = slice(start, start + BLOCK)
+        for column, name in enumerate(names):
+            out[rows, column] = table[rows][name]
     return out
 
 
-def _harmonics(constant: Array, rest: Array) -> Array:
-    """SH (N, K, 3) of the constant term (N, 3) and the others (N, 3 (K - 1)) as stored, channel by channel."""
-    others = rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)
-    return np.concatenate([constant[:, None], others], axis=1)
+def _harmonic_names(table: Array) -> list[str]:
+    """f_rest columns in the order coefficient, channel; files keep each channel together."""
+    count = len(_rest_names(table.dtype.names or ())) // 3
+    return [f"f_rest_{channel * count + k}" for k in range(count) for channel in range(3)]
 
 
 def _from_trained(table: Array) -> Columns:
     """Values of the INRIA layout: opacity is a logit, scales are logarithms."""
-    with np.errstate(all="ignore"):  # what is not finite is counted later
-        opacity = 1 / (1 + np.exp(-_stack(table, ["opacity"])[:, 0]))
-    rest = _stack(table, _rest_names(table.dtype.names or ()))
     return {
         "means": _stack(table, POSITION),
         "log_scales": _stack(table, SCALE),
         "quats": _stack(table, ROTATION),
-        "opacity": opacity,
-        "sh": _harmonics(_stack(table, COLOR), rest),
+        "opacity": 1 / (1 + np.exp(-_stack(table, ["opacity"])[:, 0])),
+        "sh": _stack(table, [*COLOR, *_harmonic_names(table)]).reshape(len(table), -1, 3),
     }
 
 
@@ -187,24 +188,23 @@ def _from_compressed(tables: dict[str, Array]) -> Columns:
     color = np.stack([_unorm(vertex["packed_color"], shift, 8) for shift in (24, 16, 8)], axis=1)
     if "min_r" in (chunk.dtype.names or ()):
         color = between(color, "", "rgb")
-    rest = np.zeros((len(vertex), 0), np.float32)
+    sh = (color - np.float32(0.5)) / np.float32(_SH0)
     if "sh" in tables:
-        rest = _stack(tables["sh"], _rest_names(tables["sh"].dtype.names or ())) * np.float32(8 / 255) - 4
+        rest = _stack(tables["sh"], _harmonic_names(tables["sh"])) * np.float32(8 / 255) - 4
+        sh = np.concatenate([sh, rest], axis=1)
     return {
         "means": between(triple(vertex["packed_position"]), ""),
         "log_scales": between(triple(vertex["packed_scale"]), "scale_"),
         "quats": _smallest_three(vertex["packed_rotation"]),
         "opacity": _unorm(vertex["packed_color"], 0, 8),
-        "sh": _harmonics((color - np.float32(0.5)) / np.float32(_SH0), rest),
+        "sh": sh.reshape(len(vertex), -1, 3),
     }
 
 
 def _smallest_three(words: Array) -> Array:
     """Quaternions (N, 4) w, x, y, z: two bits say which is largest, ten bits each give the others in turn."""
-    small = np.stack([_unorm(words, shift, 10) for shift in (20, 10, 0)], axis=1) * np.float32(
-        2
-    ) - np.float32(1)
-    small *= np.float32(np.sqrt(0.5))
+    small = np.stack([_unorm(words, shift, 10) for shift in (20, 10, 0)], axis=1)
+    small = (2 * small - 1) * np.float32(np.sqrt(0.5))
     largest = np.sqrt((1 - (small**2).sum(1)).clip(0))
     quats = np.empty((len(words), 4), np.float32)
     index = words >> 30
@@ -216,9 +216,8 @@ def _smallest_three(words: Array) -> Array:
 
 def _finite(path: Path, columns: Columns) -> Splats:
     """Splats of the rows that can be drawn; too many others are an error."""
-    with np.errstate(all="ignore"):
-        scales = np.exp(columns["log_scales"])
-        length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
+    scales = np.exp(columns["log_scales"])
+    length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
     bad = {
         "x, y, z": ~np.isfinite(columns["means"]).all(1),
         "scale": ~(scales <= MAX_SCALE).all(1),
@@ -232,11 +231,7 @@ def _finite(path: Path, columns: Columns) -> Splats:
         name, rows = next((name, rows) for name, rows in bad.items() if rows.any())
         reason = f"not finite or out of range in Gaussian {int(rows.argmax())}; {dropped} of {len(keep)} are unusable"
         raise InputError(path, f"property {name}", reason)
-    arrays = (
-        columns["means"],
-        scales.clip(min=MIN_SCALE),
-        columns["quats"] / np.where(keep[:, None], length, 1),
-    )
-    means, scales_, quats = (torch.from_numpy(a[keep]) for a in arrays)
-    opacity, sh = torch.from_numpy(columns["opacity"][keep]), torch.from_numpy(columns["sh"][keep])
-    return Splats(means, scales_, quats, opacity, sh, torch.zeros(len(means)), dropped)
+    quats = columns["quats"] / np.where(keep[:, None], length, 1)
+    arrays = (columns["means"], scales.clip(min=MIN_SCALE), quats, columns["opacity"], columns["sh"])
+    tensors = [torch.from_numpy(a[keep] if dropped else a) for a in arrays]
+    return Splats(*tensors, label=torch.zeros(len(tensors[0])), dropped=dropped)

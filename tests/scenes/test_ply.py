@@ -266,3 +266,13 @@ def test_the_robot_changes_colour_with_the_view():
     )
     images = [GaussianSplats().render(s, camera, frozenset({"image"})).image for s in (scene, plain)]
     assert float((images[0] - images[1]).abs().max()) > 0.05
+
+
+def test_a_damaged_range_of_a_chunk_is_an_error_without_warnings(tmp_path, recwarn):
+    data = compressed([(0, 0, 0, 255)] * 4)
+    start = data.index(b"end_header\n") + 11
+    for value in (math.nan, math.inf):
+        damaged = data[:start] + np.float32(value).tobytes() + data[start + 4 :]
+        with pytest.raises(InputError, match="property x, y, z: not finite"):
+            read(tmp_path, damaged)
+    assert len(recwarn) == 0
