@@ -232,6 +232,12 @@ def _finite(path: Path, columns: Columns) -> Splats:
         reason = f"not finite or out of range in Gaussian {int(rows.argmax())}; {dropped} of {len(keep)} are unusable"
         raise InputError(path, f"property {name}", reason)
     quats = columns["quats"] / np.where(keep[:, None], length, 1)
-    arrays = (columns["means"], scales.clip(min=MIN_SCALE), quats, columns["opacity"], columns["sh"])
-    tensors = [torch.from_numpy(a[keep] if dropped else a) for a in arrays]
-    return Splats(*tensors, label=torch.zeros(len(tensors[0])), dropped=dropped)
+    arrays = {
+        "means": columns["means"],
+        "scales": scales.clip(min=MIN_SCALE),
+        "quats": quats,
+        "opacity": columns["opacity"],
+        "sh": columns["sh"],
+    }
+    tensors = {name: torch.from_numpy(a[keep] if dropped else a) for name, a in arrays.items()}
+    return Splats(**tensors, label=torch.zeros(len(keep) - dropped), dropped=dropped)
