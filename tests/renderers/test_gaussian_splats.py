@@ -231,16 +231,16 @@ def test_what_opaque_tiles_hide_is_skipped_and_nothing_else():
     # a wall fills the first slabs and closes the left tiles up to pixel 32; wide Gaussians behind it stick out
     torch.manual_seed(0)
     wall = torch.rand(20_000, 3) * torch.tensor([2.06, 3.0, 0.1]) + torch.tensor([-2.0, -1.5, 2.0])
-    behind = torch.rand(1000, 3) * torch.tensor([4.0, 5.0, 1.0]) + torch.tensor([-3.0, -2.5, 5.0])
+    behind = torch.rand(100, 3) * torch.tensor([4.0, 5.0, 1.0]) + torch.tensor([-3.0, -2.5, 5.0])
     parts = [balls(wall.tolist(), 0.03, 0.95, [[0.2, 0.4, 0.6]] * len(wall))]
     parts.append(
-        balls(behind.tolist(), 0.4, 0.5, [[0.9, 0.5, 0.1]] * len(behind)).with_label(torch.ones(1000))
+        balls(behind.tolist(), 0.4, 0.5, [[0.9, 0.5, 0.1]] * len(behind)).with_label(torch.ones(100))
     )
     names = ("means", "scales", "quats", "opacity", "sh", "label")
     splats = Splats(**{n: torch.cat([getattr(part, n) for part in parts]) for n in names})
     fast, plain = both(splats, forward_camera((64, 48), 50.0))
     assert fast.label[0, :, :24].max() < 1e-3
-    assert fast.label[0, :, 36:42].mean() > 0.5
+    assert fast.label[0, :, 36:42].mean() > 0.2
     torch.testing.assert_close(fast.label, plain.label, atol=1e-2, rtol=0)
     assert psnr(fast.image, plain.image) >= 60
 
