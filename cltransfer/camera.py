@@ -133,6 +133,11 @@ def intrinsics(focal: Tensor, size: tuple[int, int]) -> Tensor:
     return K
 
 
+def resized(camera: Camera, size: tuple[int, int]) -> Camera:
+    """The same cameras with square pixels on a grid of nearly the same shape; the vertical field of view is kept."""
+    return Camera(camera.w2c, intrinsics(camera.focal * size[1] / camera.size[1], size), size)
+
+
 def concatenate(cameras: Sequence[Camera]) -> Camera:
     """One batch of several; all must share one size."""
     sizes = {camera.size for camera in cameras}

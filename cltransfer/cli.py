@@ -125,8 +125,8 @@ def transfer(
     folder = open_run(out or default_folder(scene, reference))
     with progress(quiet) as report:
         result = run(inputs, settings, report)
-        write_run(folder, result, inputs, settings, allow_plugin or [])
-    _show(summary_values(folder, result), summary_lines(folder, result), as_json)
+        shown = write_run(folder, result, inputs, settings, allow_plugin or [])
+    _show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
 
 
 @app.command()
@@ -134,23 +134,30 @@ def evaluate(
     reference: Annotated[str, typer.Argument(help="Video or image folder.")],
     render: Annotated[str, typer.Argument(help="Video or image folder; its frames are paired by time.")],
     overrides: Overrides = None,
+    out: Out = None,
     config: Config = None,
     allow_plugin: Allow = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Score the clip RENDER against the clip REFERENCE; no scene is needed."""
+    """Score the clip RENDER against the clip REFERENCE; no scene is needed.
+
+    With --out it leaves metrics.json, metrics.csv and report.html in that folder.
+    """
     settings = _settings(config, overrides or [], allow_plugin)
     from .evaluate import evaluate as run
-    from .evaluate import score_values
     from .progress import progress
-    from .report.table import score_table
+    from .report.metrics import metrics_json, metrics_table, write_metrics
+    from .report.page import write_report
     from .threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
     with progress(quiet) as report:
-        scored, times = run(reference, render, settings, report)
-    _show(score_values(scored, times), score_table(scored), as_json)
+        shown = run(reference, render, settings, report)
+    if out is not None:
+        write_metrics(out, shown)
+        write_report(out, shown)
+    _show(metrics_json(shown), metrics_table(shown), as_json)
 
 
 @app.command()
@@ -189,12 +196,16 @@ def lift(
     """
     settings = _settings(config, overrides or [], None)
     from .progress import progress
-    from .run_folder import default_folder, lift_lines, lift_to_folder
-    from .scenes.lift import summary
+    from .run_folder import default_folder
+    from .scenes.lift_folder import Lifting, lift_lines, lift_to_folder
+    from .scenes.lifted import summary
+    from .threads import set_threads, thread_count
 
+    set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
+    wanted = Lifting(scene, _vector(up), tuple(view or ()), views)
     with progress(quiet) as report:
-        found = lift_to_folder(scene, _vector(up), settings, view or [], views, folder, report)
+        found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
     _show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
 
 

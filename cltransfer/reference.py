@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from . import __version__
+from .config import RunConfig
 from .errors import InputError
 from .feature_file import FeatureFile
 from .features import Features
@@ -40,6 +41,15 @@ class Components:
     renderer: Any
     extractors: Mapping[str, Any]
     losses: Mapping[str, Any]
+
+    @classmethod
+    def build(cls, config: RunConfig) -> Components:
+        """Components of ``config``.
+
+        Raises:
+            UsageError: an option has the wrong type or range.
+        """
+        return cls(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
 
     def plan(self, family: Family, shared: frozenset[str] | None = None) -> Plan:
         """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).

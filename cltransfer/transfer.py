@@ -16,7 +16,6 @@ from .driver.follow import Path as FoundPath
 from .driver.follow import Schedule, follow, smoothed, still
 from .driver.initial_view import best_of_orbit, view_from_file
 from .driver.stage import Spent, Stage
-from .evaluate import Score, score
 from .features import Features
 from .graph import Family
 from .objective import Objective
@@ -33,6 +32,7 @@ from .reference import (
 from .scenes import Scene
 from .scenes.lifted import cached_lift, lift_scene, load_person, save_lift
 from .scenes.load import load_scene
+from .scores import Scores, score, tabulate
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
 
@@ -71,6 +71,7 @@ class Result:
         searched: the score in the search, by the inner extractors at the search size.
         verified: the score of the rendered frames as they are kept; it is what the run reports.
         held: the same for the first view held still.
+        free_lens: whether the focal length was searched too.
         read_by: image (networks on both sides) or geometry (a scene taught a scene).
         path: smooth or exact, whichever was kept.
         found: each frame's minimum.
@@ -83,9 +84,10 @@ class Result:
     trajectory: Trajectory
     home: Camera
     image: Tensor  # (N, 3, H, W) uint8
-    searched: Score
-    verified: Score
-    held: Score
+    searched: Scores
+    verified: Scores
+    held: Scores
+    free_lens: bool
     read_by: str
     path: str
     found: FoundPath
@@ -103,7 +105,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     """
     clock = Clock()
     set_threads(config.threads or thread_count())
-    parts = Components(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
+    parts = Components.build(config)
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
     reading = Reading(config.frames, config.output_side, family)
     reference = read_reference(inputs.reference, parts, reading, progress)
@@ -114,12 +116,12 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     clock.lap("scene")
 
     plan = parts.plan(family, shared=reference.features.names())
-    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses))
-    size = fit(reference.features.size, config.search_side)
+    small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
     if inputs.init == "auto":
-        home = best_of_orbit(stage, reference.features[0], size)
+        home = best_of_orbit(stage, reference.features[0], output)
     else:
-        home = view_from_file(Path(inputs.init), size)
+        home = view_from_file(Path(inputs.init), output)
     clock.lap("initial view")
     schedule = _schedule(config, stage.objective, reference.features)
     count = len(reference)
@@ -127,18 +129,15 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     cameras, kind = _smooth(stage, search, reference.features, home, found, config.smooth)
     clock.lap("search")
 
-    output = fit(reference.features.size, config.output_side)
-    trajectory = Trajectory(cameras.at_size(output), reference.times)
+    trajectory = Trajectory(cameras, reference.times)
     image = render_frames(scene, parts, trajectory.camera, progress)
     clock.lap("render")
     terms = stage.path_terms(reference.features, cameras)
-    defined = stage.objective.defined(reference.features)
-    totals = stage.objective.totals(terms, defined)
-    searched = Score(stage.objective.names, terms, defined, totals, {})
+    searched = tabulate(stage.objective, reference.features, terms, reference.missing)
     verified, held, read_by = _verify(stage, parts, reference, trajectory, image, config)
     clock.lap("verification")
     return Result(
-        scene, reference, trajectory, home, image, searched, verified, held, read_by, kind, found, stage.spent,
+        scene, reference, trajectory, home, image, searched, verified, held, schedule.free_lens, read_by, kind, found, stage.spent,
         clock.seconds,
     )  # fmt: skip
 
@@ -216,7 +215,7 @@ def _smooth(
 
 def _verify(
     stage: Stage, parts: Components, reference: Reference, trajectory: Trajectory, image: Tensor, config: RunConfig
-) -> tuple[Score, Score, str]:
+) -> tuple[Scores, Scores, str]:
     """Scores of the result and of its first view held still, by what the reference was read with."""
     plan = parts.plan(reference.family)
     if reference.family == "image" and config.extract.verify:
@@ -226,10 +225,11 @@ def _verify(
         stage.spent.network_passes += (len(image) + 2) * plan.passes
         read_by = "image"
     else:
-        rendered = _read_path(stage, trajectory.camera)
-        held = _read_path(stage, still(trajectory.camera, len(trajectory)))
+        full = replace(stage, size=trajectory.camera.size)
+        rendered = _read_path(full, trajectory.camera)
+        held = _read_path(full, still(trajectory.camera, len(trajectory)))
         read_by = "image" if reference.family == "image" and config.extract.inner == "image" else "geometry"
-    scores = [score(stage.objective, plan, reference.features, f) for f in (rendered, held)]
+    scores = [score(stage.objective, reference.features, f, reference.missing) for f in (rendered, held)]
     return scores[0], scores[1], read_by
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from ..camera import Camera
+from ..camera import Camera, resized
 from ..errors import InputError, UsageError
 from ..features import Features
 from ..search.subject_orbit import SCALE, SubjectOrbit
@@ -27,12 +27,7 @@ def view_from_file(path: Path, size: tuple[int, int]) -> Camera:
     Raises:
         InputError: the file is no trajectory.
     """
-    camera = Trajectory.load(path).camera[0]
-    scale = size[1] / camera.size[1]
-    K = camera.K.clone()
-    K[:, [0, 1], [0, 1]] *= scale
-    K[:, 0, 2], K[:, 1, 2] = size[0] / 2, size[1] / 2
-    return Camera(camera.w2c, K, size)
+    return resized(Trajectory.load(path).camera[0], size)
 
 
 def orbit(subject: Subject, size: tuple[int, int]) -> Camera:

@@ -37,6 +37,7 @@ class Stage:
         renderer: by what.
         plan: extractors that read the renders.
         objective: the active losses.
+        size: (W, H) of the renders [px]; cameras of any size are rendered at this one.
         spent: the counter.
     """
 
@@ -44,11 +45,13 @@ class Stage:
     renderer: Any
     plan: Plan
     objective: Objective
+    size: tuple[int, int]
     spent: Spent = field(default_factory=Spent)
 
     def features(self, cameras: Camera, before: Features | None) -> Features:
         """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame."""
-        rendered = self.renderer.render(self.scene, cameras, self.plan.buffers - {"camera", "person"})
+        buffers = self.plan.buffers - {"camera", "person"}
+        rendered = self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
         self.spent.renders += len(cameras)
         self.spent.network_passes += len(cameras) * self.plan.passes
         return run(self.plan, rendered, before)

@@ -5,65 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import torch
 from torch import Tensor
 
+from ..scores import Scores
 from ..subject import Subject
 from ..trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class Term:
-    """One loss over N frames.
-
-    Args:
-        name: of the loss.
-        unit: of its raw value.
-        weight: lambda of Eq. 15.
-        values: raw, (N,); NaN where undefined.
-        reason: why it is undefined, where it is.
-    """
-
-    name: str
-    unit: str
-    weight: float
-    values: Tensor  # (N,)
-    reason: str = ""
-
-    @property
-    def defined(self) -> int:
-        """Frames that have a value."""
-        return int(torch.isfinite(self.values).sum())
-
-    @property
-    def mean(self) -> float | None:
-        """Mean raw value over the frames that have one; None where none has."""
-        values = self.values[torch.isfinite(self.values)]
-        return float(values.mean()) if len(values) else None
-
-
-@dataclass(frozen=True)
-class Scores:
-    """All terms of one path.
-
-    Args:
-        terms: in the order of the config, of N frames each.
-        totals: weighted sum of Eq. 15 per frame, (N,), with what the objective charges for undefined terms.
-    """
-
-    terms: tuple[Term, ...]
-    totals: Tensor  # (N,)
-
-    def __post_init__(self) -> None:
-        for term in self.terms:
-            if term.values.shape != self.totals.shape:
-                raise ValueError(
-                    f"{term.name} must be {tuple(self.totals.shape)}, got {tuple(term.values.shape)}"
-                )
-
-    def term(self, name: str) -> Term | None:
-        """The term called ``name``."""
-        return next((term for term in self.terms if term.name == name), None)
 
 
 @dataclass(frozen=True)
@@ -85,7 +31,7 @@ class ReportData:
         baseline: of the first view held still, where measured.
         trajectory: the cameras found, None where clips were only scored.
         subject: the person in the scene, where known.
-        reference_frames: (N, 3, H, W) uint8.
+        reference_frames: (N, 3, H, W) uint8, None where only its features were kept.
         render_frames: (N, 3, H2, W2) uint8.
         flags: what a reader should know.
         spent: what the run cost, by name (evaluations, renders, network passes, seconds, stop reasons).
@@ -98,7 +44,7 @@ class ReportData:
     baseline: Scores | None
     trajectory: Trajectory | None
     subject: Subject | None
-    reference_frames: Tensor  # (N, 3, H, W)
+    reference_frames: Tensor | None  # (N, 3, H, W)
     render_frames: Tensor  # (N, 3, H2, W2)
     flags: tuple[Flag, ...] = ()
     spent: Mapping[str, int | float | str] = field(default_factory=dict)

@@ -16,7 +16,8 @@ import torch
 
 from ..subject import Subject
 from ..trajectory import Trajectory
-from .data import ReportData, Term
+from ..scores import Term
+from .data import ReportData
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,8 @@ from typing import Any
 from torch import Tensor
 
 from ..files import write_json, write_text
-from .data import ReportData, Scores, Term
+from ..scores import Scores, Term
+from .data import ReportData
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "better by")
 

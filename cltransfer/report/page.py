@@ -24,10 +24,10 @@ _QUALITY = 82  # of JPEG
 
 @dataclass(frozen=True)
 class Pair:
-    """One column of the strip: the time [s] and both frames as data URIs."""
+    """One column of the strip: the time [s] and both frames as data URIs; the reference may have no pixels."""
 
     time: str
-    reference: str
+    reference: str | None
     render: str
 
 
@@ -69,7 +69,7 @@ def _pairs(report: ReportData) -> list[Pair]:
     return [
         Pair(
             f"{float(report.times[i]):.2f} s",
-            _data_uri(report.reference_frames[i]),
+            None if report.reference_frames is None else _data_uri(report.reference_frames[i]),
             _data_uri(report.render_frames[i]),
         )
         for i in indices.tolist()

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.driver.cma_es import Budget, Minimum, minimise
+from cltransfer.driver.cma_es import Budget, Minimum, Start, minimise
 
 CENTER = torch.tensor([0.3, -0.2, 0.6], dtype=torch.float64)
 
@@ -19,7 +19,7 @@ def bowl(x: Tensor) -> Tensor:
 def solve(seed: int = 0, budget: Budget | None = None, start: Tensor | None = None, box: float = 1.0) -> Minimum:
     start = torch.zeros(3, dtype=torch.float64) if start is None else start
     bounds = (torch.full((3,), -box, dtype=torch.float64), torch.full((3,), box, dtype=torch.float64))
-    return minimise(bowl, start, 0.1, bounds, budget or Budget(), np.random.Generator(np.random.PCG64(seed)))
+    return minimise(bowl, Start(start, 0.1), bounds, budget or Budget(), np.random.Generator(np.random.PCG64(seed)))
 
 
 def test_a_bowl_is_solved() -> None:
@@ -47,7 +47,7 @@ def test_the_box_is_respected() -> None:
         return bowl(x)
 
     low, high = torch.full((3,), -0.1, dtype=torch.float64), torch.full((3,), 0.1, dtype=torch.float64)
-    minimise(watched, torch.zeros(3), 0.3, (low, high), Budget(20), np.random.Generator(np.random.PCG64(0)))
+    minimise(watched, Start(torch.zeros(3), 0.3), (low, high), Budget(20), np.random.Generator(np.random.PCG64(0)))
     x = torch.cat(seen)
     assert bool((x >= low).all())
     assert bool((x <= high).all())
@@ -56,7 +56,7 @@ def test_the_box_is_respected() -> None:
 def test_an_infinite_bound_is_free() -> None:
     low = torch.tensor([-torch.inf, -1, -1], dtype=torch.float64)
     start = torch.tensor([4.0, 0, 0], dtype=torch.float64)
-    found = minimise(bowl, start, 0.3, (low, -low), Budget(200), np.random.Generator(np.random.PCG64(0)))
+    found = minimise(bowl, Start(start, 0.3), (low, -low), Budget(200), np.random.Generator(np.random.PCG64(0)))
     torch.testing.assert_close(found.x, CENTER, atol=1e-4, rtol=0)
 
 
@@ -74,7 +74,7 @@ def test_a_flat_landscape_ends_by_patience_and_keeps_the_start() -> None:
     start = torch.full((3,), 0.25, dtype=torch.float64)
     bounds = (-torch.ones(3, dtype=torch.float64), torch.ones(3, dtype=torch.float64))
     generator = np.random.Generator(np.random.PCG64(0))
-    found = minimise(lambda x: torch.ones(len(x)), start, 0.1, bounds, Budget(100, 20), generator)
+    found = minimise(lambda x: torch.ones(len(x)), Start(start, 0.1), bounds, Budget(100, 20), generator)
     assert (found.stop, found.generations) == ("patience", 20)
     torch.testing.assert_close(found.x, start)
 
@@ -82,3 +82,20 @@ def test_a_flat_landscape_ends_by_patience_and_keeps_the_start() -> None:
 def test_the_result_is_never_worse_than_the_start() -> None:
     found = solve(start=CENTER.clone(), budget=Budget(5))
     assert found.total <= 1e-12
+
+
+def test_a_learned_shape_saves_evaluations_on_a_stretched_bowl() -> None:
+    stretch = torch.tensor([1.0, 30.0, 900.0], dtype=torch.float64)
+    box = (torch.full((3,), -5.0, dtype=torch.float64), torch.full((3,), 5.0, dtype=torch.float64))
+
+    def valley(x: Tensor) -> Tensor:
+        return (stretch * (x - CENTER) ** 2).sum(1)
+
+    def run(start: Start) -> Minimum:
+        return minimise(valley, start, box, Budget(200, 200, tolerance=1e-6), np.random.Generator(np.random.PCG64(0)))
+
+    zero = torch.zeros(3, dtype=torch.float64)
+    learned = run(Start(zero, 0.1))
+    again = run(Start(zero, 0.1, learned.shape))
+    assert torch.linalg.matrix_norm(learned.shape, 2) == pytest.approx(1)
+    assert again.evaluations < 0.7 * learned.evaluations

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.report.data import Scores, Term
+from cltransfer.scores import Scores, Term
 
 
 def term(name: str, values: list[float], reason: str = "") -> Term:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.report.data import Scores, Term
+from cltransfer.scores import Scores, Term
 from cltransfer.report.metrics import metrics_table, rows, write_metrics
 
 NAN = float("nan")

@@ -1,0 +1,55 @@
+"""The lift to judge by eye: every view with the mask it voted with, joints seen and joints found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..files import atomic
+from ..skeleton import VISIBLE
+
+if TYPE_CHECKING:
+    from ..scenes.lift import Lift
+
+COLUMNS = 4
+TINT = np.array([80, 160, 40])  # BGR of the mask
+SEEN, FOUND = (255, 220, 0), (40, 40, 255)  # BGR of a joint the network saw, and of the one triangulated
+
+
+def write_contact_sheet(path: Path, image: Tensor, found: Lift) -> None:
+    """Write a PNG of all views: mask tinted, seen joints as dots, found joints as rings.
+
+    Args:
+        path: ``.png``.
+        image: the views, (V, 3, H, W) in [0, 1].
+        found: the lift they were used for.
+    """
+    tiles = [_tile(image[v], found, v) for v in range(len(image))]
+    blank = np.zeros_like(tiles[0])
+    tiles += [blank] * (-len(tiles) % COLUMNS)
+    rows = [np.hstack(tiles[i : i + COLUMNS]) for i in range(0, len(tiles), COLUMNS)]
+    with atomic(path) as temporary:
+        if not cv2.imwrite(str(temporary), np.vstack(rows)):
+            raise OSError(0, "the picture could not be written", str(path))
+
+
+def _tile(image: Tensor, found: Lift, view: int) -> np.ndarray:
+    frame = (image.clamp(0, 1).permute(1, 2, 0).numpy()[..., ::-1] * 255).astype(np.uint8).copy()
+    mask = found.features.require("subject")[view].numpy()
+    frame[mask] = (0.6 * frame[mask] + 0.4 * TINT).astype(np.uint8)
+    for x, y, confidence in found.features.require("keypoints")[view].tolist():
+        if confidence > VISIBLE:
+            cv2.circle(frame, (round(x), round(y)), 2, SEEN, -1, cv2.LINE_AA)
+    pixels, depth = found.cameras[view].project(found.subject.joints)
+    shown = torch.isfinite(pixels[0, :, 0]) & (depth[0] > 0)
+    for x, y in pixels[0][shown].tolist():
+        cv2.circle(frame, (round(x), round(y)), 5, FOUND, 1, cv2.LINE_AA)
+    with_person = bool(torch.isfinite(found.features.require("box")[view, 0]))
+    text = f"view {view}" if with_person else f"view {view}: no person"
+    cv2.putText(frame, text, (8, 20), cv2.FONT_HERSHEY_DUPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+    return frame

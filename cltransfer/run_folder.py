@@ -1,0 +1,195 @@
+"""What a run leaves behind, and how it is read again. Every file is whole or not there; DONE is written last."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from . import __version__
+from .clip import write_video
+from .config import RunConfig, load_config
+from .doctor import PACKAGES
+from .errors import InputError, UsageError
+from .export.nerfstudio import write_camera_path
+from .files import read_json, write_json, write_text
+from .losses.shot_size import degenerate
+from .reference import Components, Progress
+from .report.data import Flag, ReportData
+from .report.metrics import metrics_json, metrics_table, write_metrics
+from .report.page import write_report
+from .report.side_by_side import side_by_side
+from .scenes.load import load_scene
+from .scenes.named import recall, remember
+from .threads import set_threads, thread_count
+from .trajectory import Trajectory
+from .camera import resized
+from .transfer import Inputs, Result, fit, render_frames
+
+MANIFEST, DONE = "manifest.json", "DONE"
+
+
+def default_folder(scene: str, reference: str) -> Path:
+    """``outputs/<scene>/<reference>/<UTC time>``."""
+    stamp = datetime.now(timezone.utc).strftime("%Y%m%d-%H%M%S")
+    return Path("outputs") / _name(scene) / _name(reference) / stamp
+
+
+def _name(source: str) -> str:
+    return Path(source.removeprefix("builtin:")).stem.replace("@", "-") or "run"
+
+
+def open_run(folder: Path) -> Path:
+    """Make ``folder``, or take over the run that is there.
+
+    Raises:
+        UsageError: there is something else in it.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / MANIFEST).is_file():
+        raise UsageError(folder, "--out", "is neither empty nor a run", "name another folder")
+    (folder / DONE).unlink(missing_ok=True)
+    return folder
+
+
+def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
+    """Write everything a run leaves behind; returns what its report shows."""
+    write_json(folder / MANIFEST, _manifest(result, config, plugins))
+    write_text(folder / "config.yaml", config.to_yaml())
+    remember(result.scene.digest, inputs.scene)
+    trajectory, reference = result.trajectory, result.reference
+    trajectory.save(folder / "trajectory.json")
+    write_camera_path(folder / "camera" / "camera_path.json", trajectory)
+    write_video(folder / "video" / "frames.mkv", result.image, trajectory.times, lossless=True)
+    write_video(folder / "video" / "render.mp4", result.image, trajectory.times)
+    if reference.image is not None:
+        both = side_by_side(reference.image, result.image, trajectory.times)
+        write_video(folder / "video" / "side_by_side.mp4", both, trajectory.times)
+    if result.scene.subject is not None:
+        result.scene.subject.save(folder / "subject.json")
+    report = report_data(folder, result, inputs)
+    write_metrics(folder, report)
+    write_report(folder, report)
+    write_text(folder / DONE, "")
+    return report
+
+
+def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
+    """The run as its report shows it."""
+    spent: dict[str, int | float | str] = dict(asdict(result.spent))
+    spent["evaluations_per_frame"] = round(result.spent.evaluations / len(result.trajectory), 1)
+    spent |= {f"seconds, {step}": round(seconds, 2) for step, seconds in result.seconds.items()}
+    spent["seconds"] = round(sum(result.seconds.values()), 2)
+    stops = Counter(minimum.stop for minimum in result.found.frames)
+    spent["stopped by"] = ", ".join(f"{reason} {count}" for reason, count in sorted(stops.items()))
+    spent["path"] = result.path
+    spent["read by"] = "networks" if result.read_by == "image" else "geometry"
+    spent["total in the search"] = round(float(result.searched.totals.mean()), 4)
+    command = shlex.join(
+        ["cltransfer", "transfer", inputs.scene, inputs.reference, "--init", inputs.init]
+        + ["--config", str(folder / "config.yaml")]
+    )
+    return ReportData(
+        title=f"{result.reference.name} in {result.scene.name}",
+        times=result.trajectory.times,
+        scores=result.verified,
+        baseline=result.held,
+        trajectory=result.trajectory,
+        subject=result.scene.subject,
+        reference_frames=result.reference.image,
+        render_frames=result.image,
+        flags=_flags(result),
+        spent=spent,
+        command=command,
+    )
+
+
+def _flags(result: Result) -> tuple[Flag, ...]:
+    flags = [Flag(None, f"{term.name}: {term.reason}") for term in result.verified.terms if term.reason]
+    if not result.free_lens:
+        flags.append(Flag(None, "focal length kept: without filmic space it cannot be told apart from distance"))
+    reference = result.reference.features
+    if reference.has("keypoints"):
+        few = degenerate(reference).nonzero()[:, 0].tolist()
+        flags += [Flag(i, "fewer than two key joints in the reference: size is not certain") for i in few]
+    for term in result.verified.terms:
+        if not term.reason:
+            lost = (~torch.isfinite(term.values)).nonzero()[:, 0].tolist()
+            flags += [Flag(i, f"{term.name} undefined") for i in lost if (i, term.name) != (0, "camera_movement")]
+    return tuple(sorted(flags, key=lambda flag: -1 if flag.frame is None else flag.frame))
+
+
+def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:
+    return {
+        "format": "cltransfer.run",
+        "version": 1,
+        "cltransfer": __version__,
+        "scene": {"name": result.scene.name, "sha256": result.scene.digest, "up": result.scene.up.tolist()},
+        "reference": {"name": result.reference.name, "sha256": result.reference.digest},
+        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "seed": config.seed,
+        "threads": config.threads or thread_count(),
+        "plugins": list(plugins),
+    }
+
+
+def summary_values(folder: Path, report: ReportData) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {"folder": str(folder), **metrics_json(report)}
+
+
+def summary_lines(folder: Path, report: ReportData) -> str:
+    """The table of metrics, the flags of the whole run, and where everything is."""
+    lines = [report.title, "", metrics_table(report), ""]
+    lines += [f"note: {flag.reason}" for flag in report.flags if flag.frame is None]
+    for name in ("video/side_by_side.mp4", "video/render.mp4", "trajectory.json", "camera/camera_path.json", "report.html"):
+        if (folder / name).is_file():
+            lines.append(f"{name.partition('/')[2] or name:<18} {os.path.relpath(folder / name)}")
+    return "\n".join(lines)
+
+
+def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path | None, progress: Progress) -> Path:
+    """Render the video of a run again; returns the file.
+
+    Args:
+        run: folder of the run.
+        overrides: config on top of the run's, e.g. ``output_side=1280``.
+        scene: the scene, where this computer has not seen it; it must have the content the run was made with.
+        out: the video; None is ``RUN/video/render.mp4``.
+        progress: called with a step, frames done, frames in all.
+
+    Raises:
+        InputError: the folder is no run, or the scene is another one.
+    """
+    if not (run / MANIFEST).is_file():
+        raise InputError(run, MANIFEST, "no such file", "expected the folder of a run")
+    try:
+        digest, up = read_json(run / MANIFEST)["scene"]["sha256"], read_json(run / MANIFEST)["scene"]["up"]
+        direction = (float(up[0]), float(up[1]), float(up[2]))
+    except (KeyError, TypeError, ValueError, IndexError):
+        raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
+    config = load_config(run / "config.yaml", overrides)
+    set_threads(config.threads or thread_count())
+    parts = Components.build(config)
+    source = scene or recall(str(digest))
+    loaded = load_scene(source, direction)
+    if loaded.digest != digest:
+        raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
+    trajectory = Trajectory.load(run / "trajectory.json")
+    cameras = resized(trajectory.camera, fit(trajectory.camera.size, config.output_side))
+    image = render_frames(loaded, parts, cameras, progress)
+    target = out or run / "video" / "render.mp4"
+    write_video(target, image, trajectory.times)
+    return target

@@ -1,0 +1,82 @@
+"""The lift as a verb: scene in; subject.json, labels and a contact sheet out, the cache filled."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..camera import Camera, concatenate
+from ..config import RunConfig
+from ..reference import Components
+from ..report.contact_sheet import write_contact_sheet
+from ..trajectory import Trajectory
+from .lift import SIZE, Lift
+from .lifted import LABELS, SUBJECT, VIEWS, cached_lift, lift_scene, save_lift, summary
+from .load import load_scene
+from .named import remember
+
+SHEET = "contact_sheet.png"
+
+
+@dataclass(frozen=True)
+class Lifting:
+    """What is to be lifted.
+
+    Args:
+        scene: a scene file.
+        up: upwards in it; None takes the format's usual one.
+        view: trajectory files to look from; none looks from a ring around the person.
+        views: how many of a ring.
+    """
+
+    scene: str
+    up: tuple[float, float, float] | None = None
+    view: tuple[Path, ...] = ()
+    views: int = VIEWS
+
+
+def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: Callable[[str], None]) -> Lift:
+    """Lift the person of a scene and write what is known of it.
+
+    A ring of the usual number of views also fills the cache that ``transfer`` looks in.
+
+    Raises:
+        InputError: the scene is damaged, or no person is found.
+        ModelError: a network is missing.
+    """
+    parts = Components.build(config)
+    scene = load_scene(wanted.scene, wanted.up)
+    found = lift_scene(scene, parts.renderer, parts.extractors, _given(wanted.view), wanted.views, progress)
+    save_lift(folder, found)
+    image = parts.renderer.render(scene, found.cameras, frozenset({"image"})).image
+    write_contact_sheet(folder / SHEET, image, found)
+    if not wanted.view and wanted.views == VIEWS:
+        save_lift(cached_lift(scene, parts.extractors).parent, found)
+    remember(scene.digest, wanted.scene)
+    return found
+
+
+def _given(files: tuple[Path, ...]) -> Camera | None:
+    if not files:
+        return None
+    cameras = [Trajectory.load(file).camera for file in files]
+    width = SIZE[0]
+    return concatenate([c.at_size((width, round(width * c.size[1] / c.size[0]))) for c in cameras])
+
+
+def lift_lines(folder: Path, found: Lift) -> str:
+    """What was found, joint by joint, and where it is."""
+    told = summary(found)
+    error = told["median_error_widths"]
+    lines = [
+        f"person in {told['views_with_person']} of {told['views']} views; {told['joints_known']} of 14 joints; "
+        f"median reprojection {100 * error:.2f} % of the frame width; {told['labelled']} primitives labelled",
+        f"{'joint':<16}{'seen':>6}{'agreed':>8}{'error [% width]':>18}",
+    ]
+    for name, joint in told["joints"].items():
+        shown = "not known" if joint["error_widths"] is None else f"{100 * joint['error_widths']:.2f}"
+        lines.append(f"{name:<16}{joint['seen']:>6}{joint['agreed']:>8}{shown:>18}")
+    lines += [f"{name:<20} {os.path.relpath(folder / name)}" for name in (SUBJECT, LABELS, SHEET)]
+    return "\n".join(lines)
