@@ -241,7 +241,7 @@ def test_what_opaque_tiles_hide_is_skipped_and_nothing_else():
     fast, plain = both(splats, forward_camera((64, 48), 50.0))
     assert fast.label[0, :, :24].max() < 1e-3
     assert fast.label[0, :, 36:42].mean() > 0.2
-    torch.testing.assert_close(fast.label, plain.label, atol=1e-2, rtol=0)
+    torch.testing.assert_close(fast.label, plain.label, atol=2e-4, rtol=0)
     assert psnr(fast.image, plain.image) >= 60
 
 
