@@ -68,28 +68,27 @@ class Outputs(NamedTuple):
 def _blend(planes: Array, base: int, slab: Slab, k: int, corner: tuple[int, int], color: bool | None) -> None:
     """Blend record k into the tile at ``corner``; a finished pixel carries its transmittance negative."""
     record, box = slab.records, slab.boxes
-    u, v, peak, depth, member = (
-        record[k, U],
-        record[k, V],
-        record[k, PEAK],
+    left, top = corner
+    u, v, peak = record[k, U], record[k, V], record[k, PEAK]
+    qa, qb, qc, depth, member = (
+        record[k, QA],
+        record[k, QB],
+        record[k, QC],
         record[k, DEPTH],
         record[k, MEMBER],
     )
-    qa, qb, qc = record[k, QA], record[k, QB], record[k, QC]
     red, green, blue = record[k, RED], record[k, GREEN], record[k, BLUE]
-    first_row, last_row = max(box[k, Y0] - corner[1], 0), min(box[k, Y1] - corner[1], TILE - 1)
-    first_strip, last_strip = (
-        max(box[k, X0] - corner[0], 0) // LANES,
-        min(box[k, X1] - corner[0], TILE - 1) // LANES,
-    )
+    first_row, last_row = max(box[k, Y0] - top, 0), min(box[k, Y1] - top, TILE - 1)
+    first_strip = max(box[k, X0] - left, 0) // LANES
+    last_strip = min(box[k, X1] - left, TILE - 1) // LANES
     for strip in range(first_strip, last_strip + 1):
-        left = f32(corner[0] + strip * LANES) + _HALF - u
+        first_dx = f32(left + strip * LANES) + _HALF - u
         at = base + np.uint64(strip) * STRIP_AREA + np.uint64(first_row) * np.uint64(LANES)
         for row in range(first_row, last_row + 1):
-            dy = f32(corner[1] + row) + _HALF - v
+            dy = f32(top + row) + _HALF - v
             across, along = qc * dy * dy, qb * dy
             for lane in range(np.uint64(LANES)):  # no branches, unit stride: becomes vector instructions
-                dx = left + f32(lane)
+                dx = first_dx + f32(lane)
                 e = max(across + dx * (along + qa * dx), _LOWEST_POWER) * f32(0.125)
                 e = _E0 + e * (_E1 + e * (_E2 + e * (_E3 + e * (_E4 + e * _E5))))
                 e = e * e

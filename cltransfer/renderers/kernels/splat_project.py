@@ -22,14 +22,8 @@ U, V, QA, QB, QC, PEAK, DEPTH, MEMBER, RED, GREEN, BLUE, RECORD = range(12)
 # columns of a box: first and last pixel, and the Gaussian's row
 X0, X1, Y0, Y1, SOURCE, BOX = range(6)
 
-_LOW_PASS, _MIN_ALPHA, _ZERO, _HALF, _ONE, _TWO = (
-    f32(LOW_PASS),
-    f32(MIN_ALPHA),
-    f32(0),
-    f32(0.5),
-    f32(1),
-    f32(2),
-)
+_LOW_PASS, _MIN_ALPHA = f32(LOW_PASS), f32(MIN_ALPHA)
+_ZERO, _HALF, _ONE, _TWO = f32(0), f32(0.5), f32(1), f32(2)
 _MIN_COMPENSATION = f32(2.5e-5)  # of det / blurred det, as gsplat
 _MAX_DETERMINANT = f32(1e37)  # [px^4]; beyond it float32 overflows
 
@@ -47,7 +41,7 @@ class Tiles(NamedTuple):
     closed: Array  # (T,) uint8, 1 where every pixel is opaque
     starts: Array  # (T + 1,) int32
     cursor: Array  # (T,) int32, scratch
-    pairs: Array  # (max(PAIRS, T),) int32
+    pairs: Array  # (PAIRS + T,) int32, so that one Gaussian always fits
 
 
 @intrinsic(prefer_literal=True)
