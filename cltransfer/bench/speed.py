@@ -207,6 +207,7 @@ def write_benchmarks(rows: Sequence[SpeedRow], path: Path) -> None:
         BEGIN,
         "Made by `cltransfer bench speed SCENE.ply --out docs/benchmarks.md`. Wall time, four cameras a call,",
         "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
+        "Two threads gain only where a second core is free, which the load average tells.",
         f"Machine: {_cpu()}, {os.cpu_count()} logical cores, load average {os.getloadavg()[1]:.1f} while measured;",
         f"torch {torch.__version__}; commit {_commit()}.",
         "",
