@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Optional
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -33,17 +33,17 @@ plugins_app = typer.Typer(help="Components: what there is, and their options.", 
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
 
-Config = Annotated[Optional[Path], typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
+Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
 Allow = Annotated[
-    Optional[list[str]],
+    list[str] | None,
     typer.Option("--allow-plugin", help="Run this plugin's code: an installed plugin's name, a file or a folder."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
-Up = Annotated[Optional[str], typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
-Out = Annotated[Optional[Path], typer.Option("--out", "-o", help="Folder for the results.")]
+Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")]
 SceneArg = Annotated[str, typer.Argument(help="Gaussian-splat .ply, or builtin:courtyard, builtin:plaza.")]
-Overrides = Annotated[Optional[list[str]], typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
+Overrides = Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 
@@ -88,16 +88,16 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 @app.command()
 def transfer(
     arguments: Annotated[
-        Optional[list[str]],
+        list[str] | None,
         typer.Argument(
             metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
-            help="Scene: a splat .ply or builtin:NAME (default builtin:courtyard). Reference: a video, an image folder, "
-            "a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
+            help="Scene: a splat .ply or builtin:NAME (default builtin:courtyard). Reference: a video, an image "
+            "folder, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
         ),
     ] = None,
     out: Out = None,
     init: Annotated[str, typer.Option(help="Initial view: auto, or a trajectory file (its first camera).")] = "auto",
-    subject: Annotated[Optional[Path], typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
+    subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
     up: Up = None,
     config: Config = None,
     print_config: Annotated[bool, typer.Option("--print-config", help="Print the merged config and stop.")] = False,
@@ -115,7 +115,9 @@ def transfer(
     if print_config:
         print(settings.to_yaml(), end="")
         return
-    scene, reference = [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
+    scene, reference = (
+        [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
+    )
     from .progress import progress
     from .run_folder import default_folder, open_run, summary_lines, summary_values, write_run
     from .transfer import Inputs
@@ -164,8 +166,8 @@ def evaluate(
 def render(
     run: Annotated[Path, typer.Argument(help="Folder of a run.")],
     overrides: Overrides = None,
-    scene: Annotated[Optional[str], typer.Option(help="The scene, where this computer has not seen it before.")] = None,
-    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="Video; default RUN/video/render.mp4.")] = None,
+    scene: Annotated[str | None, typer.Option(help="The scene, where this computer has not seen it before.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Video; default RUN/video/render.mp4.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Render the video of RUN again, at another size if you like: output_side=1280."""
@@ -182,7 +184,7 @@ def lift(
     scene: SceneArg,
     overrides: Overrides = None,
     out: Out = None,
-    view: Annotated[Optional[list[Path]], typer.Option(help="Trajectory files to look from (repeatable).")] = None,
+    view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
     views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
     up: Up = None,
     config: Config = None,
@@ -211,10 +213,14 @@ def lift(
 
 @bench_app.command("speed")
 def bench_speed(
-    scene: Annotated[Optional[list[Path]], typer.Argument(help="Splat .ply files to time beside the synthetic rooms.")] = None,
-    seed: Annotated[Optional[list[int]], typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
+    scene: Annotated[
+        list[Path] | None, typer.Argument(help="Splat .ply files to time beside the synthetic rooms.")
+    ] = None,
+    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
     quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
-    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="Markdown file whose speed section is rewritten.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose speed section is rewritten.")
+    ] = None,
 ) -> None:
     """Splat rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
     from .bench.speed import run_speed, write_benchmarks
@@ -239,7 +245,9 @@ def plugins_list(as_json: Json = False) -> None:
 
 @plugins_app.command("show")
 def plugins_show(
-    name: Annotated[str, typer.Argument(help="Component, e.g. shot_size.")], allow_plugin: Allow = None, as_json: Json = False
+    name: Annotated[str, typer.Argument(help="Component, e.g. shot_size.")],
+    allow_plugin: Allow = None,
+    as_json: Json = False,
 ) -> None:
     """What a component does, requires and provides, and its options with their defaults."""
     from .config import SECTIONS
@@ -254,16 +262,17 @@ def plugins_show(
         raise UsageError("", name, "no such component", nearest(name, known))
     section, registry = found[0]
     cls = registry.get(name)
-    values = {
+    options = {key: repr(value) for key, value in registry.options(name).items()}
+    values: dict[str, Any] = {
         "section": section,
         "about": (cls.__doc__ or "").strip(),
         "requires": sorted(getattr(cls, "requires", ())),
         "provides": sorted(getattr(cls, "provides", ())),
-        "options": {key: repr(value) for key, value in registry.options(name).items()},
+        "options": options,
     }
     lines = [f"{section}.{name}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
     lines += [f"provides: {', '.join(values['provides'])}"] if values["provides"] else []
-    lines += [f"  {key} = {value}" for key, value in values["options"].items()]
+    lines += [f"  {key} = {value}" for key, value in options.items()]
     _show(values, "\n".join(lines), as_json)
 
 

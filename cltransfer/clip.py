@@ -139,9 +139,7 @@ def _folder_times(folder: Path, files: list[Path]) -> np.ndarray:
     except (TypeError, ValueError):
         times = np.empty(0)
     if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise InputError(
-            folder / "times.json", "", f"expected {len(files)} increasing seconds, one per image"
-        )
+        raise InputError(folder / "times.json", "", f"expected {len(files)} increasing seconds, one per image")
     return times
 
 
@@ -179,9 +177,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
         raise ValueError(f"path must end in {suffix}, got {path.name}")
     pts = ((times - times[0]) * rate).round().long()  # (N,) [1/rate s]
     if len(pts) != len(image) or bool((pts.diff() <= 0).any()):
-        raise ValueError(
-            f"expected {len(image)} times that increase by at least 1/{rate} s, got {times.tolist()}"
-        )
+        raise ValueError(f"expected {len(image)} times that increase by at least 1/{rate} s, got {times.tolist()}")
     try:
         with atomic(path) as temporary:
             _encode(temporary, image, pts, Fraction(1, rate))
@@ -218,9 +214,7 @@ def _video_frame(rgb: Tensor, pix_fmt: str) -> av.VideoFrame:
     if pix_fmt == "bgr0":
         return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="bgr0")
     pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
-    return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(
-        format="yuv420p", dst_colorspace="ITU709"
-    )
+    return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuv420p", dst_colorspace="ITU709")
 
 
 def pair_by_time(times: Tensor, other: Tensor) -> Tensor:

@@ -172,8 +172,9 @@ def _read_yaml(path: Any) -> dict[str, Any]:
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(value, dict):
         raise UsageError(path, "", "expected a mapping of keys to values")
-    _check(value, path)
-    return {str(k): v for k, v in value.items()}
+    raw = {str(key): entry for key, entry in value.items()}
+    _check(raw, path)
+    return raw
 
 
 def _parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:

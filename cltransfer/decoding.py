@@ -72,9 +72,7 @@ def decode(path: Path) -> Iterator[Frame]:
                 if before is not None and (frame.size != before.size or frame.time <= before.time):
                     what = "size" if frame.size != before.size else "time"
                     now, then = getattr(frame, what), getattr(before, what)
-                    raise InputError(
-                        path, f"frame {count}", f"{what} went from {then} to {now}", "re-encode it"
-                    )
+                    raise InputError(path, f"frame {count}", f"{what} went from {then} to {now}", "re-encode it")
                 count, before = count + 1, frame
                 yield frame
         _check_complete(path, container, stream, count, end)
@@ -97,9 +95,7 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
 
 def _check_image_file(path: Path) -> None:
     if path.stat().st_size > IMAGE_BYTE_LIMIT:
-        raise InputError(
-            path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}"
-        )
+        raise InputError(path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}")
     data = path.read_bytes()
     # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
     if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
@@ -141,9 +137,7 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream) ->
     return Frame(raw, upright, raw.time)
 
 
-def _check_complete(
-    path: Path, container: InputContainer, stream: VideoStream, count: int, end: float
-) -> None:
+def _check_complete(path: Path, container: InputContainer, stream: VideoStream, count: int, end: float) -> None:
     """Compare ``count`` frames that end at ``end`` [s] with the header; Matroska promises a duration only."""
     hint = "the file is damaged or cut short; re-encode it"
     if count == 0:

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
 PACKAGES = ("torch", "kornia", "onnxruntime", "opencv-contrib-python-headless", "cma", "numba", "av", "omegaconf")
 
@@ -93,14 +92,13 @@ def _models() -> list[Finding]:
     from .models import KNOWN
     from .onnx import find_model
 
-    found = []
-    for name in KNOWN:
+    def look(name: str) -> Finding:
         try:
-            path: Path = find_model(name)
-            found.append(Finding(name, True, str(path), needed=False))
+            return Finding(name, True, str(find_model(name)), needed=False)
         except ModelError as error:
-            found.append(Finding(name, False, str(error), needed=False))
-    return found
+            return Finding(name, False, str(error), needed=False)
+
+    return [look(name) for name in KNOWN]
 
 
 def _cuda() -> str:

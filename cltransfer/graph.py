@@ -32,7 +32,7 @@ class Step:
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with what this extractor provides."""
-        blank: dict[str, Any] = {name: None for name in self.hidden}
+        blank: dict[str, Any] = dict.fromkeys(self.hidden)
         got = self.extractor(replace(now, **blank), before)
         missing = [name for name in self.extractor.provides if not got.has(name)]
         if missing:

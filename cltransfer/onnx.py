@@ -126,9 +126,7 @@ class Network:
             reason = f"expected {known.sha256}, got {digest}"
             raise ModelError(self.path, "sha256", reason, "rename the file if it is another network")
         if _EXTERNAL in data:
-            raise ModelError(
-                self.path, "external data", "weights in another file are refused", "store them inside"
-            )
+            raise ModelError(self.path, "external data", "weights in another file are refused", "store them inside")
         return data
 
     def _check(self, kind: str, wanted: Mapping[str, Shape | None], given: list[Any], exact: bool) -> None:

@@ -97,11 +97,13 @@ class Registry(Generic[T]):
 
     def options(self, name: str) -> dict[str, Any]:
         """Option names and defaults of component ``name``; required ones are ``'???'``."""
-        return {
-            f.name: "???" if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-            else (f.default if f.default is not dataclasses.MISSING else f.default_factory())  # type: ignore[misc]
-            for f in dataclasses.fields(self.get(name))  # type: ignore[arg-type]
-        }  # fmt: skip
+        return {f.name: _default(f) for f in dataclasses.fields(self.get(name))}  # type: ignore[arg-type]
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    return "???" if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
 RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers")

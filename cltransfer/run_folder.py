@@ -16,6 +16,7 @@ from typing import Any
 import torch
 
 from . import __version__
+from .camera import resized
 from .clip import write_video
 from .config import RunConfig, load_config
 from .doctor import PACKAGES
@@ -32,7 +33,6 @@ from .scenes.load import load_scene
 from .scenes.named import recall, remember
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
-from .camera import resized
 from .transfer import Inputs, Result, fit, render_frames
 
 MANIFEST, DONE = "manifest.json", "DONE"
@@ -96,8 +96,16 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
     spent["total in the search"] = round(float(result.searched.totals.mean()), 4)
     command = shlex.join(
-        ["cltransfer", "transfer", inputs.scene, inputs.reference, "--init", inputs.init]
-        + ["--config", str(folder / "config.yaml")]
+        [
+            "cltransfer",
+            "transfer",
+            inputs.scene,
+            inputs.reference,
+            "--init",
+            inputs.init,
+            "--config",
+            str(folder / "config.yaml"),
+        ]
     )
     return ReportData(
         title=f"{result.reference.name} in {result.scene.name}",
@@ -154,7 +162,13 @@ def summary_lines(folder: Path, report: ReportData) -> str:
     """The table of metrics, the flags of the whole run, and where everything is."""
     lines = [report.title, "", metrics_table(report), ""]
     lines += [f"note: {flag.reason}" for flag in report.flags if flag.frame is None]
-    for name in ("video/side_by_side.mp4", "video/render.mp4", "trajectory.json", "camera/camera_path.json", "report.html"):
+    for name in (
+        "video/side_by_side.mp4",
+        "video/render.mp4",
+        "trajectory.json",
+        "camera/camera_path.json",
+        "report.html",
+    ):
         if (folder / name).is_file():
             lines.append(f"{name.partition('/')[2] or name:<18} {os.path.relpath(folder / name)}")
     return "\n".join(lines)

@@ -57,9 +57,7 @@ class Scores:
     def __post_init__(self) -> None:
         for term in self.terms:
             if term.values.shape != self.totals.shape:
-                raise ValueError(
-                    f"{term.name} must be {tuple(self.totals.shape)}, got {tuple(term.values.shape)}"
-                )
+                raise ValueError(f"{term.name} must be {tuple(self.totals.shape)}, got {tuple(term.values.shape)}")
 
     def term(self, name: str) -> Term | None:
         """The term called ``name``."""

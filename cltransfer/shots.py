@@ -170,9 +170,7 @@ def shot(
     distance, coverage, program = _SHOTS[name]
     setup = replace(setup, distance=setup.distance or distance, coverage=setup.coverage or coverage)
     progress = torch.linspace(0, 1, frames, dtype=torch.float64)
-    still = {
-        n: torch.full((frames,), _NEUTRAL.get(n, 0.0), dtype=torch.float64) for n in Moves.__annotations__
-    }
+    still = {n: torch.full((frames,), _NEUTRAL.get(n, 0.0), dtype=torch.float64) for n in Moves.__annotations__}
     moves = Moves(**{**still, **program(progress, setup.seed)})
     return Trajectory(cameras(subject, size, setup, moves), torch.arange(frames, dtype=torch.float64) / fps)
 

@@ -118,12 +118,12 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
     stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
+    schedule = _schedule(config, stage.objective, reference.features)
     if inputs.init == "auto":
-        home = best_of_orbit(stage, reference.features[0], output)
+        home = best_of_orbit(stage, reference.features[0], output, schedule.free_lens)
     else:
         home = view_from_file(Path(inputs.init), output)
     clock.lap("initial view")
-    schedule = _schedule(config, stage.objective, reference.features)
     count = len(reference)
     found = follow(stage, search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))
     cameras, kind = _smooth(stage, search, reference.features, home, found, config.smooth)
@@ -137,9 +137,21 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     verified, held, read_by = _verify(stage, parts, reference, trajectory, image, config)
     clock.lap("verification")
     return Result(
-        scene, reference, trajectory, home, image, searched, verified, held, schedule.free_lens, read_by, kind, found, stage.spent,
-        clock.seconds,
-    )  # fmt: skip
+        scene=scene,
+        reference=reference,
+        trajectory=trajectory,
+        home=home,
+        image=image,
+        searched=searched,
+        verified=verified,
+        held=held,
+        free_lens=schedule.free_lens,
+        read_by=read_by,
+        path=kind,
+        found=found,
+        spent=stage.spent,
+        seconds=clock.seconds,
+    )
 
 
 class Clock:

@@ -251,9 +251,7 @@ def test_playlists_with_the_name_of_a_video_open_nothing(tmp_path):
 
 def test_more_frames_than_memory_allows_are_refused(tmp_path):
     path = tmp_path / "a.mkv"
-    write_video(
-        path, torch.zeros(2001, 3, 2, 2, dtype=torch.uint8), torch.arange(2001).double() / 24, lossless=True
-    )
+    write_video(path, torch.zeros(2001, 3, 2, 2, dtype=torch.uint8), torch.arange(2001).double() / 24, lossless=True)
     refused(path, "frames", "at most 2000")
     assert len(read_clip(path, frames=10)) == 10
 

@@ -39,9 +39,7 @@ def test_what_is_pasted_is_what_was_cut():
 
 def test_squares_about_boxes_are_upright_and_centred():
     crops = about_boxes(np.array([[10.0, 20.0, 40.0, 100.0]]), 1.25, 256)
-    np.testing.assert_allclose(
-        crops.to_frame(np.array([[0, 0], [256.0, 256]]))[0], [[-32.5, 7.5], [92.5, 132.5]]
-    )
+    np.testing.assert_allclose(crops.to_frame(np.array([[0, 0], [256.0, 256]]))[0], [[-32.5, 7.5], [92.5, 132.5]])
 
 
 def test_to_uint8_rounds_and_keeps_the_order_of_channels():

@@ -30,7 +30,7 @@ class Making:
             assert before is not None
             base = base - before.require("image").flatten(1).mean(1)
         seen = sum(now.has(name) for name in self.uses)
-        made = {n: base[:, None] + 100 * seen for n in self.provides}
+        made = dict.fromkeys(self.provides, base[:, None] + 100 * seen)
         own = {n: v for n, v in made.items() if n in Features.__dataclass_fields__}
         return replace(now, **own, extras={**now.extras, **{n: v for n, v in made.items() if n not in own}})
 
@@ -38,7 +38,7 @@ class Making:
 IMAGE = frozenset({"image"})
 
 
-def plan(wanted: set[str], extractors: dict[str, Making], source: frozenset[str] = IMAGE, **more):  # noqa: ANN003, ANN201
+def plan(wanted: set[str], extractors: dict[str, Making], source: frozenset[str] = IMAGE, **more):
     return make_plan(frozenset(wanted), extractors, source, more.pop("family", "image"), **more)
 
 

@@ -3,10 +3,10 @@ import math
 import pytest
 import torch
 
-from cltransfer.shots import SHOTS, Setup, builtin_reference, shot
 from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import SHOTS, Setup, builtin_reference, shot
 from cltransfer.subject import Subject
 
 SIZE = (160, 90)

@@ -98,8 +98,10 @@ def test_key_joints_are_midpoints_of_crowdpose_joints() -> None:
     torch.testing.assert_close(key_joints(keypoints)[:, 0], at["head_top"])
 
 
-@pytest.mark.parametrize(("convert", "count", "ears", "shoulders"), [(from_coco, 17, 3, 5), (from_blazepose, 33, 7, 11)])
-def test_the_head_top_lies_beyond_the_ears_by_one_rule(convert, count: int, ears: int, shoulders: int) -> None:  # noqa: ANN001
+@pytest.mark.parametrize(
+    ("convert", "count", "ears", "shoulders"), [(from_coco, 17, 3, 5), (from_blazepose, 33, 7, 11)]
+)
+def test_the_head_top_lies_beyond_the_ears_by_one_rule(convert, count: int, ears: int, shoulders: int) -> None:
     keypoints = torch.ones(1, count, 3)
     keypoints[0, ears : ears + 2, 1] = 10.0
     keypoints[0, shoulders : shoulders + 2, 1] = 20.0

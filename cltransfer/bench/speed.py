@@ -120,9 +120,7 @@ def _room(count: int, seed: int) -> Posed:
 
 def _posed(scene: Scene) -> Posed:
     """A scene and cameras around the bulk of it, a little from above."""
-    low, middle, high = torch.from_numpy(
-        np.quantile(scene.geometry.means.numpy(), (0.05, 0.5, 0.95), axis=0)
-    ).double()
+    low, middle, high = torch.from_numpy(np.quantile(scene.geometry.means.numpy(), (0.05, 0.5, 0.95), axis=0)).double()
     side = torch.linalg.cross(scene.up, scene.up.roll(1))
     angles = torch.arange(FRAMES).double()[:, None] * 2 * torch.pi / FRAMES
     around = angles.cos() * side + angles.sin() * torch.linalg.cross(scene.up, side)
@@ -178,21 +176,16 @@ def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> Sp
     """Row of a scene's times; quartiles, and the Gaussians that can touch the frame."""
     scene, cameras = posed
     settings = GaussianSplats().settings
-    views = [
-        make_view(w2c, K, cameras.size, settings) for w2c, K in zip(cameras.w2c.numpy(), cameras.K.numpy())
-    ]
+    views = [make_view(w2c, K, cameras.size, settings) for w2c, K in zip(cameras.w2c.numpy(), cameras.K.numpy())]
     visible = round(statistics.mean(count_visible(scene.geometry.packed, view) for view in views))
-    return SpeedRow(
-        scene.name, cameras.size, setting, threads, len(scene.geometry), visible, _quartiles(times)
-    )
+    return SpeedRow(scene.name, cameras.size, setting, threads, len(scene.geometry), visible, _quartiles(times))
 
 
 def _second_process(repeats: int) -> SpeedRow:
     """From the import of the kernels to the end of the first frame, in a process that finds them compiled."""
     run = [sys.executable, "-c", _FIRST_FRAME]
     answers = [
-        subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
-        for _ in range(repeats + 1)
+        subprocess.run(run, capture_output=True, text=True, check=True).stdout.split() for _ in range(repeats + 1)
     ]
     times = _quartiles([1e3 * float(seconds) for seconds, _ in answers[1:]])  # the first may compile
     visible = int(answers[0][1])

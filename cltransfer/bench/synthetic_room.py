@@ -64,14 +64,10 @@ def _surfaces(count: int, rng: np.random.Generator) -> tuple[Array, Array, Array
     ]
     sizes = rng.uniform(0.2, 0.5, FURNITURE)
     around = rng.uniform(0, 2 * np.pi, FURNITURE)
-    places = PERSON[:2] + rng.uniform(1.2, 2.4, (FURNITURE, 1)) * np.stack(
-        [np.cos(around), np.sin(around)], 1
-    )
+    places = PERSON[:2] + rng.uniform(1.2, 2.4, (FURNITURE, 1)) * np.stack([np.cos(around), np.sin(around)], 1)
     balls = figure + [(np.append(place, size), size) for place, size in zip(places, sizes)]
     # balls are what cameras look at: three times as dense as walls
-    area = np.array(
-        [ROOM.prod() / ROOM[face // 2] for face in range(6)] + [3 * 4 * np.pi * r**2 for _, r in balls]
-    )
+    area = np.array([ROOM.prod() / ROOM[face // 2] for face in range(6)] + [3 * 4 * np.pi * r**2 for _, r in balls])
     counts = rng.multinomial(count, area / area.sum())
     points, normals, part = [], [], []
     for face in range(6):

@@ -20,7 +20,7 @@ class Budget:
 
     Args:
         generations: at most.
-        patience: generations without decrease of the best total.
+        patience: generations without decrease of the best total asked so far.
         popsize: candidates a generation.
         tolerance: total that is good enough.
     """
@@ -82,7 +82,7 @@ def minimise(
     Args:
         evaluate: totals (B,) of x (B, D), finite.
         start: where to begin.
-        bounds: lowest and highest x, (D,) each; infinite where free. Candidates outside are moved onto them.
+        bounds: lowest and highest x, (D,) each; infinite where free. Candidates outside are reflected.
         budget: when to stop.
         generator: source of every random number.
     """
@@ -93,8 +93,7 @@ def minimise(
     origin = torch.minimum(torch.maximum(start.x.double(), low), high)
 
     def to_x(asked: list[np.ndarray]) -> Tensor:
-        x = origin + torch.from_numpy(np.stack(asked)) @ shape.T
-        return torch.minimum(torch.maximum(x, low), high)
+        return reflected(origin + torch.from_numpy(np.stack(asked)) @ shape.T, low, high)
 
     options = {
         "verbose": -9,
@@ -104,6 +103,8 @@ def minimise(
     }
     strategy = cma.CMAEvolutionStrategy(np.zeros(len(low)), start.sigma, options)
     best, total = origin, float(evaluate(origin[None])[0])
+    # a good start is hard to beat until the steps have shrunk, so patience watches what was asked, not the start
+    asked_best = math.inf
     evaluations, waited, generation, stop = 1, 0, 0, "generations"
     while generation < budget.generations:
         if total <= budget.tolerance or waited >= budget.patience:
@@ -114,12 +115,23 @@ def minimise(
         totals = evaluate(x)
         strategy.tell(asked, totals.tolist())
         evaluations, generation, waited = evaluations + len(x), generation + 1, waited + 1
-        index = int(totals.argmin())
-        if float(totals[index]) < total - DECREASE * abs(total):
-            waited = 0
-        if float(totals[index]) < total:
-            best, total = x[index], float(totals[index])
+        index, lowest = int(totals.argmin()), float(totals.min())
+        if lowest < asked_best * (1 - DECREASE):
+            asked_best, waited = lowest, 0
+        if lowest < total:
+            best, total = x[index], lowest
     return Minimum(best, total, evaluations, generation, stop, _shape(strategy, shape))
+
+
+def reflected(x: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """x (B, D) folded back into the box as often as it takes; an infinite bound folds nothing.
+
+    >>> reflected(torch.tensor([[1.25, -3.0]]), torch.tensor([-1.0, -torch.inf]), torch.tensor([1.0, torch.inf]))
+    tensor([[ 0.7500, -3.0000]])
+    """
+    width = high - low
+    folded = low + width - ((x - low).remainder(2 * width) - width).abs()
+    return torch.where(torch.isfinite(width), folded, x)
 
 
 def _shape(strategy: Any, before: Tensor) -> Tensor:

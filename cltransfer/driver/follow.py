@@ -63,8 +63,8 @@ def follow(
     """Find a camera for every frame of ``reference``, in order.
 
     Sequential because flow spans a frame and the one before (paper Sec. 9). A warm frame starts where the last ones
-    lead, and with the covariance the last one learned: neighbours have nearly the same landscape. Each frame has its own random numbers,
-    derived from the seed and its index, so that a frame does not depend on how long the ones before it took.
+    lead, and with the covariance the last one learned: neighbours have nearly the same landscape. Each frame has its
+    own random numbers, derived from the seed and its index.
 
     Args:
         stage: renders and scores candidates.
@@ -90,7 +90,11 @@ def follow(
             return stage.objective.totals(stage.terms(reference[i], cameras, before), defined[i])
 
         if schedule.warm and i > 0:
-            start = Start(_predicted(xs, totals), schedule.warm_sigma, found[-1].shape)
+            starts = _predictions(xs)
+            if hasattr(search, "aimed"):
+                starts = torch.cat([starts, search.aimed(starts, home, subject, reference[i])])
+            best = starts[int(totals(starts).argmin())]
+            start = Start(best, schedule.warm_sigma, found[-1].shape)
         else:
             start = Start(at_home, schedule.sigma)
         generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
@@ -104,12 +108,11 @@ def follow(
     return Path(x, search.cameras(x, home, subject), tuple(found))
 
 
-def _predicted(xs: list[Tensor], totals: Callable[[Tensor], Tensor]) -> Tensor:
-    """The last frame, or the last motion continued, whichever scores better."""
+def _predictions(xs: list[Tensor]) -> Tensor:
+    """The last frame, and the last motion continued, (1 or 2, D)."""
     if len(xs) < 2:
-        return xs[-1]
-    starts = torch.stack([xs[-1], 2 * xs[-1] - xs[-2]])
-    return starts[int(totals(starts).argmin())]
+        return xs[-1][None]
+    return torch.stack([xs[-1], 2 * xs[-1] - xs[-2]])
 
 
 def smoothed(x: Tensor, frames: float) -> Tensor:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from ..camera import Camera, resized
 from ..errors import InputError, UsageError
@@ -16,9 +17,10 @@ from ..trajectory import Trajectory
 from .stage import Stage
 
 VERTICAL_FOV = math.radians(40)  # a normal lens: 33 mm on a 24 mm high gate
-AZIMUTHS = 16
+AZIMUTHS = 16  # of a full orbit, where the reference does not say where the person faces
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
-DISTANCES = (0.6, 1.2, 2.4, 4.8)  # subject heights
+DISTANCES = tuple(0.5 * 1.4**k for k in range(9))  # subject heights, 0.5 to 7.4
+BATCH = 16  # views rendered together
 
 
 def view_from_file(path: Path, size: tuple[int, int]) -> Camera:
@@ -30,23 +32,47 @@ def view_from_file(path: Path, size: tuple[int, int]) -> Camera:
     return resized(Trajectory.load(path).camera[0], size)
 
 
-def orbit(subject: Subject, size: tuple[int, int]) -> Camera:
-    """Views around the subject, all at a normal lens with the subject in the middle of the frame."""
+def orbit(subject: Subject, size: tuple[int, int], first: Features, free_lens: bool) -> Camera:
+    """Views around the subject, each aimed so that the subject appears as in the first reference frame.
+
+    Where the reference says how the body is seen, the views stand there, and behind it in case front and back were
+    confused; else all around. A free lens follows the size at several distances, a fixed one sets the distance.
+
+    Args:
+        subject: to orbit.
+        size: (W, H) of the views [px].
+        first: one reference frame.
+        free_lens: whether the focal length may change.
+    """
     focal = 1 / (2 * math.tan(VERTICAL_FOV / 2))
+    stands = _stands(first)  # (M, 3) azimuth, elevation, roll
+    distances = torch.tensor(DISTANCES, dtype=torch.float64).log()
+    rows = torch.arange(len(stands)).repeat_interleave(len(distances))
+    distance = distances.repeat(len(stands))
+    middle = torch.zeros(len(rows), 2, dtype=torch.float64)
+    lens = math.log(focal) - distance
+    x = torch.cat([stands[rows], distance[:, None], middle, lens[:, None]], dim=1) / SCALE
+    normal = Camera.look_at(subject.anchor[None] + subject.facing, subject.anchor[None], subject.up, VERTICAL_FOV, size)
+    search = SubjectOrbit()
+    x = x if free_lens else x[:, :-1]
+    aimed = search.aimed(x, normal, subject, first) if first.has("keypoints") else x
+    return search.cameras(torch.cat([x, aimed]), normal, subject)
+
+
+def _stands(first: Features) -> Tensor:
+    """Azimuth, elevation, roll (M, 3) [rad] to stand at."""
+    if first.has("orientation"):
+        read = first.require("orientation").double()[0]
+        if bool(torch.isfinite(read).all()):
+            yaw, pitch, roll = read.tolist()
+            flat = [[yaw, e, roll] for e in {pitch, *ELEVATIONS}] + [[yaw + math.pi, e, -roll] for e in {pitch, 0.0}]
+            return torch.tensor(sorted(flat), dtype=torch.float64)
     azimuths = torch.arange(AZIMUTHS, dtype=torch.float64) * (2 * math.pi / AZIMUTHS)
-    grid = torch.cartesian_prod(
-        azimuths,
-        torch.tensor(ELEVATIONS, dtype=torch.float64),
-        torch.tensor(DISTANCES, dtype=torch.float64).log(),
-    )
-    zero = torch.zeros(len(grid), dtype=torch.float64)
-    lens = math.log(focal) - grid[:, 2]
-    x = torch.stack([grid[:, 0], grid[:, 1], zero, grid[:, 2], zero, zero, lens], dim=1) / SCALE
-    upright = Camera.look_at(subject.anchor[None] + subject.facing, subject.anchor[None], subject.up, 1.0, size)
-    return SubjectOrbit().cameras(x, upright, subject)
+    grid = torch.cartesian_prod(azimuths, torch.tensor(ELEVATIONS, dtype=torch.float64))
+    return torch.cat([grid, torch.zeros(len(grid), 1, dtype=torch.float64)], dim=1)
 
 
-def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int]) -> Camera:
+def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_lens: bool) -> Camera:
     """The view of the orbit that comes nearest to the first reference frame by the losses that need no motion.
 
     Raises:
@@ -56,9 +82,9 @@ def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int]) -> Camer
     subject = stage.scene.subject
     if subject is None:
         raise UsageError("", "--init", "auto needs a lifted subject", "give a view: --init view.json")
-    views = orbit(subject, size)
+    views = orbit(subject, size, first, free_lens)
     defined = stage.objective.defined(first)[0]
-    terms = stage.terms(first, views, None)
+    terms = torch.cat([stage.terms(first, views[i : i + BATCH], None) for i in range(0, len(views), BATCH)])
     if not bool(torch.isfinite(terms[:, defined]).any()):
-        raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init view.json")
+        raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
     return views[int(stage.objective.totals(terms, defined).argmin())]

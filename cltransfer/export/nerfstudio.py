@@ -37,9 +37,7 @@ def write_camera_path(path: Path, trajectory: Trajectory) -> None:
             "aspect": width / height,
             "time": time,
         }
-        for pose, fov, time in zip(
-            camera.to_opengl(), camera.vertical_fov.tolist(), trajectory.times.tolist()
-        )
+        for pose, fov, time in zip(camera.to_opengl(), camera.vertical_fov.tolist(), trajectory.times.tolist())
     ]
     write_json(path, {
         "camera_type": "perspective",
@@ -81,9 +79,7 @@ def read_camera_path(path: Path) -> Trajectory:
     return Trajectory(camera, _times(path, data, frames))
 
 
-def _number(
-    path: Path, data: Mapping[str, Any], name: str, low: float, high: float, prefix: str = ""
-) -> float:
+def _number(path: Path, data: Mapping[str, Any], name: str, low: float, high: float, prefix: str = "") -> float:
     """Field ``name`` as a number in [low, high]."""
     value = data.get(name)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:

@@ -122,9 +122,7 @@ class PoseBlazepose:
     def network(self) -> Network:
         """The pose network."""
         outputs = {"output0": (None, 195), "output1": (None, 1), "output2": (None, 1, SIDE, SIDE)}
-        return Network(
-            find_model(self.model), {"input": (None, 3, SIDE, SIDE)}, {**outputs, "output4": (None, 117)}
-        )
+        return Network(find_model(self.model), {"input": (None, 3, SIDE, SIDE)}, {**outputs, "output4": (None, 117)})
 
     def __call__(self, now: Features, before: Features | None = None) -> Features:
         """``now`` with ``keypoints``, ``subject`` and ``orientation``.

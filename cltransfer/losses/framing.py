@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from ..features import Features
+from ..placement import frame_joints, hide_unknown, mask_centroid, visible_joints
 from ..registry import LOSSES
-from ._person import frame_joints, hide_unknown, mask_centroid, visible_joints
 
 
 def centroid_difference(reference: Tensor, rendered: Tensor) -> Tensor:

@@ -9,26 +9,34 @@ import torch
 from torch import Tensor
 
 from ..features import Features
+from ..placement import frame_joints, hide_unknown, mask_extent, visible_joints
 from ..registry import LOSSES
-from ._person import frame_joints, hide_unknown, mask_extent, visible_joints
 
 
-def key_joint_difference(reference: Tensor, rendered: Tensor) -> Tensor:
-    """d_S - d_ref of the pair of key joints and the axis that the reference chooses (paper Eq. 4-5).
+def key_joint_extents(reference: Tensor, rendered: Tensor) -> tuple[Tensor, Tensor]:
+    """d_ref and d_S of the pair of key joints and the axis that the reference chooses (paper Eq. 4-5).
 
     Args:
         reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
         rendered: the same of B candidates, (B, 5, 3); the confidence is not read.
 
     Returns:
-        (B,) [frame]; NaN where the reference shows fewer than two joints or the render lacks one of the pair.
+        (B,) each [frame]; d_ref is NaN where the reference shows fewer than two joints, d_S where the render lacks
+        one of the pair.
     """
     visible = visible_joints(reference)
     pairs = (visible[:, :, None] & visible[:, None, :])[..., None]
     gaps = _gaps(reference).masked_fill(~pairs, -1).flatten(1)  # (R, 5 * 5 * 2)
     d_ref, chosen = gaps.max(1, keepdim=True)  # Eq. 4
     d_S = _gaps(rendered).flatten(1).gather(1, chosen.expand(len(rendered), 1))  # Eq. 5
-    return (d_S - d_ref)[:, 0].masked_fill(visible.sum(1) < 2, float("nan"))
+    few = visible.sum(1) < 2
+    return d_ref[:, 0].masked_fill(few, float("nan")).expand(len(rendered)), d_S[:, 0]
+
+
+def key_joint_difference(reference: Tensor, rendered: Tensor) -> Tensor:
+    """d_S - d_ref, (B,) [frame], of key joints as in :func:`key_joint_extents`; NaN where either is."""
+    d_ref, d_S = key_joint_extents(reference, rendered)
+    return d_S - d_ref
 
 
 def _gaps(joints: Tensor) -> Tensor:

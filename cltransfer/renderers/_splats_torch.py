@@ -15,9 +15,7 @@ from .kernels.splat_pack import MIN_ALPHA
 from .kernels.splat_project import TILE
 
 
-def render_one(
-    splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings
-) -> dict[str, Tensor]:
+def render_one(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings) -> dict[str, Tensor]:
     """All buffers of one camera, differentiable in the camera and the Gaussians (median depth in depth only).
 
     Args:
@@ -36,9 +34,7 @@ def render_one(
     rows = []
     for top in range(0, height, TILE):
         lefts = range(0, width, TILE)
-        row = [
-            _tile(ellipses, (left, top, min(left + TILE, width), min(top + TILE, height))) for left in lefts
-        ]
+        row = [_tile(ellipses, (left, top, min(left + TILE, width), min(top + TILE, height))) for left in lefts]
         rows.append(torch.cat(row, dim=2))
     planes = torch.cat(rows, dim=1)  # (7, H, W)
     alpha = planes[3]
@@ -53,9 +49,7 @@ def render_one(
     }
 
 
-def _project(
-    splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings
-) -> dict[str, Tensor]:
+def _project(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings) -> dict[str, Tensor]:
     """Ellipses of what is in front of the camera, nearest first: center, conic, peak, reach, depth, features."""
     w2c, K = w2c.to(splats.means), K.to(splats.means)
     camera = splats.means @ w2c[:3, :3].T + w2c[:3, 3]
@@ -80,15 +74,11 @@ def _project(
         "peak": peak,
         "reach": (spread[:, None] * covariance.detach().diagonal(dim1=1, dim2=2)).sqrt(),
         "depth": depth,
-        "features": torch.cat(
-            [color, torch.ones_like(depth)[:, None], splats.label[index, None], depth[:, None]], 1
-        ),
+        "features": torch.cat([color, torch.ones_like(depth)[:, None], splats.label[index, None], depth[:, None]], 1),
     }
 
 
-def _image_covariance(
-    covariances: Tensor, camera: Tensor, w2c: Tensor, K: Tensor, size: tuple[int, int]
-) -> Tensor:
+def _image_covariance(covariances: Tensor, camera: Tensor, w2c: Tensor, K: Tensor, size: tuple[int, int]) -> Tensor:
     """J W S W^T J^T, (M, 2, 2) [px^2]: the projection linearised at each centre (Zwicker et al. 2002)."""
     focal, middle, depth = K.diagonal()[:2], K[:2, 2], camera[:, 2:]
     extent = torch.tensor(size).to(K)
@@ -113,9 +103,7 @@ def _tile(ellipses: dict[str, Tensor], box: tuple[int, int, int, int]) -> Tensor
     alpha = torch.where(alpha >= MIN_ALPHA, alpha, 0)
     after = torch.cumprod(1 - alpha, dim=1)
     before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)
-    weight = torch.where(
-        after >= MIN_TRANSMITTANCE, before * alpha, 0
-    )  # the splat that ends a pixel is not added
+    weight = torch.where(after >= MIN_TRANSMITTANCE, before * alpha, 0)  # the splat that ends a pixel is not added
     sums = weight @ ellipses["features"][near]
     median = (((before > 0.5) & (after <= 0.5)) * depth).sum(1, keepdim=True)
     return torch.cat([sums, median], dim=1).T.reshape(7, box[3] - box[1], box[2] - box[0])

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from ..scores import Term
 from ..subject import Subject
 from ..trajectory import Trajectory
-from ..scores import Term
 from .data import ReportData
 
 if TYPE_CHECKING:
@@ -98,9 +98,7 @@ def top_view(trajectory: Trajectory, subject: Subject) -> str:
     camera = trajectory.camera
     ground = torch.stack([-subject.left, subject.facing]) / subject.height  # facing points up the page
     path = ((camera.center - subject.anchor) @ ground.T).numpy()
-    corners = torch.tensor(
-        [[0.0, camera.size[1] / 2], [camera.size[0], camera.size[1] / 2]], dtype=torch.float64
-    )
+    corners = torch.tensor([[0.0, camera.size[1] / 2], [camera.size[0], camera.size[1] / 2]], dtype=torch.float64)
     depth = torch.full((len(camera), 2), 0.45 * subject.height, dtype=torch.float64)
     rays = camera.unproject(corners.expand(len(camera), 2, 2), depth)
     edges = ((rays - subject.anchor) @ ground.T).numpy()

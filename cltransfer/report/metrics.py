@@ -76,9 +76,7 @@ def _row(term: Term, baseline: Scores | None) -> Row:
     other = None if baseline is None else baseline.term(term.name)
     weighted = None if term.mean is None else term.weight * term.mean
     against = None if other is None else other.mean
-    return Row(
-        term.name, term.unit, term.mean, weighted, term.defined, len(term.values), against, term.reason
-    )
+    return Row(term.name, term.unit, term.mean, weighted, term.defined, len(term.values), against, term.reason)
 
 
 def number(value: float | None) -> str:
@@ -136,9 +134,7 @@ def metrics_json(report: ReportData) -> dict[str, Any]:
         "frames": len(report.times),
         "metrics": {row.name: _row_json(row, report) for row in rows(report)},
         "flags": [{"frame": flag.frame, "reason": flag.reason} for flag in report.flags],
-        "spent": {
-            name: finite(value) if isinstance(value, float) else value for name, value in report.spent.items()
-        },
+        "spent": {name: finite(value) if isinstance(value, float) else value for name, value in report.spent.items()},
         "command": report.command,
     }
 

@@ -46,9 +46,7 @@ def page(report: ReportData) -> str:
         charts["lens"] = Markup(lens_curves(report.trajectory, report.subject))
         if report.subject is not None:
             charts["top"] = Markup(top_view(report.trajectory, report.subject))
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     return template.render(
         report=report,

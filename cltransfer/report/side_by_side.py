@@ -26,9 +26,7 @@ def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
         ValueError: the numbers of frames differ.
     """
     if not len(reference) == len(render) == len(times):
-        raise ValueError(
-            f"expected equally many, got {len(reference)}, {len(render)}, {len(times)} frames and times"
-        )
+        raise ValueError(f"expected equally many, got {len(reference)}, {len(render)}, {len(times)} frames and times")
     height = max(reference.shape[2], render.shape[2])
     left, right = _to_height(reference, height), _to_height(render, height)
     band = max(18, height // 16)

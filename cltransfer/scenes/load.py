@@ -40,9 +40,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         return scene
     path = Path(path)
     if path.suffix.lower() != ".ply":
-        raise InputError(
-            path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply or builtin:NAME"
-        )
+        raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply or builtin:NAME")
     from .ply import read_splats
 
     splats = read_splats(path)

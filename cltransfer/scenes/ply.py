@@ -105,9 +105,7 @@ def _check_compressed(path: Path, elements: dict[str, Element]) -> None:
         raise InputError(path, "element chunk", "is missing", "needed by packed_position")
     _require(path, chunk, _ranges("") + _ranges("scale_"), ("float", "float32"))
     if chunk.count != -(-vertex.count // CHUNK):
-        raise InputError(
-            path, "element chunk", f"expected {-(-vertex.count // CHUNK)} rows, got {chunk.count}"
-        )
+        raise InputError(path, "element chunk", f"expected {-(-vertex.count // CHUNK)} rows, got {chunk.count}")
     if "min_r" in chunk.types:
         _require(path, chunk, _ranges("", "rgb"), ("float", "float32"))
     if "sh" in elements:

@@ -77,6 +77,4 @@ class Splats:
     def packed(self) -> Packed:
         """Layout of the CPU kernels, made on first use; faint Gaussians (opacity <= 1/255) are left out."""
         parts = (self.means, self.covariances(), self.scales, self.opacity, self.label, self.sh)
-        return pack(
-            *(p.detach().to("cpu", torch.float32).numpy().astype(np.float32, copy=False) for p in parts)
-        )
+        return pack(*(p.detach().to("cpu", torch.float32).numpy().astype(np.float32, copy=False) for p in parts))

@@ -31,6 +31,9 @@ class Search(Protocol):
         """B cameras of x (B, D) or, at the focal length of ``home``, (B, D - 1)."""
         ...
 
+    # Optional: aimed(x, home, subject, reference) -> x: x moved, without rendering, so that the subject's known joints
+    # appear where and as large as one reference frame has them.
+
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
         """x (B, D) of B cameras, as near as the parameters can express them."""
         ...

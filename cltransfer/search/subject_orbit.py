@@ -11,11 +11,17 @@ from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
 from ..camera import Camera, intrinsics
+from ..features import Features
+from ..losses.framing import centroid_difference
+from ..losses.shot_size import key_joint_extents
+from ..placement import frame_joints, visible_joints
 from ..registry import SEARCHES
 from ..subject import Subject
 
 # azimuth, elevation, roll [rad], log(distance / height), screen x, screen y [frame], log apparent size
 SCALE = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
+
+AIM_STEPS = 8  # of the fixed point; the error halves at least with each
 
 
 @SEARCHES.register("subject_orbit")
@@ -73,6 +79,31 @@ class SubjectOrbit:
         w2c[:, :3, :3] = R
         w2c[:, :3, 3] = -(R @ center[..., None])[..., 0]
         return Camera(w2c, intrinsics(focal * home.size[1], home.size), home.size)
+
+    def aimed(self, x: Tensor, home: Camera, subject: Subject | None, reference: Features) -> Tensor:
+        """The x (B, D) moved so that the subject appears where and as large as in ``reference``, one frame.
+
+        A fixed point on projected joints, nothing is rendered: screen x and y follow the centroid, and the lens (or,
+        where x has none, the distance) follows the size. Unchanged where the reference shows no joint.
+        """
+        subject = _required(subject)
+        wanted = frame_joints(reference).double()  # (1, 5, 3)
+        known = subject.key_joints[None, :, 3] > 0
+        seen = torch.cat([wanted[..., :2], (visible_joints(wanted) & known).double()[..., None]], dim=-1)
+        if not bool(seen[..., 2].any()):
+            return x
+        x = x.double().clone()
+        size, sign = (6, 1.0) if x.shape[1] == self.dimensions else (3, -1.0)
+        for _ in range(AIM_STEPS):
+            cameras = self.cameras(x, home, subject)
+            pixels = cameras.project(subject.key_joints[:, :3])[0] / torch.tensor(home.size, dtype=torch.float64)
+            joints = torch.cat([pixels, seen[..., 2:].expand(len(x), -1, -1)], dim=-1)
+            offset = torch.nan_to_num(centroid_difference(seen, joints)).clamp(-0.3, 0.3)  # (B, 2)
+            d_ref, d_S = key_joint_extents(seen, joints)
+            growth = torch.nan_to_num(torch.log(d_ref / d_S.clamp_min(1e-3))).clamp(-0.7, 0.7)
+            x[:, 4:6] -= offset / SCALE[4:6]
+            x[:, size] += sign * growth / SCALE[size]
+        return x
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
         """x (B, 7); exact for cameras that have the subject in front of them."""

@@ -14,10 +14,7 @@ from cltransfer.trajectory import Trajectory
 
 def trajectory(frames: int = 5) -> Trajectory:
     generator = torch.Generator().manual_seed(3)
-    eye = (
-        3 * torch.randn(frames, 3, generator=generator, dtype=torch.float64)
-        + torch.tensor([8.0, 0, 0]).double()
-    )
+    eye = 3 * torch.randn(frames, 3, generator=generator, dtype=torch.float64) + torch.tensor([8.0, 0, 0]).double()
     target = torch.randn(frames, 3, generator=generator, dtype=torch.float64)
     fov = torch.linspace(0.3, 1.2, frames, dtype=torch.float64)
     camera = Camera.look_at(eye, target, torch.tensor([0.0, -1.0, 0.0]), fov, (1280, 720))

@@ -54,9 +54,7 @@ def blue_at(cell, size):
     return image, torch.tensor([*(center - extent / 2), *extent], dtype=torch.float32)
 
 
-@pytest.mark.parametrize(
-    ("size", "cell"), [((480, 908), (5, 20)), ((960, 540), (21, 3)), ((416, 416), (0, 25))]
-)
+@pytest.mark.parametrize(("size", "cell"), [((480, 908), (5, 20)), ((960, 540), (21, 3)), ((416, 416), (0, 25))])
 def test_finds_a_planted_box_wherever_the_letterbox_puts_it(planted, size, cell):
     image, expected = blue_at(cell, size)
     box = planted(Features(size, image=image)).box

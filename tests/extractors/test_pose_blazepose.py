@@ -78,9 +78,7 @@ def blazepose(path, table, points):
     outputs = [helper.make_tensor_value_info(n, TensorProto.FLOAT, s) for n, s in shapes.items()]
     image = helper.make_tensor_value_info("input", TensorProto.FLOAT, [1, 3, 256, 256])
     graph = helper.make_graph(nodes, "blazepose", [image], outputs, weights)
-    onnx.save_model(
-        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), str(path)
-    )
+    onnx.save_model(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), str(path))
 
 
 @pytest.fixture
@@ -89,9 +87,7 @@ def planted(tmp_path, monkeypatch):
 
     def build(table=None, points=None, **options):
         table = offsets() if table is None else table
-        blazepose(
-            tmp_path / "planted.onnx", table, world((1, 0, 0), (0, -1, 0)) if points is None else points
-        )
+        blazepose(tmp_path / "planted.onnx", table, world((1, 0, 0), (0, -1, 0)) if points is None else points)
         return PoseBlazepose(model="planted.onnx", **options)
 
     return build
@@ -145,9 +141,7 @@ def test_the_second_crop_stands_a_lying_body_upright(planted):
     side = 2 * 1.25 * 50 * (100 * 1.25 / 256)  # of the second crop
     shoulder = torch.tensor([140 + 40 * side / 256, 110 + 30 * side / 256])  # (30, -40) turned clockwise
     torch.testing.assert_close(got.keypoints[0, LEFT_SHOULDER, :2], shoulder, atol=0.2, rtol=0)
-    torch.testing.assert_close(
-        torch.rad2deg(got.orientation[0]), torch.tensor([0.0, 0, 90]), atol=1e-3, rtol=0
-    )
+    torch.testing.assert_close(torch.rad2deg(got.orientation[0]), torch.tensor([0.0, 0, 90]), atol=1e-3, rtol=0)
     assert planted(second_crop=True).passes == 2
     assert planted(second_crop=False).passes == 1
 

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from cltransfer.features import Features
-from cltransfer.losses._person import mask_extent
 from cltransfer.losses.shot_size import ShotSize, degenerate, extent_difference, shot_size_loss
+from cltransfer.placement import mask_extent
 from cltransfer.testing import sample_features
 
 # head top, chest, waist, knees, feet as x/W, y/H, confidence

@@ -29,9 +29,7 @@ def balls(means: list[list[float]], scale: float, opacity: float, colors: list[l
     n = len(means)
     sh = ((torch.tensor(colors) - 0.5) / SH0)[:, None]
     quats = torch.tensor([[1.0, 0, 0, 0]]).expand(n, 4)
-    return Splats(
-        torch.tensor(means), torch.full((n, 3), scale), quats, torch.full((n,), opacity), sh, torch.zeros(n)
-    )
+    return Splats(torch.tensor(means), torch.full((n, 3), scale), quats, torch.full((n,), opacity), sh, torch.zeros(n))
 
 
 def forward_camera(size: tuple[int, int], focal: float) -> Camera:
@@ -78,9 +76,7 @@ def test_odd_sizes_own_focal_lengths_and_off_centre_principal_points_match_the_o
     K = cameras.K.clone()
     K[:, 0, 0] *= scale[:, 0]
     K[:, 1, 1] *= scale[:, 1]
-    K[:, :2, 2] += torch.tensor([[0.3, -0.2], [0.0, 0.1], [-0.6, 0.7]], dtype=torch.float64) * torch.tensor(
-        size
-    )
+    K[:, :2, 2] += torch.tensor([[0.3, -0.2], [0.0, 0.1], [-0.6, 0.7]], dtype=torch.float64) * torch.tensor(size)
     fast, plain = both(synthetic_room(3000), replace(cameras, K=K))
     assert psnr(fast.image, plain.image) >= 60
     assert psnr(fast.alpha, plain.alpha) >= 60
@@ -198,9 +194,7 @@ def test_a_batch_equals_its_single_cameras_bit_for_bit_on_any_number_of_threads(
     batch = GaussianSplats(threads=2).render(scene, cameras, ALL)
     again = GaussianSplats(threads=1).render(scene, cameras, ALL)
     for name in ALL:
-        single = torch.cat(
-            [GaussianSplats(threads=3).render(scene, cameras[i], ALL).require(name) for i in range(5)]
-        )
+        single = torch.cat([GaussianSplats(threads=3).render(scene, cameras[i], ALL).require(name) for i in range(5)])
         assert batch.require(name).numpy().tobytes() == single.numpy().tobytes()
         assert batch.require(name).numpy().tobytes() == again.require(name).numpy().tobytes()
 
@@ -233,9 +227,7 @@ def test_what_opaque_tiles_hide_is_skipped_and_nothing_else():
     wall = torch.rand(20_000, 3) * torch.tensor([2.06, 3.0, 0.1]) + torch.tensor([-2.0, -1.5, 2.0])
     behind = torch.rand(100, 3) * torch.tensor([4.0, 5.0, 1.0]) + torch.tensor([-3.0, -2.5, 5.0])
     parts = [balls(wall.tolist(), 0.03, 0.95, [[0.2, 0.4, 0.6]] * len(wall))]
-    parts.append(
-        balls(behind.tolist(), 0.4, 0.5, [[0.9, 0.5, 0.1]] * len(behind)).with_label(torch.ones(100))
-    )
+    parts.append(balls(behind.tolist(), 0.4, 0.5, [[0.9, 0.5, 0.1]] * len(behind)).with_label(torch.ones(100)))
     names = ("means", "scales", "quats", "opacity", "sh", "label")
     splats = Splats(**{n: torch.cat([getattr(part, n) for part in parts]) for n in names})
     fast, plain = both(splats, forward_camera((64, 48), 50.0))
@@ -274,9 +266,7 @@ def test_identical_gaussians_render():
 def test_the_registry_builds_it_and_checks_its_options():
     assert RENDERERS.names().count("gaussian_splats") == 1
     assert not any("torch" in name or "kernels" in name for name in RENDERERS.names())
-    assert RENDERERS.build("gaussian_splats", {"backend": "torch", "near": 0.2}) == GaussianSplats(
-        "torch", near=0.2
-    )
+    assert RENDERERS.build("gaussian_splats", {"backend": "torch", "near": 0.2}) == GaussianSplats("torch", near=0.2)
     for options in ({"near": 0.0}, {"near_fade": -1.0}, {"threads": -1}, {"backend": "cuda"}):
         with pytest.raises(UsageError):
             RENDERERS.build("gaussian_splats", options)

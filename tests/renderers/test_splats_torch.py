@@ -23,8 +23,7 @@ def test_the_oracles_gradient_in_the_pose_is_the_slope_of_its_values(name):
     torch.manual_seed(0)
     n = 6
     splats = Splats(
-        torch.rand(n, 3).double() * torch.tensor([1.0, 1.0, 2.0]).double()
-        + torch.tensor([-0.5, -0.5, 3.0]).double(),
+        torch.rand(n, 3).double() * torch.tensor([1.0, 1.0, 2.0]).double() + torch.tensor([-0.5, -0.5, 3.0]).double(),
         torch.full((n, 3), 0.35).double() + torch.rand(n, 3).double() * 0.1,
         torch.nn.functional.normalize(torch.randn(n, 4).double(), dim=-1),
         torch.full((n,), 0.5).double(),
@@ -35,9 +34,7 @@ def test_the_oracles_gradient_in_the_pose_is_the_slope_of_its_values(name):
     camera = Camera(torch.eye(4).double()[None], intrinsics(torch.tensor([12.0]).double(), size), size)
 
     def mean(w2c: Tensor) -> Tensor:
-        return render_one(splats, w2c, camera.K[0], camera.size, Settings(0.1, 0.3, True))[name][
-            ..., 2:8, 2:8
-        ].mean()
+        return render_one(splats, w2c, camera.K[0], camera.size, Settings(0.1, 0.3, True))[name][..., 2:8, 2:8].mean()
 
     w2c = camera.w2c[0].clone().requires_grad_()
     (gradient,) = torch.autograd.grad(mean(w2c), w2c)

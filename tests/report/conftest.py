@@ -23,9 +23,7 @@ def scores(first: list[float], second: list[float]) -> Scores:
 
 @pytest.fixture
 def report() -> ReportData:
-    eye = torch.tensor(
-        [[3.0, 0.5, 1.0], [3.5, 0.4, 1.0], [4.0, 0.3, 1.0], [5.0, 0.2, 1.0]], dtype=torch.float64
-    )
+    eye = torch.tensor([[3.0, 0.5, 1.0], [3.5, 0.4, 1.0], [4.0, 0.3, 1.0], [5.0, 0.2, 1.0]], dtype=torch.float64)
     up = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     times = torch.arange(4, dtype=torch.float64) / 8
     joints = torch.zeros(14, 3, dtype=torch.float64)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.scores import Scores, Term
 from cltransfer.report.metrics import metrics_table, rows, write_metrics
+from cltransfer.scores import Scores, Term
 
 NAN = float("nan")
 

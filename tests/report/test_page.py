@@ -43,9 +43,7 @@ def test_hostile_names_are_text(report):
         command=evil,
         spent={evil: evil},
         flags=(Flag(0, evil),),
-        scores=Scores(
-            (term(evil, [1.0, 2.0, 3.0, float("nan")], reason=evil),), torch.ones(4, dtype=torch.float64)
-        ),
+        scores=Scores((term(evil, [1.0, 2.0, 3.0, float("nan")], reason=evil),), torch.ones(4, dtype=torch.float64)),
         baseline=None,
     )
     text = page(hostile)

@@ -90,9 +90,7 @@ def test_the_trained_layout_is_decoded(tmp_path):
     assert got.sh[0, 0].tolist() == pytest.approx([0.1, 0.2, 0.3])
     assert got.label.tolist() == [0]
     assert got.dropped == 0
-    assert all(
-        getattr(got, n).dtype == torch.float32 for n in ("means", "scales", "quats", "opacity", "sh", "label")
-    )
+    assert all(getattr(got, n).dtype == torch.float32 for n in ("means", "scales", "quats", "opacity", "sh", "label"))
 
 
 def test_properties_are_found_by_name_in_any_order_among_others(tmp_path):
@@ -246,9 +244,7 @@ def test_the_scanned_man_stands_upright_where_he_should():
     label = torch.zeros(len(splats))
     label[:152_746] = 1
     scene = Scene(splats.with_label(label), None, torch.tensor([0.0, -1, 0]), "biker", "0" * 64)
-    camera = Camera.look_at(
-        torch.tensor([[-4.0, -0.9, 0]]), torch.tensor([[0.0, -0.9, 0]]), scene.up, 0.9, (96, 96)
-    )
+    camera = Camera.look_at(torch.tensor([[-4.0, -0.9, 0]]), torch.tensor([[0.0, -0.9, 0]]), scene.up, 0.9, (96, 96))
     got = GaussianSplats().render(scene, camera, frozenset({"label", "depth"}))
     rows = torch.nonzero((got.label[0] > 0.5).any(1))[:, 0]
     height = float(rows.max() - rows.min() + 1) * 4 / float(camera.focal)
@@ -261,9 +257,7 @@ def test_the_robot_changes_colour_with_the_view():
     assert splats.degree == 2
     scene = Scene(splats, None, torch.tensor([0.0, -1, 0]), "robot", "0" * 64)
     plain = replace(scene, geometry=replace(splats, sh=splats.sh[:, :1]))
-    camera = Camera.look_at(
-        torch.tensor([[-2.0, -0.8, 0]]), torch.tensor([[0.0, -0.4, 0]]), scene.up, 0.9, (96, 54)
-    )
+    camera = Camera.look_at(torch.tensor([[-2.0, -0.8, 0]]), torch.tensor([[0.0, -0.4, 0]]), scene.up, 0.9, (96, 54))
     images = [GaussianSplats().render(s, camera, frozenset({"image"})).image for s in (scene, plain)]
     assert float((images[0] - images[1]).abs().max()) > 0.05
 

@@ -13,9 +13,7 @@ def test_covariance_of_a_turned_ellipsoid():
     half = math.sqrt(0.5)
     quarter_about_z = torch.tensor([[half, 0, 0, half]])
     one = torch.ones(1)
-    splats = Splats(
-        torch.zeros(1, 3), torch.tensor([[1.0, 2, 3]]), quarter_about_z, one, torch.zeros(1, 1, 3), one
-    )
+    splats = Splats(torch.zeros(1, 3), torch.tensor([[1.0, 2, 3]]), quarter_about_z, one, torch.zeros(1, 1, 3), one)
     torch.testing.assert_close(splats.covariances()[0], torch.diag(torch.tensor([4.0, 1, 9])))
 
 

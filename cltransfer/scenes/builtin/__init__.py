@@ -9,13 +9,13 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 
-from .paint import Part, shade
-from .sets import SETS
-from .surfaces import Array, Cells
 from ...errors import UsageError
 from ...subject import Subject
 from .. import Scene
 from ..splats import Splats
+from .paint import Part, shade
+from .sets import SETS
+from .surfaces import Array, Cells
 
 VERSION = 2  # part of the digest: raise it when the same name and seed give other Gaussians
 
@@ -42,9 +42,7 @@ def builtin_scene(name: str, seed: int = 0) -> Scene:
     splats = _splats([*parts, *body.parts()], world, rng)
     up, facing = (torch.from_numpy(world[axis].copy()) for axis in (2, 0))
     joints = torch.from_numpy(body.joints() @ world)
-    subject = Subject(
-        joints, torch.ones(14, dtype=torch.float64), facing, up, body.height, metres_per_unit=1.0
-    )
+    subject = Subject(joints, torch.ones(14, dtype=torch.float64), facing, up, body.height, metres_per_unit=1.0)
     digest = hashlib.sha256(f"builtin:{name}:{seed}:{VERSION}".encode()).hexdigest()
     return Scene(splats, subject, up, name, digest)
 

@@ -135,9 +135,7 @@ def shade(cells: Cells, occluders: Array, sun: Array) -> Array:
     lit = visibility(raised, occluders, sun, 0.12, 0.15) * np.clip(normal @ sun, 0, 1)
     sky = np.zeros(len(cells))
     turns = np.arange(8) * 2 * np.pi / 8
-    directions = [np.array([0.0, 0.0, 1.0])] + [
-        np.array([np.cos(t) * 0.77, np.sin(t) * 0.77, 0.64]) for t in turns
-    ]
+    directions = [np.array([0.0, 0.0, 1.0])] + [np.array([np.cos(t) * 0.77, np.sin(t) * 0.77, 0.64]) for t in turns]
     for direction in directions:
         facing = np.clip(normal @ direction, 0, 1)
         sky += facing * visibility(raised, occluders, direction, 0.2, 0.25) / len(directions)

@@ -33,9 +33,7 @@ def courtyard() -> tuple[Body, list[Part]]:
     ]
     for y in np.arange(-6.0, 8.5, 2.4):
         parts += _column((-5.4, y), 2.7)
-    parts += [
-        Part(p, plain((0.66, 0.36, 0.26), 0.1), 0.24) for p in box((-6.6, -7.2, 2.7), (-5.1, 9.6, 2.95))
-    ]
+    parts += [Part(p, plain((0.66, 0.36, 0.26), 0.1), 0.24) for p in box((-6.6, -7.2, 2.7), (-5.1, 9.6, 2.95))]
     parts += _fountain((-2.6, -2.4))
     for spot, size in (((-3.6, 3.0), 1.1), ((2.2, -5.6), 1.0), ((5.4, 5.8), 1.2)):
         parts += _tree(spot, size, _LEAF)
@@ -84,9 +82,7 @@ SETS = {"courtyard": courtyard, "plaza": plaza}
 
 def _surroundings() -> list[Part]:
     """Coarse earth, towers beyond the walls and a sky dome, so that every ray ends somewhere."""
-    sky = Lathe(
-        (0, 0, 0), (0, 0, 40), [(np.sin(a), 40 * np.cos(a)) for a in np.linspace(-0.03, np.pi / 2, 20)]
-    )
+    sky = Lathe((0, 0, 0), (0, 0, 40), [(np.sin(a), 40 * np.cos(a)) for a in np.linspace(-0.03, np.pi / 2, 20)])
     parts = [
         Part(sky, fade((0.86, 0.89, 0.92), (0.42, 0.60, 0.82), 26), 2.0, lit=False),
     ]

@@ -73,9 +73,7 @@ class Panel:
             n_v,
         )
         ones = np.ones((len(grid), 1))
-        return Cells(
-            corner + grid @ np.stack([u, v]), ones * u / (2 * n_u), ones * v / (2 * n_v), grid * lengths
-        )
+        return Cells(corner + grid @ np.stack([u, v]), ones * u / (2 * n_u), ones * v / (2 * n_v), grid * lengths)
 
 
 @dataclass(frozen=True)

@@ -50,9 +50,7 @@ def test_a_second_process_draws_its_first_frame_within_a_second_and_without_torc
 
     def seconds() -> float:
         run = [sys.executable, "-c", code]
-        answer = subprocess.run(
-            run, env=environment, capture_output=True, text=True, check=True
-        ).stdout.split()
+        answer = subprocess.run(run, env=environment, capture_output=True, text=True, check=True).stdout.split()
         assert float(answer[1]) > 0.1
         assert answer[2] == "False"
         return float(answer[0])
@@ -82,9 +80,7 @@ def test_depth_order_is_exact_and_stable():
 
 def test_morton_codes_interleave_the_bits_of_the_axes():
     last = 2**21 - 1
-    cells = np.array(
-        [[0, 0, 0], [last, 0, 0], [0, last, 0], [0, 0, last], [1, 0, 0], [0, 1, 0], [3, 0, 1]], float
-    )
+    cells = np.array([[0, 0, 0], [last, 0, 0], [0, last, 0], [0, 0, last], [1, 0, 0], [0, 1, 0], [3, 0, 1]], float)
     every_third = sum(1 << (3 * k) for k in range(21))
     assert morton_codes(cells).tolist() == [0, every_third, every_third << 1, every_third << 2, 1, 2, 0b1101]
 

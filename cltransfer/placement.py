@@ -1,12 +1,15 @@
-"""Where the person stands in the frame, for the losses that compare it. Frames are one wide and one high."""
+"""Where the person stands in the frame, for losses that compare it and searches that match it.
+
+Frames are one wide and one high.
+"""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from ..features import Features
-from ..skeleton import VISIBLE, key_joints
+from .features import Features
+from .skeleton import VISIBLE, key_joints
 
 
 def frame_joints(features: Features) -> Tensor:
