@@ -118,12 +118,19 @@ def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tu
     return image, first.size
 
 
-def _image_files(folder: Path) -> list[Path]:
-    def natural(file: Path) -> list[tuple[int, str]]:
-        parts = re.split(r"(\d+)", file.name)
-        return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """Key by which names sort as people count.
 
-    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS), key=natural)
+    >>> sorted(["cam10", "cam9"], key=natural_order)
+    ['cam9', 'cam10']
+    """
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def _image_files(folder: Path) -> list[Path]:
+    files = [f for f in folder.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS]
+    files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise InputError(folder, "images", "expected PNG or JPEG files, found none")
     return files

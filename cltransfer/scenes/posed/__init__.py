@@ -1,0 +1,102 @@
+"""Posed image sets: photographs with known cameras, in the layouts people have them in.
+
+Images are read when asked for, and only from the set's own folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ...camera import Camera
+from ...decoding import decode
+from ...errors import InputError
+from .lens import Lens, straighten
+
+SIZE_SLACK = 2  # [px], how far an image's shape may be from its camera's: reduced sizes are rounded
+
+
+@dataclass(frozen=True)
+class PosedImages:
+    """N photographs of one scene.
+
+    Args:
+        path: what it was read from.
+        camera: N pinhole cameras of one size, as the images are once their lens is straightened.
+        lenses: N lenses as the images were taken with.
+        names: N names, as the set gives them.
+        files: N image files (or videos, whose first frame counts); None where there is no such file.
+        points: reconstructed points in the world, (P, 3) float64, where the set has them.
+        colors: their RGB, (P, 3) uint8.
+
+    Raises:
+        ValueError: the lengths differ.
+    """
+
+    path: Path
+    camera: Camera
+    lenses: tuple[Lens, ...]
+    names: tuple[str, ...]
+    files: tuple[Path | None, ...]
+    points: Tensor | None = None  # (P, 3)
+    colors: Tensor | None = None  # (P, 3)
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.camera), len(self.lenses), len(self.names), len(self.files)}
+        if len(lengths) != 1:
+            raise ValueError(f"camera, lenses, names and files must have one length, got {sorted(lengths)}")
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of images that are not there."""
+        return tuple(name for name, file in zip(self.names, self.files) if file is None)
+
+    @property
+    def present(self) -> list[int]:
+        """Index of every image that is there."""
+        return [index for index, file in enumerate(self.files) if file is not None]
+
+    def images(self, index: Sequence[int], side: int) -> tuple[Camera, Tensor]:
+        """Cameras (B) and straightened images (B, 3, H, W) uint8 RGB, the longer side at most ``side`` [px].
+
+        Raises:
+            InputError: an image is missing, damaged, or of another shape than its camera.
+        """
+        scale = min(1.0, side / max(self.camera.size))
+        size = tuple(max(1, round(length * scale)) for length in self.camera.size)
+        images = [self._image(i, (size[0], size[1])) for i in index]
+        return self.camera[list(index)].at_size((size[0], size[1])), torch.stack(images)
+
+    def _image(self, index: int, size: tuple[int, int]) -> Tensor:
+        file = self.files[index]
+        if file is None:
+            raise InputError(self.path, self.names[index], "the image is missing")
+        frame, (width, height) = next(decode(file)), self.camera.size
+        if abs(frame.size[1] * width - frame.size[0] * height) > SIZE_SLACK * max(width, height):
+            raise InputError(file, "size", f"expected the shape of {width}x{height}, got {frame.size}")
+        K = self.camera.K[index].numpy()
+        return torch.from_numpy(straighten(frame.rgb(size), self.lenses[index], K)).permute(2, 0, 1).contiguous()
+
+
+def read_posed(path: str | Path) -> PosedImages:
+    """Read a posed image set.
+
+    Args:
+        path: a folder or file of COLMAP (a folder with ``sparse/0``, or the model's own folder, text or binary),
+            nerfstudio or instant-ngp (transforms.json), the INRIA trainer (cameras.json), LLFF (poses_bounds.npy), or
+            EasyMocap (intri.yml and extri.yml).
+
+    Raises:
+        InputError: it is none of these, is damaged, names a file outside its folder, has a lens that cannot be
+            straightened or images of several sizes.
+    """
+    from . import formats
+
+    return formats.read(Path(path))

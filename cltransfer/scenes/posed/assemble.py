@@ -1,0 +1,153 @@
+"""What every format shares: checked numbers, files inside the set's folder, views put together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ...camera import Camera
+from ...decoding import IMAGE_DEMUXERS, decode
+from ...errors import InputError
+from ...renderers.kernels import Array
+from . import PosedImages
+from .lens import Lens
+
+IMAGE_LIMIT = 20_000
+POINT_LIMIT = 20_000_000
+SIDE_LIMIT = 65_536  # [px]
+ROTATION_SLACK = 1e-3
+VIDEOS = (".mp4", ".mkv", ".mov")
+
+
+@dataclass(frozen=True)
+class View:
+    """One image of a set.
+
+    Args:
+        name: as the set gives it.
+        file: where it is, None where there is no such file.
+        w2c: (4, 4), OpenCV axes.
+        lens: it was taken with.
+    """
+
+    name: str
+    file: Path | None
+    w2c: Array
+    lens: Lens
+
+
+def posed_images(
+    path: Path, views: Sequence[View], points: Array | None = None, colors: Array | None = None
+) -> PosedImages:
+    """Views as one value.
+
+    Raises:
+        InputError: there are none or too many, or their images are of several sizes.
+    """
+    if not 1 <= len(views) <= IMAGE_LIMIT:
+        raise InputError(path, "images", f"expected 1 to {IMAGE_LIMIT}, got {len(views)}")
+    size = views[0].lens.size
+    for view in views:
+        if view.lens.size != size:
+            raise InputError(path, view.name, f"size: expected {size} as in {views[0].name}, got {view.lens.size}")
+    straight = {lens: lens.straight_matrix() for lens in {view.lens for view in views}}
+    K = torch.from_numpy(np.stack([straight[view.lens] for view in views]))
+    camera = Camera(torch.from_numpy(np.stack([view.w2c for view in views])), K, size)
+    return PosedImages(
+        path,
+        camera,
+        tuple(view.lens for view in views),
+        tuple(view.name for view in views),
+        tuple(view.file for view in views),
+        None if points is None else torch.from_numpy(points),
+        None if colors is None else torch.from_numpy(colors),
+    )
+
+
+def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = tuple(IMAGE_DEMUXERS)) -> Path | None:
+    """File ``name`` below ``root``, with one of ``suffixes`` where it has none; None where there is no such file.
+
+    Raises:
+        InputError: ``name`` leads out of ``root``; ``where`` names the file that says so.
+    """
+    plain = root / name
+    known = plain.suffix.lower() in (*IMAGE_DEMUXERS, *VIDEOS)
+    for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in suffixes]:
+        if not file.resolve().is_relative_to(root.resolve()):
+            raise InputError(where, name, "leads out of the folder of the set", "keep its images beside it")
+        if file.is_file():
+            return file
+    return None
+
+
+def lens_of(
+    where: Path, field: str, size: tuple[float, float], values: Sequence[float], distortion: Sequence[float] = ()
+) -> Lens:
+    """A lens of ``size`` (W, H) with ``values`` fx, fy, cx, cy [px], checked.
+
+    Raises:
+        InputError: a value is not finite or out of range.
+    """
+    if not all(1 <= length <= SIDE_LIMIT and length == int(length) for length in size):
+        raise InputError(where, field, f"expected a width and a height of 1 to {SIDE_LIMIT} px, got {tuple(size)}")
+    if not all(math.isfinite(v) for v in (*values, *distortion)) or min(values[:2]) <= 0:
+        raise InputError(where, field, f"expected finite intrinsics and a positive focal length, got {tuple(values)}")
+    bend = tuple(distortion) if any(distortion) else ()
+    return Lens((int(size[0]), int(size[1])), (values[0], values[1]), (values[2], values[3]), bend)
+
+
+def size_of_image(where: Path, name: str, file: Path | None) -> tuple[int, int]:
+    """(W, H) [px] of an image whose set does not say.
+
+    Raises:
+        InputError: the image is missing or damaged.
+    """
+    if file is None:
+        raise InputError(where, name, "the set states no width and height, and the image is missing")
+    return next(decode(file)).size
+
+
+def numbers(where: Path, field: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """``value`` as finite float64 of ``shape``.
+
+    Raises:
+        InputError: it is of another shape or kind.
+    """
+    try:
+        array = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(where, field, f"expected {' x '.join(map(str, shape))} finite numbers")
+    return array
+
+
+def rigid(where: Path, field: str, R: Array, t: Array) -> Array:
+    """(4, 4) of a rotation (3, 3), made exact, and a translation (3,).
+
+    Raises:
+        InputError: R is no rotation.
+    """
+    if not np.isfinite(R).all() or not np.isfinite(t).all():
+        raise InputError(where, field, "expected finite numbers")
+    u, _, v = np.linalg.svd(R)
+    exact = u @ v
+    if np.abs(exact - R).max() > ROTATION_SLACK or np.linalg.det(exact) < 0:
+        raise InputError(where, field, "expected a rotation", "a scaled or mirrored pose is no camera")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = exact, t
+    return pose
+
+
+def inverse(pose: Array) -> Array:
+    """Camera-to-world of world-to-camera, and the other way round, (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = pose[:3, :3].T
+    out[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return out

@@ -1,0 +1,87 @@
+"""COLMAP's text encoding: cameras.txt, images.txt and, where there is one, points3D.txt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...files import read_text
+from ...renderers.kernels import Array
+from .assemble import IMAGE_LIMIT, POINT_LIMIT
+from .colmap_tables import COUNTS, Calibration, Shot, Tables
+
+BYTE_LIMIT = 2**30
+
+
+def read_tables(model: Path) -> Tables:
+    """The model in the folder ``model``.
+
+    Raises:
+        InputError: a file is missing or too large, or a line is not what it should be.
+    """
+    points = model / "points3D.txt"
+    empty = np.empty((0, 3)), np.empty((0, 3), np.uint8)
+    return Tables(
+        _cameras(model / "cameras.txt"),
+        _images(model / "images.txt"),
+        *(_points(points) if points.is_file() else empty),
+    )
+
+
+def _lines(path: Path) -> Iterator[tuple[str, str]]:
+    """Where each line stands, and the line; comments are left out, empty lines are not."""
+    for number, line in enumerate(read_text(path, BYTE_LIMIT).splitlines(), start=1):
+        if not line.startswith("#"):
+            yield f"line {number}", line
+
+
+def _numbers(path: Path, where: str, parts: list[str]) -> Array:
+    try:
+        return np.array(parts, np.float64)
+    except ValueError:
+        raise InputError(path, where, "expected numbers") from None
+
+
+def _cameras(path: Path) -> dict[int, Calibration]:
+    cameras = {}
+    for where, line in _lines(path):
+        if not line.strip():
+            continue
+        key, model, *rest = [*line.split(), "", ""]
+        values = _numbers(path, where, rest[:-2])
+        if not key.isdecimal() or model not in COUNTS or len(values) != 2 + COUNTS[model]:
+            raise InputError(path, where, "expected CAMERA_ID MODEL WIDTH HEIGHT and the model's parameters")
+        cameras[int(key)] = Calibration(model, (float(values[0]), float(values[1])), tuple(values[2:].tolist()))
+    return cameras
+
+
+def _images(path: Path) -> list[Shot]:
+    shots = []
+    lines = list(_lines(path))
+    for where, line in lines[::2]:  # each second line lists the points an image sees, and may be empty
+        if not line.strip():
+            break
+        parts = line.split(maxsplit=9)
+        if len(parts) != 10 or not parts[8].isdecimal():
+            raise InputError(path, where, "expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
+        pose = _numbers(path, where, parts[1:8])
+        shots.append(Shot(parts[9].strip(), pose[:4], pose[4:], int(parts[8])))
+        if len(shots) > IMAGE_LIMIT:
+            raise InputError(path, "images", f"expected at most {IMAGE_LIMIT}")
+    return shots
+
+
+def _points(path: Path) -> tuple[Array, Array]:
+    rows = []
+    for where, line in _lines(path):
+        if line.strip():
+            rows.append(_numbers(path, where, line.split(maxsplit=7)[1:7]))
+            if len(rows[-1]) != 6:
+                raise InputError(path, where, "expected POINT3D_ID X Y Z R G B ERROR")
+            if len(rows) > POINT_LIMIT:
+                raise InputError(path, "points", f"expected at most {POINT_LIMIT}")
+    table = np.array(rows).reshape(-1, 6)
+    return table[:, :3], table[:, 3:].astype(np.uint8)

@@ -1,0 +1,42 @@
+"""Which format a posed image set is in: by the names of its files, and for JSON by what it holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...errors import InputError
+from . import PosedImages
+from .colmap import find_model, read_colmap
+from .easymocap import read_easymocap
+from .inria import read_inria
+from .llff import read_llff
+from .transforms import read_transforms
+
+KNOWN = "transforms.json, cameras.json, poses_bounds.npy, intri.yml, or sparse/0"
+
+
+def read(path: Path) -> PosedImages:
+    """The set at ``path``; see :func:`cltransfer.scenes.posed.read_posed`."""
+    if not path.exists():
+        raise InputError(path, "", "no such file or folder")
+    if path.is_dir():
+        return _read_folder(path)
+    if path.name in ("intri.yml", "extri.yml"):
+        return read_easymocap(path.parent)
+    if path.suffix == ".npy":
+        return read_llff(path)
+    if path.suffix == ".json":
+        with path.open("rb") as stream:
+            start = stream.read(64).lstrip()
+        return read_inria(path) if start.startswith(b"[") else read_transforms(path)
+    raise InputError(path, "", "is no posed image set", f"expected {KNOWN}")
+
+
+def _read_folder(folder: Path) -> PosedImages:
+    for name in ("transforms.json", "cameras.json", "poses_bounds.npy", "intri.yml"):
+        if (folder / name).is_file():
+            return read(folder / name)
+    model = find_model(folder)
+    if model is None:
+        raise InputError(folder, "", "is no posed image set", f"expected {KNOWN}")
+    return read_colmap(model)

@@ -1,0 +1,73 @@
+"""Lenses as posed image sets describe them, and images made straight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...renderers.kernels import Array
+
+HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole with the distortion of OpenCV's model; pixels have their corner at 0.
+
+    Args:
+        size: (W, H) [px].
+        focal: along x and y [px].
+        center: principal point x and y [px].
+        distortion: k1, k2, p1, p2, k3, k4, k5, k6 or as many of them as there are; none is a straight lens.
+    """
+
+    size: tuple[int, int]
+    focal: tuple[float, float]
+    center: tuple[float, float]
+    distortion: tuple[float, ...] = ()
+
+    @property
+    def matrix(self) -> Array:
+        """Intrinsics with the lens's own focal length, (3, 3) [px]."""
+        (fx, fy), (cx, cy) = self.focal, self.center
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+    @property
+    def bends(self) -> bool:
+        """Whether there is any distortion."""
+        return any(self.distortion)
+
+    def straight_matrix(self) -> Array:
+        """Intrinsics (3, 3) [px] of the straightened image: every pixel of it was seen."""
+        if not self.bends:
+            return self.matrix
+        K, _ = cv2.getOptimalNewCameraMatrix(_centred(self.matrix), self._coefficients, self.size, alpha=0)
+        return _cornered(K)
+
+    @property
+    def _coefficients(self) -> Array:
+        count = next(n for n in (4, 5, 8) if n >= len(self.distortion))
+        return np.pad(np.array(self.distortion, np.float64), (0, count - len(self.distortion)))
+
+
+def straighten(image: Array, lens: Lens, K: Array) -> Array:
+    """Image (H, W, 3) uint8 of any size as a pinhole with ``K`` (3, 3) [px at the lens's size] would have seen it."""
+    if not lens.bends:
+        return image
+    height, width = image.shape[:2]
+    scale = np.array([[width / lens.size[0]], [height / lens.size[1]], [1.0]])
+    maps = cv2.initUndistortRectifyMap(
+        _centred(lens.matrix * scale), lens._coefficients, None, _centred(K * scale), (width, height), cv2.CV_32FC1
+    )
+    return cv2.remap(image, *maps, cv2.INTER_LINEAR)
+
+
+def _centred(K: Array) -> Array:
+    """K for OpenCV, where the centre of the first pixel is 0."""
+    return K - HALF_PIXEL
+
+
+def _cornered(K: Array) -> Array:
+    return K + HALF_PIXEL

@@ -1,0 +1,65 @@
+"""poses_bounds.npy of LLFF, as DyNeRF has it: a row an image, axes down, right, backward."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...clip import natural_order
+from ...decoding import IMAGE_DEMUXERS
+from ...errors import InputError
+from ...renderers.kernels import Array
+from . import PosedImages
+from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, posed_images, rigid
+
+ROW = 17  # 3 x 5 of rotation, centre and (height, width, focal), then the nearest and farthest depth
+BYTE_LIMIT = IMAGE_LIMIT * ROW * 8 + 4096
+
+
+def read_llff(path: Path) -> PosedImages:
+    """Images and cameras of a poses_bounds.npy.
+
+    Rows belong to the images of ``images/``, else to the videos beside the file, in the natural order of their names.
+
+    Raises:
+        InputError: see :func:`cltransfer.scenes.posed.read_posed`; or there are not as many images as rows.
+    """
+    rows = _rows(path)
+    files = _files(path)
+    if files and len(files) != len(rows):
+        raise InputError(path, "rows", f"holds {len(rows)}, there are {len(files)} images", "they go by order")
+    views = []
+    for index, row in enumerate(rows):
+        pose = row[:15].reshape(3, 5)
+        height, width, focal = pose[:, 4]
+        down, right, backward = pose[:, :3].T
+        where = f"row {index}"
+        c2w = rigid(path, where, np.stack([right, down, -backward], axis=1), pose[:, 3])
+        lens = lens_of(path, where, (width, height), (focal, focal, width / 2, height / 2))
+        name = files[index].name if files else f"{index:03d}"
+        views.append(View(name, files[index] if files else None, inverse(c2w), lens))
+    return posed_images(path, views)
+
+
+def _rows(path: Path) -> Array:
+    if not path.is_file():
+        raise InputError(path, "", "no such file")
+    if path.stat().st_size > BYTE_LIMIT:
+        raise InputError(path, "", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
+    try:
+        rows = np.load(path, mmap_mode="r", allow_pickle=False)  # by map: a shape larger than the file is refused
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(path, "", f"not a NumPy file: {' '.join(str(error).split())}") from None
+    if rows.ndim != 2 or rows.shape[1] != ROW or rows.dtype.kind != "f":
+        raise InputError(path, "shape", f"expected (N, {ROW}) numbers, got {rows.shape} {rows.dtype}")
+    return np.array(rows, np.float64)
+
+
+def _files(path: Path) -> list[Path]:
+    folder, suffixes = path.parent / "images", tuple(IMAGE_DEMUXERS)
+    if not folder.is_dir():
+        folder, suffixes = path.parent, VIDEOS
+    names = sorted((f.name for f in folder.iterdir() if f.suffix.lower() in suffixes), key=natural_order)
+    found = [find_image(path.parent, f"{folder.relative_to(path.parent)}/{name}", path) for name in names]
+    return [file for file in found if file is not None]

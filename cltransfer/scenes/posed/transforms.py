@@ -1,0 +1,69 @@
+"""transforms.json of nerfstudio, instant-ngp and the Blender sets: OpenGL camera-to-world, one JSON file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...files import read_json
+from . import PosedImages
+from .assemble import View, find_image, inverse, lens_of, numbers, posed_images, rigid, size_of_image
+from .lens import Lens
+from .points_ply import read_points
+
+MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+POINTS = "points3D.ply"  # beside the file, where it names no other
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # x right, y up, z backward, to x right, y down, z forward
+
+
+def read_transforms(path: Path) -> PosedImages:
+    """Images and cameras of a transforms.json; what is stated per frame goes before what is stated once.
+
+    Raises:
+        InputError: see :func:`cltransfer.scenes.posed.read_posed`.
+    """
+    data = read_json(path)
+    if not isinstance(data, Mapping) or not isinstance(data.get("frames"), list):
+        raise InputError(path, "frames", "expected a list of images", "is it a transforms.json?")
+    views = [_view(path, data, frame, index) for index, frame in enumerate(data["frames"])]
+    cloud = find_image(path.parent, str(data.get("ply_file_path", POINTS)), path, ("", ".ply"))
+    return posed_images(path, views, *(read_points(cloud) if cloud else ()))
+
+
+def _view(path: Path, data: Mapping[str, Any], frame: Any, index: int) -> View:
+    where = f"frames[{index}]"
+    if not isinstance(frame, Mapping) or not isinstance(frame.get("file_path"), str):
+        raise InputError(path, f"{where}.file_path", "expected the name of an image")
+    name = frame["file_path"]
+    file = find_image(path.parent, name, path)
+    pose = numbers(path, f"{where}.transform_matrix", frame.get("transform_matrix"), (4, 4))
+    c2w = rigid(path, f"{where}.transform_matrix", pose[:3, :3], pose[:3, 3]) @ OPENGL
+    return View(name, file, inverse(c2w), _lens(path, {**data, **frame}, where, file))
+
+
+def _lens(path: Path, values: Mapping[str, Any], where: str, file: Path | None) -> Lens:
+    model = values.get("camera_model", "OPENCV")
+    if model not in MODELS or values.get("is_fisheye") or values.get("k4"):
+        kind = model if model not in MODELS else "fisheye"
+        raise InputError(path, f"{where}.camera_model", f"{kind} cannot be straightened", f"expected {MODELS[-1]}")
+
+    def number(key: str, default: float | None = None) -> float:
+        value = values.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(path, f"{where}.{key}", f"expected a number, got {value!r}")
+        return float(value)
+
+    size = (number("w"), number("h")) if "w" in values else size_of_image(path, str(values["file_path"]), file)
+    if "fl_x" in values:
+        fx = number("fl_x")
+    else:
+        fx = size[0] / (2 * math.tan(number("camera_angle_x") / 2))
+    fy = number("fl_y", fx)
+    center = (number("cx", size[0] / 2), number("cy", size[1] / 2))
+    return lens_of(path, where, size, (fx, fy, *center), [number(key, 0.0) for key in DISTORTION])

@@ -1,0 +1,180 @@
+"""What is wrong with a posed image set is said in one line, and nothing outside its folder is opened."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.posed import read_posed
+
+POSE = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]
+FRAME = {"file_path": "a.png", "transform_matrix": POSE}
+SET = {"w": 8, "h": 6, "fl_x": 5.0, "frames": [FRAME]}
+
+
+def write(root: Path, **changes: Any) -> Path:
+    (root / "transforms.json").write_text(json.dumps({**SET, **changes}))
+    return root
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"frames": []}, "images: expected 1 to"),
+        ({"frames": 3}, "frames: expected a list"),
+        ({"frames": [{"transform_matrix": POSE}]}, r"frames\[0\].file_path: expected the name"),
+        ({"frames": [{"file_path": "a.png"}]}, r"frames\[0\].transform_matrix: expected 4 x 4"),
+        ({"frames": [{**FRAME, "transform_matrix": [[2.0, 0, 0, 0], *POSE[1:]]}]}, "expected a rotation"),
+        ({"frames": [{**FRAME, "file_path": "../a.png"}]}, r"../a.png: leads out of the folder"),
+        ({"frames": [{**FRAME, "file_path": "/etc/a.png"}]}, "leads out of the folder"),
+        ({"frames": [FRAME, {**FRAME, "file_path": "b.png", "w": 9}]}, r"b.png: size: expected \(8, 6\)"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE cannot be straightened"),
+        ({"k4": 0.1}, "fisheye cannot be straightened"),
+        ({"fl_x": -1.0}, "expected finite intrinsics"),
+        ({"fl_x": "five"}, r"frames\[0\].fl_x: expected a number, got 'five'"),
+        ({"w": 10**9}, "expected a width and a height"),
+        ({"ply_file_path": "../points.ply"}, "leads out of the folder"),
+    ],
+)
+def test_a_wrong_field_of_transforms_json_is_named(tmp_path: Path, changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=f"transforms.json: .*{says}"):
+        read_posed(write(tmp_path, **changes))
+
+
+def test_a_link_that_leads_out_of_the_set_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "outside.png").write_bytes(b"")
+    root = tmp_path / "set"
+    root.mkdir()
+    (root / "a.png").symlink_to(tmp_path / "outside.png")
+    with pytest.raises(InputError, match=r"a.png: leads out of the folder"):
+        read_posed(write(root))
+
+
+def test_a_missing_image_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
+    posed = read_posed(write(tmp_path))
+    assert posed.missing == ("a.png",)
+    with pytest.raises(InputError, match=r"a.png: the image is missing"):
+        posed.images([0], 8)
+
+
+def test_an_image_of_another_shape_is_refused(tmp_path: Path) -> None:
+    import cv2
+
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 12, 3), np.uint8))
+    with pytest.raises(InputError, match=r"a.png: size: expected the shape of 8x6, got \(12, 6\)"):
+        read_posed(write(tmp_path)).images([0], 8)
+
+
+def test_what_is_no_set_says_what_would_be_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is no posed image set \(expected transforms.json"):
+        read_posed(tmp_path)
+    with pytest.raises(InputError, match="no such file or folder"):
+        read_posed(tmp_path / "gone")
+    (tmp_path / "notes.txt").write_text("")
+    with pytest.raises(InputError, match=r"notes.txt: is no posed image set"):
+        read_posed(tmp_path / "notes.txt")
+
+
+def model(root: Path, **files: bytes) -> Path:
+    folder = root / "sparse" / "0"
+    folder.mkdir(parents=True)
+    whole = {
+        "cameras": struct.pack("<QIiQQ4d", 1, 1, 1, 8, 6, 5, 5, 4, 3),
+        "images": struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 2, 1) + b"a.png\0" + struct.pack("<Q", 0),
+    }
+    for name, data in (whole | files).items():
+        (folder / f"{name}.bin").write_bytes(data)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ({"cameras": b"\1\0\0"}, "cameras.bin: body: cut off"),
+        ({"cameras": struct.pack("<Q", 2**60)}, "cameras.bin: cameras: expected at most"),
+        ({"cameras": struct.pack("<QIiQQ4d", 1, 1, 99, 8, 6, 5, 5, 4, 3)}, "no lens model has the number 99"),
+        ({"cameras": struct.pack("<QIiQQ8d", 1, 1, 5, 8, 6, *[1.0] * 8)}, "lens OPENCV_FISHEYE cannot be straightened"),
+        ({"cameras": struct.pack("<QIiQQ4d", 1, 2, 1, 8, 6, 5, 5, 4, 3)}, "camera 1, which is not in the model"),
+        ({"images": struct.pack("<Q", 1)}, "images.bin: body: cut off"),
+        ({"images": struct.pack("<QI7dI", 1, 1, 0, 0, 0, 0, 0, 0, 2, 1) + b"a\0" + bytes(8)}, "expected finite"),
+        ({"images": struct.pack("<QI7dI", 1, 1, 1, *[0] * 6, 1) + b"a.png\0" + struct.pack("<Q", 9)}, "cut off"),
+        ({"images": struct.pack("<QI7dI", 1, 1, 1, *[0] * 6, 1) + b"../a.png\0" + bytes(8)}, "leads out of the"),
+        ({"points3D": struct.pack("<Q", 10**6)}, "points3D.bin: body: cut off"),
+    ],
+)
+def test_a_damaged_binary_model_is_named(tmp_path: Path, files: dict[str, bytes], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        read_posed(model(tmp_path, **files))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("cameras", "1 PINHOLE 8 6 5 5 4", r"cameras.txt: line 1: expected CAMERA_ID"),
+        ("cameras", "1 PINHOLE 8 6 5 5 4 x", r"cameras.txt: line 1: expected numbers"),
+        ("images", "1 1 0 0 0 0 0 2 1", r"images.txt: line 1: expected IMAGE_ID"),
+        ("points3D", "1 0 0 0 1 1", r"points3D.txt: line 1: expected POINT3D_ID"),
+    ],
+)
+def test_a_bad_line_of_a_text_model_is_named(tmp_path: Path, name: str, text: str, says: str) -> None:
+    files = {"cameras": "1 PINHOLE 8 6 5 5 4 3\n", "images": "1 1 0 0 0 0 0 2 1 a.png\n\n", name: text + "\n"}
+    for stem, content in files.items():
+        (tmp_path / f"{stem}.txt").write_text(content)
+    with pytest.raises(InputError, match=says):
+        read_posed(tmp_path)
+
+
+def save(root: Path, array: Any) -> None:
+    np.save(root / "poses_bounds.npy", array, allow_pickle=True)
+
+
+@pytest.mark.parametrize(
+    ("prepare", "says"),
+    [
+        (lambda root: save(root, np.zeros((2, 16))), r"shape: expected \(N, 17\)"),
+        (lambda root: save(root, np.array([{}], dtype=object)), "not a NumPy file"),
+        (lambda root: (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY"), "not a NumPy file"),
+        (lambda root: save(root, np.full((1, 17), np.nan)), "row 0: expected"),
+    ],
+)
+def test_a_bad_poses_bounds_is_named(tmp_path: Path, prepare: Callable[[Path], None], says: str) -> None:
+    prepare(tmp_path)
+    with pytest.raises(InputError, match=says):
+        read_posed(tmp_path)
+
+
+def test_as_many_llff_images_as_rows_are_expected(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "a.png").write_bytes(b"")
+    save(tmp_path, np.zeros((3, 17)))
+    with pytest.raises(InputError, match="rows: holds 3, there are 1 images"):
+        read_posed(tmp_path)
+
+
+EASY = '%YAML:1.0\n---\nnames:\n   - "1"\nK_1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {} ]\n'
+
+
+@pytest.mark.parametrize(
+    ("intri", "says"),
+    [
+        ("names: [1]", "intri.yml: header: expected %YAML"),
+        ("%YAML:1.0\n---\n", "names: expected a list"),
+        (EASY.format("1, 2, 3"), "K_1: expected 3 x 3 finite numbers, got 3"),
+        (EASY.format("1, a"), "K_1: expected numbers in data"),
+        (EASY.format("5, 0, 4, 0, 5, 3, 0, 0, 1"), "Rot_1: expected a 3 x 3 matrix, it is missing"),
+        (EASY.format("5, 0, 4, 0, 5, 3, 0, 0, 1") + "dist_1: 3\n", "dist_1: expected a matrix"),
+        ('%YAML:1.0\n---\nnames:\n   - "../../x"\n', "leads out of the folder"),
+    ],
+)
+def test_a_bad_calibration_of_easymocap_is_named(tmp_path: Path, intri: str, says: str) -> None:
+    (tmp_path / "intri.yml").write_text(intri + ("W_1: 8\nH_1: 6\n" if intri.startswith("%") else ""))
+    (tmp_path / "extri.yml").write_text("%YAML:1.0\n---\n")
+    with pytest.raises(InputError, match=says):
+        read_posed(tmp_path)
