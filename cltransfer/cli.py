@@ -96,7 +96,13 @@ def transfer(
         ),
     ] = None,
     out: Out = None,
-    init: Annotated[str, typer.Option(help="Initial view: auto, or a trajectory file (its first camera).")] = "auto",
+    init: Annotated[
+        str,
+        typer.Option(
+            help="Initial view: auto, a trajectory file (its first camera), or SET:INDEX of a posed image set "
+            "(COLMAP, transforms.json, cameras.json, poses_bounds.npy, EasyMocap)."
+        ),
+    ] = "auto",
     subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
     up: Up = None,
     config: Config = None,

@@ -14,7 +14,7 @@ from .config import RunConfig
 from .driver.cma_es import Budget
 from .driver.follow import Path as FoundPath
 from .driver.follow import Schedule, follow, smoothed, still
-from .driver.initial_view import best_of_orbit, view_from_file
+from .driver.initial_view import best_of_orbit, given_view
 from .driver.stage import Spent, Stage
 from .features import Features
 from .graph import Family
@@ -47,7 +47,7 @@ class Inputs:
     Args:
         scene: a scene file or ``builtin:NAME``.
         reference: see :func:`cltransfer.reference.read_reference`.
-        init: ``auto``, or a trajectory file whose first camera is the initial view.
+        init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
         subject: a subject.json; None lifts the scene, or takes the lift from the cache.
         up: the scene's up; None takes the format's usual one.
     """
@@ -122,7 +122,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     if inputs.init == "auto":
         home = best_of_orbit(stage, reference.features[0], output, schedule.free_lens)
     else:
-        home = view_from_file(Path(inputs.init), output)
+        home = given_view(inputs.init, output)
     clock.lap("initial view")
     count = len(reference)
     found = follow(stage, search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))

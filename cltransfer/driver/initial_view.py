@@ -11,6 +11,7 @@ from torch import Tensor
 from ..camera import Camera, resized
 from ..errors import InputError, UsageError
 from ..features import Features
+from ..scenes.posed import read_posed
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -23,13 +24,25 @@ DISTANCES = tuple(0.5 * 1.4**k for k in range(9))  # subject heights, 0.5 to 7.4
 BATCH = 16  # views rendered together
 
 
-def view_from_file(path: Path, size: tuple[int, int]) -> Camera:
-    """The first camera of a trajectory file, at ``size``; its vertical field of view is kept.
+def given_view(source: str, size: tuple[int, int]) -> Camera:
+    """The view a person names, at ``size``; its vertical field of view is kept.
+
+    Args:
+        source: a trajectory file (its first camera), or ``SET:INDEX``, a camera of a posed image set, counted from 0
+            in the set's own order (COLMAP: of names).
+        size: (W, H) of the view [px].
 
     Raises:
-        InputError: the file is no trajectory.
+        InputError: the file is no trajectory, or the set cannot be read.
+        UsageError: the set has no such camera.
     """
-    return resized(Trajectory.load(path).camera[0], size)
+    name, colon, index = source.rpartition(":")
+    if not (colon and index.isdecimal()):
+        return resized(Trajectory.load(Path(source)).camera[0], size)
+    posed = read_posed(name)
+    if int(index) >= len(posed):
+        raise UsageError(name, "--init", f"expected 0 to {len(posed) - 1}, got {index}")
+    return resized(posed.camera[int(index)], size)
 
 
 def orbit(subject: Subject, size: tuple[int, int], first: Features, free_lens: bool) -> Camera:

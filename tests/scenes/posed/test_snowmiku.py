@@ -46,6 +46,20 @@ def test_points_have_the_colours_of_the_pixels_they_fall_on(posed: PosedImages) 
         assert right > 1.6 * by_chance  # not all: what stands before a point hides it
 
 
+def test_points_fall_on_their_pixels_and_not_beside_them(posed: PosedImages) -> None:
+    assert posed.points is not None
+    assert posed.colors is not None
+    camera, image = posed.images([15], 792)
+    pixels = camera.project(posed.points)[0][0]
+    inside = ((pixels >= 8) & (pixels < torch.tensor(camera.size) - 8)).all(1)
+
+    def error(shift: tuple[int, int]) -> float:
+        x, y = (pixels[inside] + torch.tensor(shift)).long().unbind(1)
+        return float((image[0, :, y, x].T.float() - posed.colors[inside].float()).abs().mean(1).median())
+
+    assert error((0, 0)) < 0.93 * min(error(shift) for shift in ((8, 0), (-8, 0), (0, 8), (0, -8)))
+
+
 def test_reduced_images_are_taken_with_the_camera_of_their_full_size(posed: PosedImages) -> None:
     camera, image = read_posed(SET / "cameras_3dgs.json").images([0], 198)  # says 3958x2968, images are 792x594
     assert image.shape == (1, 3, 148, 198)
