@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,10 @@ from torch import Tensor
 from .errors import InputError
 from .features import Features
 from .files import atomic
+from .tensor_file import check_tensor_file
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
-HEADER_LIMIT = 2**20  # bytes
 STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "orientation")
 
 
@@ -57,7 +56,7 @@ class FeatureFile:
         """
         from safetensors import SafetensorError, safe_open
 
-        _precheck(path)
+        check_tensor_file(path, LIMIT, "feature file")
         try:
             with safe_open(path, framework="pt") as stream:
                 meta: dict[str, str] = stream.metadata() or {}
@@ -67,18 +66,6 @@ class FeatureFile:
         if meta.get("format") != FORMAT:
             raise InputError(path, "format", f"expected {FORMAT!r}, got {meta.get('format')!r}")
         return cls(_features(path, tensors, meta), _times(path, tensors), meta.get("origin", ""))
-
-
-def _precheck(path: Path) -> None:
-    if not path.is_file():
-        raise InputError(path, "", "no such file")
-    size = path.stat().st_size
-    if size > LIMIT:
-        raise InputError(path, "", f"expected at most {LIMIT} bytes, got {size}")
-    with path.open("rb") as stream:
-        start = stream.read(8)
-    if len(start) < 8 or struct.unpack("<Q", start)[0] > min(HEADER_LIMIT, size):
-        raise InputError(path, "header", "not a feature file")
 
 
 def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:

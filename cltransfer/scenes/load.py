@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -24,8 +25,8 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
     """Read a scene; its subject is not lifted yet, except in built-in scenes.
 
     Args:
-        path: a Gaussian-splat ``.ply``, or ``builtin:NAME``.
-        up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and what a built-in scene says.
+        path: a Gaussian-splat ``.ply``, a voxel grid ``.safetensors``, or ``builtin:NAME``.
+        up: upwards in the scene, any length > 0; None is (0, -1, 0) for files and what a built-in scene says.
 
     Raises:
         InputError: the file is missing, damaged or of no known kind.
@@ -39,12 +40,22 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
             raise UsageError(str(path), "up", f"is {tuple(scene.up.tolist())} in this scene; leave it out")
         return scene
     path = Path(path)
-    if path.suffix.lower() != ".ply":
-        raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply or builtin:NAME")
-    from .ply import read_splats
+    return Scene(_geometry(path), None, _unit(up or SPLAT_UP), path.stem, content_hash(path))
 
-    splats = read_splats(path)
-    return Scene(splats, None, _unit(up or SPLAT_UP), path.stem, content_hash(path))
+
+def _geometry(path: Path) -> Any:
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        from .ply import read_splats
+
+        return read_splats(path)
+    if suffix == ".safetensors":
+        from .nerf_grid import read_grid
+
+        return read_grid(path)
+    raise InputError(
+        path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply, .safetensors or builtin:NAME"
+    )
 
 
 def _unit(vector: tuple[float, float, float]) -> Tensor:

@@ -1,0 +1,156 @@
+"""Radiance fields on a regular grid as a value, and as a safetensors file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..files import atomic
+from ..renderers.kernels.grid_pack import Packed, pack
+from ..tensor_file import check_tensor_file
+
+FORMAT = "cltransfer.nerf_grid.1"
+LIMIT = 4 * 2**30  # bytes
+MOST_VERTICES = 2**27  # 512^3
+SH_DEGREES = {1: 0, 4: 1, 9: 2}  # coefficients per channel -> degree
+KEYS = ("density", "sh", "label", "aabb")
+
+
+@dataclass(frozen=True, eq=False)
+class NerfGrid:
+    """Density and view-dependent colour at the vertices of a box's grid, trilinear in between, nothing outside.
+
+    Vertex 0 of an axis lies on the box's lower side and the last one on its upper side.
+
+    Args:
+        density: extinction, >= 0, per scene unit, (Z, Y, X), each side >= 2.
+        sh: real spherical harmonics of the colour minus 0.5, (Z, Y, X, (d + 1)^2, 3), degree d in 0..2.
+        label: membership in the subject, [0, 1], (Z, Y, X).
+        aabb: lower and upper corner of the box in the world, (2, 3) float64 as x, y, z, scene units.
+
+    Raises:
+        ValueError: a shape is wrong, or the box is empty.
+    """
+
+    renderer: ClassVar[str] = "nerf_grid"
+
+    density: Tensor  # (Z, Y, X) [1 / scene unit]
+    sh: Tensor  # (Z, Y, X, (d + 1)^2, 3)
+    label: Tensor  # (Z, Y, X)
+    aabb: Tensor  # (2, 3)
+
+    def __post_init__(self) -> None:
+        shape = tuple(self.density.shape)
+        if len(shape) != 3 or min(shape) < 2:
+            raise ValueError(f"density must be (Z, Y, X) with sides of at least 2, got {shape}")
+        got = tuple(self.sh.shape)
+        if got[:3] != shape or len(got) != 5 or got[3] not in SH_DEGREES or got[4] != 3:
+            raise ValueError(f"sh must be {(*shape, '1 | 4 | 9', 3)}, got {got}")
+        if tuple(self.label.shape) != shape:
+            raise ValueError(f"label must be {shape}, got {tuple(self.label.shape)}")
+        if tuple(self.aabb.shape) != (2, 3) or not bool((self.aabb[1] > self.aabb[0]).all()):
+            raise ValueError(f"aabb must be a lower and a greater upper corner, got {self.aabb.tolist()}")
+
+    @property
+    def degree(self) -> int:
+        """Degree of the spherical harmonics, 0..2."""
+        return SH_DEGREES[self.sh.shape[3]]
+
+    @property
+    def voxel(self) -> Tensor:
+        """Distance between neighbouring vertices along x, y, z, (3,), scene units."""
+        counts = torch.tensor(self.density.shape[::-1]).to(self.aabb)
+        return (self.aabb[1] - self.aabb[0]) / (counts - 1)
+
+    @cached_property
+    def filled(self) -> Tensor:
+        """Indices z, y, x of the N vertices that hold anything, (N, 3); these are what labels are about."""
+        return torch.nonzero(self.density > 0)
+
+    def __len__(self) -> int:
+        return len(self.filled)
+
+    @property
+    def means(self) -> Tensor:
+        """Places of the vertices that hold anything, (N, 3), scene units."""
+        return (self.aabb[0] + self.filled.flip(1) * self.voxel).float()
+
+    def with_label(self, label: Tensor) -> NerfGrid:
+        """The same field with another subject membership (N,) in [0, 1] of the vertices that hold anything."""
+        whole = torch.zeros_like(self.label)
+        whole[tuple(self.filled.T)] = label.to(whole)
+        return replace(self, label=whole)
+
+    @cached_property
+    def packed(self) -> Packed:
+        """Layout of the CPU kernels, made on first use; it shares memory with a float32 grid."""
+        density, sh, label = (
+            p.detach().to("cpu", torch.float32).contiguous().numpy() for p in (self.density, self.sh, self.label)
+        )
+        return pack(density, sh, label, self.aabb.detach().cpu().double().numpy())
+
+
+def write_grid(path: Path, grid: NerfGrid) -> None:
+    """Write ``grid`` as safetensors, whole or not at all."""
+    from safetensors.torch import save_file
+
+    with atomic(path) as temporary:
+        save_file({key: getattr(grid, key).contiguous() for key in KEYS}, temporary, metadata={"format": FORMAT})
+
+
+def read_grid(path: Path) -> NerfGrid:
+    """Read a grid that :func:`write_grid` wrote, or any safetensors with its four tensors and format name.
+
+    Raises:
+        InputError: it is missing, too large, of another format, a tensor is missing or of a wrong shape, density is
+            negative, label is outside [0, 1], or a value is not finite.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    check_tensor_file(path, LIMIT, "grid in safetensors")
+    try:
+        with safe_open(path, framework="pt") as stream:
+            _check_header(path, stream)
+            tensors = {key: stream.get_tensor(key) for key in KEYS}
+    except SafetensorError as error:
+        raise InputError(path, "", f"not a grid in safetensors: {error}") from None
+    _check_values(path, tensors)
+    single = {key: tensors[key].float() for key in KEYS[:3]}
+    try:
+        return NerfGrid(**single, aabb=tensors["aabb"].double())
+    except ValueError as error:
+        key, _, reason = str(error).partition(" must be ")
+        raise InputError(path, key, f"expected {reason}") from None
+
+
+def _check_header(path: Path, stream: Any) -> None:
+    """Format, names, types and sizes, before anything is allocated."""
+    named = (stream.metadata() or {}).get("format")
+    if named != FORMAT:
+        raise InputError(path, "format", f"expected {FORMAT!r}, got {named!r}")
+    for key in KEYS:
+        if key not in stream.keys():  # noqa: SIM118  (the stream is no mapping)
+            raise InputError(path, key, "tensor is missing")
+        part = stream.get_slice(key)
+        if part.get_dtype() not in ("F16", "F32", "F64"):
+            raise InputError(path, key, f"expected floating point, got {part.get_dtype()}")
+    vertices = int(np.prod(stream.get_slice("density").get_shape(), dtype=object))
+    if vertices > MOST_VERTICES:
+        raise InputError(path, "density", f"expected at most {MOST_VERTICES} vertices, got {vertices}")
+
+
+def _check_values(path: Path, tensors: dict[str, Tensor]) -> None:
+    for key, value in tensors.items():
+        if not bool(value.isfinite().all()):
+            raise InputError(path, key, "expected finite values, got NaN or infinity")
+    if bool((tensors["density"] < 0).any()):
+        raise InputError(path, "density", f"expected no negative value, got {float(tensors['density'].min()):g}")
+    if bool(((tensors["label"] < 0) | (tensors["label"] > 1)).any()):
+        raise InputError(path, "label", "expected values in [0, 1]")
