@@ -1,0 +1,112 @@
+"""A real person in a real splat scene, and a real clip: lift, transfer, evaluate. Skipped where the data is absent."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.config import RunConfig, load_config
+from cltransfer.evaluate import evaluate
+from cltransfer.reference import Components
+from cltransfer.run_folder import open_run, write_run
+from cltransfer.scenes.lift import Lift, summary
+from cltransfer.scenes.lifted import cached_lift, lift_scene, save_lift
+from cltransfer.scenes.load import load_scene
+from cltransfer.transfer import Inputs, Result, transfer
+
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+SCENE, CLIP = DATA / "splat" / "biker_on_lawn.ply", DATA / "video" / "lp_s20.mp4"
+MAN = 152_746  # the scene's first Gaussians are the man
+
+pytestmark = pytest.mark.skipif(not SCENE.is_file(), reason=f"no real data at {DATA}")
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> RunConfig:
+    patch = pytest.MonkeyPatch()
+    patch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+    patch.setenv("CLTRANSFER_CACHE", str(tmp_path_factory.mktemp("cache")))
+    yield load_config(overrides=["frames=5", "generations=5", "output_side=320"])
+    patch.undo()
+
+
+@pytest.fixture(scope="module")
+def lifted(config: RunConfig) -> Lift:
+    parts = Components.build(config)
+    scene = load_scene(SCENE)
+    found = lift_scene(scene, parts.renderer, parts.extractors)
+    save_lift(cached_lift(scene, parts.extractors).parent, found)
+    return found
+
+
+@pytest.fixture(scope="module")
+def run(config: RunConfig, lifted: Lift, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    folder = open_run(tmp_path_factory.mktemp("run") / "run")
+    inputs = Inputs(str(SCENE), str(CLIP))
+    result = transfer(inputs, config)
+    write_run(folder, result, inputs, config, [])
+    return folder, result
+
+
+def test_the_man_is_lifted_from_his_own_renders(lifted: Lift) -> None:
+    told = summary(lifted)
+    assert told["views_with_person"] >= 12
+    assert told["joints_known"] >= 9
+    assert told["median_error_widths"] <= 0.01
+    assert lifted.subject.height == pytest.approx(1.8, abs=0.12)
+    facing = lifted.subject.facing
+    assert math.degrees(math.acos(float(facing @ torch.tensor([-1.0, 0, 0], dtype=torch.float64)))) < 15
+
+
+def test_his_gaussians_are_labelled(lifted: Lift) -> None:
+    truth = torch.zeros(len(lifted.label), dtype=torch.bool)
+    truth[:MAN] = True
+    label = lifted.label > 0.5
+    assert float((label & truth).sum() / (label | truth).sum()) >= 0.9
+
+
+def test_shot_size_and_framing_follow_the_pull_back(run: tuple[Path, Result]) -> None:
+    _, result = run
+    for name, limit in (("shot_size", 0.05), ("framing", 0.06)):
+        term, held = result.verified.term(name), result.held.term(name)
+        assert term is not None
+        assert held is not None
+        assert term.mean < limit
+        assert term.mean < held.mean  # the first view held still
+    anchor = result.scene.subject.anchor
+    distance = (result.trajectory.camera.center - anchor).norm(dim=1)
+    assert float(distance[-1]) > 1.15 * float(distance[0])
+
+
+def test_without_a_depth_network_filmic_space_is_absent_and_the_lens_is_kept(run: tuple[Path, Result]) -> None:
+    _, result = run
+    term = result.verified.term("filmic_space")
+    assert term is not None
+    assert term.defined == 0
+    assert "depth" in term.reason
+    focal = result.trajectory.camera.focal
+    torch.testing.assert_close(focal, focal[:1].expand(len(focal)))
+
+
+def test_evaluate_agrees_exactly_on_the_lossless_frames(run: tuple[Path, Result], config: RunConfig) -> None:
+    folder, result = run
+    again = evaluate(str(CLIP), str(folder / "video" / "frames.mkv"), config)
+    for mine, theirs in zip(result.verified.terms, again.scores.terms):
+        torch.testing.assert_close(mine.values, theirs.values, rtol=0, atol=0, equal_nan=True)
+
+
+def test_evaluate_agrees_within_compression_on_the_video(run: tuple[Path, Result], config: RunConfig) -> None:
+    folder, result = run
+    again = evaluate(str(CLIP), str(folder / "video" / "render.mp4"), config)
+    assert float(again.scores.totals.mean()) == pytest.approx(float(result.verified.totals.mean()), rel=0.1)
+
+
+def test_a_clip_against_itself_scores_zero_on_every_defined_term(config: RunConfig) -> None:
+    scores = evaluate(str(CLIP), str(CLIP), config).scores
+    for term in scores.terms:
+        values = term.values[torch.isfinite(term.values)]
+        torch.testing.assert_close(values, torch.zeros_like(values))
+    assert scores.term("shot_size").defined == 5
