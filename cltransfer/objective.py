@@ -59,3 +59,40 @@ class Objective:
         """
         priced = torch.where(torch.isfinite(terms), terms, self.penalties)
         return torch.where(defined, priced * self.weights, torch.zeros_like(priced)).sum(dim=1)
+
+    @property
+    def groups(self) -> Tensor | None:
+        """Group of each residual, (R,); None where a loss has no residuals."""
+        groups: list[int] = []
+        for loss in self.losses.values():
+            if not hasattr(loss, "residuals"):
+                return None
+            first = max(groups, default=-1) + 1
+            groups += [first + group for group in loss.groups]
+        return torch.tensor(groups)
+
+    def residuals(self, reference: Features, rendered: Features, defined: Tensor) -> Tensor:
+        """Weighted residuals (B, R) of B candidates for one reference frame; their group norms add up to the total.
+
+        Args:
+            reference: one frame.
+            rendered: B candidates.
+            defined: which terms the reference has, (L,) bool; the others leave zeros.
+        """
+        parts = []
+        for loss, there in zip(self.losses.values(), defined.tolist()):
+            if not there:
+                parts.append(torch.zeros(len(rendered), len(loss.groups), dtype=torch.float64))
+                continue
+            part = loss.residuals(reference, rendered).double()
+            lost = ~torch.isfinite(part).all(1)
+            part = part.masked_fill(lost[:, None], 0.0)
+            part[lost, 0] = loss.penalty
+            parts.append(loss.weight * part)
+        return torch.cat(parts, dim=1)
+
+
+def group_norms(residuals: Tensor, groups: Tensor) -> Tensor:
+    """Norm of each group, (B, G), of residuals (B, R)."""
+    squares = torch.zeros(len(residuals), int(groups.max()) + 1, dtype=residuals.dtype)
+    return squares.index_add(1, groups, residuals**2).sqrt()

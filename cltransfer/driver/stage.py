@@ -61,6 +61,11 @@ class Stage:
         self.spent.evaluations += len(cameras)
         return self.objective.terms(reference, self.features(cameras, before))
 
+    def residuals(self, reference: Features, cameras: Camera, before: Features | None, defined: Tensor) -> Tensor:
+        """Weighted residuals (B, R) of B candidates for one reference frame."""
+        self.spent.evaluations += len(cameras)
+        return self.objective.residuals(reference, self.features(cameras, before), defined)
+
     def path_terms(self, reference: Features, cameras: Camera) -> Tensor:
         """Raw terms (N, L) of a path, frame by frame against N reference frames."""
         import torch

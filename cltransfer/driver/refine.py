@@ -1,0 +1,130 @@
+"""Refinement by iteratively reweighted Levenberg-Marquardt with a Broyden Jacobian, on losses that have residuals.
+
+The total is a sum of group norms, so each group is weighted by the inverse of its norm (IRLS), never beyond a floor
+that shrinks from step to step. Finite differences are taken on geometry, where evaluations are exact, and kept from
+frame to frame; each step tries several dampings as one batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..objective import group_norms
+
+STEP = 2e-3  # of the finite differences, in the units of x
+FLOORS = (0.2, 0.06, 0.02, 0.01)  # lowest group norm that is told apart, step by step; 0.2 is one tolerance
+LONGEST = 0.5  # longest step in any parameter, in the units of x
+WORTH = 1e-3  # relative decrease below which the last floor ends it
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How far one frame is refined.
+
+    Args:
+        steps: at most.
+        dampings: tried together in each step, relative to the running one.
+        jacobians: computed afresh at most; the first frame always has one.
+        tolerance: total that is good enough.
+    """
+
+    steps: int = 8
+    dampings: tuple[float, ...] = (1e-3, 3e-2, 1.0)
+    jacobians: int = 2
+    tolerance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Where it ended.
+
+    Args:
+        x: (D,).
+        total: there.
+        jacobian: (R, D), for the next frame.
+        evaluations: candidates evaluated.
+        stop: tolerance, worth (nothing to gain) or steps.
+    """
+
+    x: Tensor  # (D,)
+    total: float
+    jacobian: Tensor  # (R, D)
+    evaluations: int
+    stop: str
+
+
+def refine(
+    evaluate: Callable[[Tensor], Tensor], x: Tensor, groups: Tensor, options: Refinement, jacobian: Tensor | None
+) -> Refined:
+    """Decrease the sum of group norms of the residuals from ``x``.
+
+    Args:
+        evaluate: weighted residuals (B, R) of x (B, D).
+        x: where to begin, (D,) float64.
+        groups: group of each residual, (R,).
+        options: how far.
+        jacobian: of the frame before, (R, D); None computes one.
+    """
+    r = evaluate(x[None])[0]
+    total = float(group_norms(r[None], groups).sum())
+    evaluations, fresh, made, damping, stop = 1, False, 0, 1.0, "steps"
+    for step in range(options.steps):
+        if total <= options.tolerance:
+            stop = "tolerance"
+            break
+        if jacobian is None:
+            jacobian = _differences(evaluate, x, r)
+            evaluations, fresh, made = evaluations + len(x), True, made + 1
+        floor = FLOORS[min(step, len(FLOORS) - 1)]
+        tried = _steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings])
+        found = evaluate(tried)
+        evaluations += len(tried)
+        totals = group_norms(found, groups).sum(1)
+        k = int(totals.argmin())
+        if float(totals[k]) < total - 1e-9:
+            gain, moved = total - float(totals[k]), tried[k] - x
+            jacobian = jacobian + torch.outer(found[k] - r - jacobian @ moved, moved) / (moved @ moved)  # Broyden
+            x, r, total, fresh = tried[k], found[k], float(totals[k]), False
+            damping = max(0.3 * damping, 1e-3) if k == 0 else damping * (3.0 if k == len(tried) - 1 > 0 else 1.0)
+            if gain < WORTH * max(total, 0.2) and step >= len(FLOORS) - 1:
+                stop = "worth"
+                break
+        elif fresh or made >= options.jacobians:
+            damping *= 10
+            if floor == FLOORS[-1] or damping > 1e3:
+                stop = "worth"
+                break
+        else:
+            jacobian = _differences(evaluate, x, r)
+            evaluations, fresh, made = evaluations + len(x), True, made + 1
+    if jacobian is None:
+        jacobian = _differences(evaluate, x, r)
+        evaluations += len(x)
+    return Refined(x, total, jacobian, evaluations, stop)
+
+
+def _differences(evaluate: Callable[[Tensor], Tensor], x: Tensor, r: Tensor) -> Tensor:
+    """Jacobian (R, D) by forward differences, all as one batch."""
+    moved = evaluate(x + STEP * torch.eye(len(x), dtype=x.dtype))
+    return ((moved - r) / STEP).T
+
+
+def _steps(x: Tensor, r: Tensor, J: Tensor, groups: Tensor, floor: float, dampings: list[float]) -> Tensor:
+    """Candidates (M, D), one for each damping, from the reweighted normal equations."""
+    norms = group_norms(r[None], groups)[0].clamp_min(floor)
+    weighted = J / norms[groups][:, None]
+    A, b = weighted.T @ J, -(weighted.T @ r)
+    scale = A.diagonal().clamp_min(1e-6 * float(A.trace()) + 1e-9)
+    moves = torch.stack([torch.linalg.solve(A + torch.diag(d * scale), b) for d in dampings])
+    longest = moves.abs().amax(1, keepdim=True)
+    return x + moves * (LONGEST / longest.clamp_min(LONGEST))
+
+
+def least_curvature(J: Tensor, r: Tensor, groups: Tensor) -> float:
+    """Smallest eigenvalue of J^T W J: near 0, some direction of the camera costs nothing and is not determined."""
+    norms = group_norms(r[None], groups)[0].clamp_min(FLOORS[0])
+    return float(torch.linalg.eigvalsh((J / norms[groups][:, None]).T @ J)[0])
