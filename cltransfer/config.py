@@ -47,6 +47,8 @@ class RunConfig:
         threads: 0 uses every core there is.
         search_side: longer side of the frames rendered while searching [px].
         output_side: longer side of the final video [px].
+        lod: level of detail while searching: splats that share a voxel of so many pixels are merged; 0 merges nothing.
+            The result is rendered and scored in full.
         warm_start: start each frame from the frames before it; otherwise from the initial view.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.
@@ -67,6 +69,7 @@ class RunConfig:
     threads: int = 0
     search_side: int = 160
     output_side: int = 720
+    lod: float = 0.0
     warm_start: bool = True
     zoom: Literal["auto", "free", "fixed"] = "auto"
     generations: int = 100
@@ -87,7 +90,7 @@ class RunConfig:
             ("frames", 1, 2000), ("threads", 0, 1024), ("search_side", 16, 4096), ("output_side", 16, 4096),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
-            ("smooth", 0.0, 100.0),
+            ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

@@ -125,7 +125,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
         home = given_view(inputs.init, output)
     clock.lap("initial view")
     count = len(reference)
-    found = follow(stage, search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))
+    found = follow(stage.reduced(home, config.lod), search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))
     cameras, kind = _smooth(stage, search, reference.features, home, found, config.smooth)
     clock.lap("search")
 

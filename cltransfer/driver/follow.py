@@ -102,7 +102,9 @@ def follow(
         stage.spent.generations += minimum.generations
         xs.append(minimum.x)
         found.append(minimum)
-        before = stage.features(search.cameras(minimum.x[None], home, subject), before)
+        camera = search.cameras(minimum.x[None], home, subject)
+        stage = stage.about(camera)
+        before = stage.features(camera, before)
         progress(i, minimum)
     x = torch.stack(xs)
     return Path(x, search.cameras(x, home, subject), tuple(found))

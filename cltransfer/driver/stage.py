@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torch import Tensor
@@ -12,6 +12,7 @@ from ..features import Features
 from ..graph import Plan, run
 from ..objective import Objective
 from ..scenes import Scene
+from .working_set import WorkingSet
 
 
 @dataclass
@@ -39,6 +40,7 @@ class Stage:
         objective: the active losses.
         size: (W, H) of the renders [px]; cameras of any size are rendered at this one.
         spent: the counter.
+        working: what ``scene`` is merged from, where it is merged.
     """
 
     scene: Scene
@@ -47,6 +49,25 @@ class Stage:
     objective: Objective
     size: tuple[int, int]
     spent: Spent = field(default_factory=Spent)
+    working: WorkingSet | None = None
+
+    def reduced(self, camera: Camera, k: float) -> Stage:
+        """The stage for a search about ``camera`` (1), merged to voxels of ``k`` pixels; all of it where k is 0.
+
+        Raises:
+            UsageError: k is not 0 and the scene is not made of splats.
+        """
+        if k == 0:
+            return self
+        working = WorkingSet(self.scene, camera.at_size(self.size), k)
+        return replace(self, scene=working.scene, working=working)
+
+    def about(self, camera: Camera) -> Stage:
+        """The stage as the search goes on about ``camera`` (1): merged anew where it has moved far."""
+        if self.working is None:
+            return self
+        working = self.working.about(camera.at_size(self.size))
+        return replace(self, scene=working.scene, working=working)
 
     def features(self, cameras: Camera, before: Features | None) -> Features:
         """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame."""

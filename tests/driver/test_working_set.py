@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
+from cltransfer.camera import Camera
+from cltransfer.config import load_config
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.working_set import WorkingSet
+from cltransfer.errors import UsageError
+from cltransfer.graph import make_plan
+from cltransfer.objective import Objective
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes import Scene
+from cltransfer.transfer import Inputs, transfer
+
+UP = torch.tensor([0.0, 0, 1], dtype=torch.float64)
+
+
+def room() -> Scene:
+    return Scene(synthetic_room(30_000), None, UP, "room", "0" * 64)
+
+
+def moved(camera: Camera, distance: float) -> Camera:
+    w2c = camera.w2c.clone()
+    w2c[:, 2, 3] += distance
+    return replace(camera, w2c=w2c)
+
+
+def test_a_working_set_is_kept_near_its_view_and_built_anew_beyond() -> None:
+    here = room_cameras(1, (160, 90))
+    first = WorkingSet(room(), here, 4)
+    assert first.about(moved(here, 0.2)) is first
+    farther = first.about(moved(here, 2.0))
+    assert farther is not first
+    assert len(farther.scene.geometry) < len(first.scene.geometry)  # it stands farther back
+    assert first.about(replace(here, K=here.K * torch.tensor([[1.1], [1.1], [1]]))) is first
+    closer = first.about(replace(here, K=here.K * torch.tensor([[2.0], [2.0], [1]])))
+    assert len(closer.scene.geometry) > len(first.scene.geometry)  # a longer lens sees more
+
+
+def test_a_stage_without_level_of_detail_is_itself() -> None:
+    plan = make_plan(frozenset(), {}, frozenset({"depth"}), "scene")
+    stage = Stage(room(), GaussianSplats(), plan, Objective({}), (160, 90))
+    here = room_cameras(1, (160, 90))
+    assert stage.reduced(here, 0) is stage
+    assert stage.about(here) is stage
+    small = stage.reduced(here, 4)
+    assert len(small.scene.geometry) < len(stage.scene.geometry)
+    assert small.spent is stage.spent
+    assert small.about(moved(here, 0.1)).scene is small.scene
+    assert small.about(moved(here, 2.0)).scene is not small.scene
+
+
+@pytest.mark.parametrize("k", [0, 2])
+def test_a_transfer_searches_in_the_working_set_and_is_rendered_in_full(k: float) -> None:
+    budget = ["frames=2", "generations=2", "popsize=4", "search_side=64", "output_side=64", "extract.verify=false"]
+    result = transfer(Inputs("builtin:courtyard", "builtin:static"), load_config(None, [*budget, f"lod={k}"]))
+    from cltransfer.scenes.load import load_scene
+
+    assert len(result.scene.geometry) == len(load_scene("builtin:courtyard").geometry)
+    assert float(result.verified.totals.mean()) < 5
+
+
+def test_a_negative_level_of_detail_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"lod: expected 0(.0)? to 16(.0)?, got -1"):
+        load_config(None, ["lod=-1"])
