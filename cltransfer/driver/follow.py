@@ -85,7 +85,7 @@ def follow(
 
     for i in range(len(reference)):
 
-        def totals(x: Tensor, i: int = i, before: Features | None = before) -> Tensor:
+        def totals(x: Tensor, i: int = i, before: Features | None = before, stage: Stage = stage) -> Tensor:
             cameras = search.cameras(x, home, subject)
             return stage.objective.totals(stage.terms(reference[i], cameras, before), defined[i])
 
