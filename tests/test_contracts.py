@@ -4,11 +4,15 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import torch
+import trimesh
 
 from cltransfer.clip import read_clip
 from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS
+from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.scenes.mesh import Mesh
 from cltransfer.testing import ExtractorCase, LossCase, RendererCase, sample_features
 
 OUR_LOSSES = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
@@ -70,6 +74,13 @@ class TestGaussianSplats(RendererCase):
     component = RENDERERS.build("gaussian_splats")
     scene = builtin_scene("courtyard")
     points = scene.geometry.means
+
+
+class TestMesh(RendererCase):
+    component = RENDERERS.build("mesh")
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    points = torch.tensor(ball.vertices)
+    scene = Scene(Mesh.plain(points, torch.tensor(ball.faces)), None, torch.tensor([0.0, 1.0, 0.0]), "ball", "0" * 64)
 
 
 def test_all_five_losses_and_five_scene_extractors_are_there() -> None:

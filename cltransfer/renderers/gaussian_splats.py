@@ -8,13 +8,13 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
-from ..errors import UsageError
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.splats import Splats
 from ..threads import thread_count
 from . import _splats_torch
+from ._request import check_request
 from .kernels import splats as kernels
 
 
@@ -61,15 +61,7 @@ class GaussianSplats:
             UsageError: the scene is not made of splats, or a buffer is unknown.
             ValueError: a camera is not finite or has skew.
         """
-        if not isinstance(scene.geometry, Splats):
-            kind = type(scene.geometry).__name__
-            raise UsageError(scene.name, "renderer gaussian_splats", f"expected Gaussian splats, got {kind}")
-        if unknown := buffers - self.provides:
-            raise UsageError("", "renderer gaussian_splats", f"has no buffer {', '.join(sorted(unknown))}")
-        if not (cameras.w2c.isfinite().all() and cameras.K.isfinite().all()):
-            raise ValueError("cameras must be finite")
-        if cameras.K[:, 0, 1].any():
-            raise ValueError("cameras must have no skew: K[0, 1] is not 0")
+        check_request("gaussian_splats", scene, cameras, buffers, self.provides)
         draw = self._numba if self.backend == "numba" else self._torch
         drawn = draw(scene.geometry, cameras, buffers)
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -31,6 +32,8 @@ class Splats:
     Raises:
         ValueError: a shape is wrong.
     """
+
+    renderer: ClassVar[str] = "gaussian_splats"
 
     means: Tensor  # (N, 3)
     scales: Tensor  # (N, 3)

@@ -275,7 +275,7 @@ def test_the_registry_builds_it_and_checks_its_options():
 def test_a_foreign_geometry_an_unknown_buffer_and_a_bad_camera_are_refused():
     camera = forward_camera((4, 4), 10.0)
     scene = scene_of(synthetic_room(200))
-    with pytest.raises(UsageError, match="expected Gaussian splats, got str"):
+    with pytest.raises(UsageError, match="does not draw str"):
         GaussianSplats().render(replace(scene, geometry="mesh"), camera, ALL)
     with pytest.raises(UsageError, match="has no buffer normals"):
         GaussianSplats().render(scene, camera, frozenset({"normals"}))

@@ -1,0 +1,140 @@
+"""Triangle meshes in plain torch: the rule the kernels are tested against. Readable first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from kornia.utils import create_meshgrid
+from torch import Tensor
+
+from ..camera import Camera
+from ..scenes.mesh import Mesh
+from .kernels.mesh_raster import FLAT, HOLE, INSIDE
+
+CHUNK = 2_000_000  # pairs of a face and a pixel tested together
+
+
+def render_one(mesh: Mesh, camera: Camera, near: float, headlight: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Face (H, W) int64 (-1: none), depth (H, W) float32 (NaN: none) and image (3, H, W) of one camera."""
+    width, height = camera.size
+    corners = camera.to_camera(mesh.vertices)[0][mesh.faces.long()]  # (F, 3, 3)
+    parts = [_hits(mesh, corners, camera, near, *chunk) for chunk in _chunks(corners, camera, near)]
+    pixel, face, inverse = (torch.cat(column) for column in zip(*parts))
+    nearest = torch.zeros(height * width, dtype=torch.float64).scatter_reduce(0, pixel, inverse, "amax")
+    front = inverse == nearest[pixel]
+    first = torch.full((height * width,), len(mesh)).scatter_reduce(0, pixel[front], face[front], "amin")
+    seen = torch.where(nearest > 0, first, -1).reshape(height, width)
+    depth = torch.where(nearest > 0, 1 / nearest, torch.nan).float().reshape(height, width)
+    return seen, depth, _image(mesh, corners, camera, seen, headlight)
+
+
+def _chunks(corners: Tensor, camera: Camera, near: float) -> Iterator[tuple[Tensor, Tensor, int]]:
+    """Faces (M,), the first pixel (M, 2) of the square each may cover, and the squares' common side."""
+    low, high = _boxes(corners, camera, near)
+    size = torch.tensor(camera.size)
+    low = (low - 0.5).ceil().clamp(min=torch.zeros(2), max=size).long()
+    high = (high - 0.5).floor().clamp(min=-torch.ones(2), max=size - 1).long()
+    side = (high - low + 1).amin(1).clamp(max=1) * (high - low + 1).amax(1)  # 0 where no pixel centre is in the box
+    smaller = 0
+    for most in [2**k for k in range(1, max(camera.size).bit_length() + 1)]:
+        rows = ((side > smaller) & (side <= most)).nonzero()[:, 0]
+        smaller = most
+        for index in rows.split(max(1, CHUNK // most**2)):
+            yield index, low[index], most
+
+
+def _boxes(corners: Tensor, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
+    """Bounds (F, 2) [px] of each face's part beyond the near plane; empty where there is none."""
+    after = corners.roll(-1, dims=1)
+    share = ((near - corners[..., 2]) / (after[..., 2] - corners[..., 2]))[..., None]
+    cut = corners + share * (after - corners)
+    points = torch.cat([corners, cut], dim=1)
+    kept = torch.cat([corners[..., 2] >= near, (corners[..., 2] >= near) != (after[..., 2] >= near)], dim=1)
+    depth = torch.cat([corners[..., 2:], torch.full_like(cut[..., 2:], near)], dim=1)
+    pixels = points[..., :2] / depth * camera.K[0].diagonal()[:2] + camera.K[0, :2, 2]
+    low = torch.where(kept[..., None], pixels, torch.inf).amin(1)
+    high = torch.where(kept[..., None], pixels, -torch.inf).amax(1)
+    return low, high
+
+
+def _rays(pixels: Tensor, camera: Camera) -> Tensor:
+    """Directions (..., 3) of depth 1 through the centres of integer pixels (..., 2)."""
+    flat = (pixels + 0.5 - camera.K[0, :2, 2]) / camera.K[0].diagonal()[:2]
+    return torch.nn.functional.pad(flat, (0, 1), value=1.0)
+
+
+def _weights(corners: Tensor, rays: Tensor) -> Tensor:
+    """Each corner's weight over depth (..., 3) where rays (..., 3) meet the planes of ``corners`` (..., 3, 3)."""
+    normals = torch.linalg.cross(corners.roll(-1, dims=-2), corners.roll(-2, dims=-2))
+    determinant = (corners[..., 0, :] * normals[..., 0, :]).sum(-1)
+    flat = determinant.abs() <= FLAT * corners.norm(dim=-1).prod(-1)
+    over = (normals @ rays[..., None])[..., 0] / determinant[..., None]
+    return torch.where(flat[..., None], torch.nan, over)
+
+
+def _hits(
+    mesh: Mesh, corners: Tensor, camera: Camera, near: float, index: Tensor, first: Tensor, side: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Pixel, face and 1 / depth (N,) wherever one of the faces ``index`` covers a pixel of its square."""
+    width, height = camera.size
+    steps = create_meshgrid(side, side, normalized_coordinates=False, dtype=torch.float64).reshape(1, -1, 2).long()
+    pixels = first[:, None] + steps  # (M, P, 2)
+    over = _weights(corners[index, None], _rays(pixels, camera))
+    inverse = over.sum(-1)
+    inside = (inverse > 0) & (inverse <= 1 / near) & (over.amin(-1) >= INSIDE * inverse)
+    inside &= (pixels[..., 0] < width) & (pixels[..., 1] < height)
+    row, column = inside.nonzero(as_tuple=True)
+    face, pixel = index[row], pixels[row, column]
+    solid = ~_holes(mesh, face, over[row, column] / inverse[row, column, None])
+    return (pixel[:, 1] * width + pixel[:, 0])[solid], face[solid], inverse[row, column][solid]
+
+
+def _uv(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
+    """Place in the texture (N, 2), in [0, 1)."""
+    uv = (weights[..., None] * mesh.uv[mesh.faces[face].long()]).sum(1)
+    return uv - uv.floor()
+
+
+def _holes(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
+    """Whether the texel there is transparent, (N,)."""
+    hole = torch.zeros(len(face), dtype=torch.bool)
+    for k, image in enumerate(mesh.textures):
+        on = (mesh.texture[face] == k).nonzero()[:, 0]
+        size = torch.tensor([image.shape[1], image.shape[0]])
+        x, y = (_uv(mesh, face[on], weights[on]) * size).long().minimum(size - 1).unbind(-1)
+        hole[on] = image[y, x, 3] < HOLE
+    return hole
+
+
+def _image(mesh: Mesh, corners: Tensor, camera: Camera, seen: Tensor, headlight: float) -> Tensor:
+    """Colour (3, H, W) float32 of the faces seen."""
+    row, column = (seen >= 0).nonzero(as_tuple=True)
+    face = seen[row, column]
+    rays = _rays(torch.stack([column, row], dim=1), camera)
+    weights = _weights(corners[face], rays)
+    weights = weights / weights.sum(-1, keepdim=True)
+    edges = corners[face, 1:] - corners[face, :1]
+    normal = torch.linalg.cross(edges[:, 0], edges[:, 1])
+    facing = torch.nn.functional.cosine_similarity(normal, rays).abs()
+    light = torch.where(mesh.shaded[face], 1 - headlight + headlight * facing, 1)
+    color = light[:, None] * (weights[..., None] * mesh.colors[mesh.faces[face].long()]).sum(1)
+    for k, texture in enumerate(mesh.textures):
+        on = (mesh.texture[face] == k).nonzero()[:, 0]
+        color[on] *= _bilinear(texture, _uv(mesh, face[on], weights[on]))
+    image = torch.zeros(3, *seen.shape)
+    image[:, row, column] = color.T.float().clamp(0, 1)
+    return image
+
+
+def _bilinear(texture: Tensor, uv: Tensor) -> Tensor:
+    """RGB (N, 3) in [0, 1] of a texture that repeats, between its four nearest texels."""
+    height, width = texture.shape[:2]
+    at = uv * torch.tensor([width, height]) - 0.5
+    low = at.floor()
+    share = at - low
+    x0, y0 = low.long().unbind(-1)
+    rgb = texture[..., :3].double() / 255
+    x0, x1, y0, y1 = x0 % width, (x0 + 1) % width, y0 % height, (y0 + 1) % height
+    above, below = (torch.lerp(rgb[y, x0], rgb[y, x1], share[:, :1]) for y in (y0, y1))
+    return torch.lerp(above, below, share[:, 1:])

@@ -1,0 +1,26 @@
+"""What every renderer of ours refuses, in the same words."""
+
+from __future__ import annotations
+
+from ..camera import Camera
+from ..errors import UsageError
+from ..scenes import Scene
+
+
+def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[str], provides: frozenset[str]) -> None:
+    """Whether renderer ``name`` draws this scene, from these cameras, into these buffers.
+
+    Raises:
+        UsageError: the scene holds another geometry (the line names its renderer), or a buffer is unknown.
+        ValueError: a camera is not finite or has skew.
+    """
+    draws = getattr(scene.geometry, "renderer", "")
+    if draws != name:
+        hint = f"choose: renderer.{draws}={{}}" if draws else ""
+        raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
+    if unknown := buffers - provides:
+        raise UsageError("", f"renderer {name}", f"has no buffer {', '.join(sorted(unknown))}")
+    if not (cameras.w2c.isfinite().all() and cameras.K.isfinite().all()):
+        raise ValueError("cameras must be finite")
+    if cameras.K[:, 0, 1].any():
+        raise ValueError("cameras must have no skew: K[0, 1] is not 0")

@@ -1,0 +1,125 @@
+"""Triangle meshes as a value: one convention for what every file format says about colour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..renderers.kernels.mesh import Packed, pack_images
+
+GREY = 0.8  # colour of what has none
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """V vertices and F triangles, seen from both sides.
+
+    The colour of a point is its vertices' colour times its texture's, as a screen shows it (sRGB). Where a texture's
+    alpha is less than a half there is a hole.
+
+    Args:
+        vertices: in the world, (V, 3) float32, scene units.
+        faces: three vertices each, (F, 3) int32.
+        colors: RGB in [0, 1], (V, 3).
+        label: membership in the subject, [0, 1], (F,).
+        shaded: whether a renderer is to light the face, (F,) bool; many colours and textures hold their light already.
+        uv: place in the texture, (V, 2); (0, 0) is its top left corner, (1, 1) its bottom right, repeated beyond.
+        texture: which of ``textures``, (F,) int32; -1 is none.
+        textures: RGBA images, each (h, w, 4) uint8.
+        dropped: how many faces of the source had vertices that were not finite and were left out.
+
+    Raises:
+        ValueError: a shape is wrong, or an index is out of range.
+    """
+
+    renderer: ClassVar[str] = "mesh"
+
+    vertices: Tensor  # (V, 3)
+    faces: Tensor  # (F, 3)
+    colors: Tensor  # (V, 3)
+    label: Tensor  # (F,)
+    shaded: Tensor  # (F,)
+    uv: Tensor  # (V, 2)
+    texture: Tensor  # (F,)
+    textures: tuple[Tensor, ...] = ()  # (h, w, 4)
+    dropped: int = 0
+
+    def __post_init__(self) -> None:
+        v, f = len(self.vertices), len(self.faces)
+        shapes = {"vertices": (v, 3), "faces": (f, 3), "colors": (v, 3), "uv": (v, 2)}
+        for name, shape in {**shapes, "label": (f,), "shaded": (f,), "texture": (f,)}.items():
+            got = tuple(getattr(self, name).shape)
+            if got != shape:
+                raise ValueError(f"{name} must be {shape}, got {got}")
+        for name, low, count in (("faces", 0, v), ("texture", -1, len(self.textures))):
+            index = getattr(self, name)
+            if index.numel() and not low <= int(index.min()) <= int(index.max()) < count:
+                raise ValueError(f"{name} must be in [{low}, {count}), got {int(index.min())} to {int(index.max())}")
+        for image in self.textures:
+            if image.dim() != 3 or image.shape[2] != 4 or image.dtype != torch.uint8 or image.numel() == 0:
+                raise ValueError(f"a texture must be (h, w, 4) uint8, got {tuple(image.shape)} {image.dtype}")
+
+    def __len__(self) -> int:
+        return len(self.faces)
+
+    @property
+    def means(self) -> Tensor:
+        """Middles of the faces, (F, 3)."""
+        return self.vertices[self.faces.long()].mean(1)
+
+    def with_label(self, label: Tensor) -> Mesh:
+        """The same faces with another subject membership (F,) in [0, 1]."""
+        return replace(self, label=label.to(self.label))
+
+    def moved(self, transform: Tensor) -> Mesh:
+        """The same mesh after ``transform`` (4, 4)."""
+        matrix = transform.double()
+        vertices = self.vertices.double() @ matrix[:3, :3].T + matrix[:3, 3]
+        return replace(self, vertices=vertices.float())
+
+    @classmethod
+    def plain(cls, vertices: Tensor, faces: Tensor, colors: Tensor | None = None) -> Mesh:
+        """Without textures; without ``colors`` (V, 3) it is grey, and lit by the renderer."""
+        grey = torch.full((len(vertices), 3), GREY)
+        return cls(
+            vertices.float(),
+            faces.int(),
+            grey if colors is None else colors.float(),
+            torch.zeros(len(faces)),
+            torch.full((len(faces),), colors is None),
+            torch.zeros(len(vertices), 2),
+            torch.full((len(faces),), -1, dtype=torch.int32),
+        )
+
+    @staticmethod
+    def concatenate(parts: Sequence[Mesh]) -> Mesh:
+        """All of ``parts`` in one world."""
+        first_vertex = np.cumsum([0, *(len(p.vertices) for p in parts)])
+        first_image = np.cumsum([0, *(len(p.textures) for p in parts)])
+        faces = [p.faces + int(first) for p, first in zip(parts, first_vertex)]
+        texture = [torch.where(p.texture < 0, -1, p.texture + int(first)) for p, first in zip(parts, first_image)]
+        names = ("vertices", "colors", "label", "shaded", "uv")
+        joined = {name: torch.cat([getattr(p, name) for p in parts]) for name in names}
+        return Mesh(
+            **joined,
+            faces=torch.cat(faces).int(),
+            texture=torch.cat(texture).int(),
+            textures=tuple(image for p in parts for image in p.textures),
+            dropped=sum(p.dropped for p in parts),
+        )
+
+    @cached_property
+    def packed(self) -> Packed:
+        """Layout of the CPU kernels, made on first use."""
+        texels, images = pack_images([image.cpu().numpy() for image in self.textures])
+        floats = (self.vertices, self.colors, self.uv)
+        vertices, colors, uv = (np.ascontiguousarray(t.detach().cpu().numpy(), np.float32) for t in floats)
+        faces, texture = (np.ascontiguousarray(t.cpu().numpy(), np.int32) for t in (self.faces, self.texture))
+        label = np.ascontiguousarray(self.label.detach().cpu().numpy(), np.float32)
+        return Packed(vertices, faces, colors, uv, label, self.shaded.cpu().numpy(), texture, texels, images)
