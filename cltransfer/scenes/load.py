@@ -14,6 +14,7 @@ from ..files import content_hash
 from . import Scene
 
 BUILTIN = "builtin:"
+FOREIGN_SPLATS = (".spz", ".sog", ".ksplat")
 SPLAT_UP = (
     0.0,
     -1.0,
@@ -25,7 +26,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
     """Read a scene; its subject is not lifted yet, except in built-in scenes.
 
     Args:
-        path: a Gaussian-splat ``.ply``, a voxel grid ``.safetensors``, or ``builtin:NAME``.
+        path: a Gaussian-splat ``.ply`` or ``.splat``, a voxel grid ``.safetensors``, or ``builtin:NAME``.
         up: upwards in the scene, any length > 0; None is (0, -1, 0) for files and what a built-in scene says.
 
     Raises:
@@ -53,6 +54,12 @@ def _geometry(path: Path) -> Any:
         from .nerf_grid import read_grid
 
         return read_grid(path)
+    if suffix == ".splat":
+        from .dot_splat import read_dot_splat
+
+        return read_dot_splat(path)
+    if suffix in FOREIGN_SPLATS:
+        raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
     raise InputError(
         path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply, .safetensors or builtin:NAME"
     )

@@ -21,7 +21,7 @@ MIN_SCALE = 1e-9  # scene units; a flat Gaussian is a very thin one
 MAX_SCALE = 1e9  # scene units; beyond it the squares of the renderers overflow
 CHUNK = 256  # Gaussians that share a range in the compressed layout
 BLOCK = 2**16  # rows read at a time
-_SH0 = 0.28209479177387814
+SH0 = 0.28209479177387814  # value of the first spherical harmonic, everywhere
 _HINT = "is it a Gaussian-splat PLY?"
 
 POSITION, COLOR = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
@@ -55,7 +55,7 @@ def read_splats(path: Path) -> Splats:
             columns = _from_compressed({name: ply[name].data for name in elements})
         else:
             columns = _from_trained(ply["vertex"].data)
-        return _finite(path, columns)
+        return drawable(path, columns)
 
 
 def write_splats(path: Path, splats: Splats) -> None:
@@ -186,7 +186,7 @@ def _from_compressed(tables: dict[str, Array]) -> Columns:
     color = np.stack([_unorm(vertex["packed_color"], shift, 8) for shift in (24, 16, 8)], axis=1)
     if "min_r" in (chunk.dtype.names or ()):
         color = between(color, "", "rgb")
-    sh = (color - np.float32(0.5)) / np.float32(_SH0)
+    sh = sh_of_color(color)
     if "sh" in tables:
         rest = _stack(tables["sh"], _harmonic_names(tables["sh"])) * np.float32(8 / 255) - 4
         sh = np.concatenate([sh, rest], axis=1)
@@ -212,7 +212,12 @@ def _smallest_three(words: Array) -> Array:
     return quats
 
 
-def _finite(path: Path, columns: Columns) -> Splats:
+def sh_of_color(color: Array) -> Array:
+    """First harmonic (N, 3) of a colour in [0, 1] that is the same from all sides, (N, 3)."""
+    return (color - np.float32(0.5)) / np.float32(SH0)
+
+
+def drawable(path: Path, columns: Columns) -> Splats:
     """Splats of the rows that can be drawn; too many others are an error."""
     scales = np.exp(columns["log_scales"])
     length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
