@@ -18,7 +18,7 @@ MIN_COVER = 1e-3  # alpha below which the mean depth means nothing
 MIN_SLOPE = 1e-9  # of a ray along an axis [voxels per depth]; parallel rays are tilted by it
 MOST_TERMS = 9  # spherical harmonics of degree 2
 
-_LOOSE: dict[str, Any] = {"fastmath": {"contract", "reassoc", "arcp", "nsz"}}  # NaN stays NaN
+LOOSE: dict[str, Any] = {"fastmath": {"contract", "reassoc", "arcp", "nsz"}}  # NaN stays NaN
 _ZERO, _HALF, _ONE, _UNDEFINED = f32(0), f32(0.5), f32(1), f32(np.nan)
 _MIN_TRANSMITTANCE, _MIN_COVER, _MIN_SLOPE = f32(MIN_TRANSMITTANCE), f32(MIN_COVER), f32(MIN_SLOPE)
 Triple = tuple[f32, f32, f32]
@@ -84,7 +84,7 @@ def _scalars(vector: Array) -> tuple[Any, ...]:
     return tuple(f32(value) for value in vector)
 
 
-@njit(**INLINE, **_LOOSE)
+@njit(**INLINE, **LOOSE)
 def _rotate(c2w: tuple[Triple, ...], a: f32, b: f32) -> Triple:
     """World direction of the camera's (a, b, 1)."""
     return (
@@ -94,39 +94,39 @@ def _rotate(c2w: tuple[Triple, ...], a: f32, b: f32) -> Triple:
     )
 
 
-@njit(**INLINE, **_LOOSE)
-def _slope(component: f32, per_unit: f32) -> f32:
+@njit(**INLINE, **LOOSE)
+def slope_along(component: f32, per_unit: f32) -> f32:
     slope = component * per_unit
     return slope if abs(slope) > _MIN_SLOPE else _MIN_SLOPE
 
 
-@njit(**INLINE, **_LOOSE)
-def _cross(view: View, slope: Triple, speed: f32, density: Array) -> Span:
-    """Equal steps of at most ``delta`` from where the ray enters the box, or the near plane, to where it leaves."""
-    start, end = view.near, f32(3e38)
+@njit(**INLINE, **LOOSE)
+def cross(eye: Triple, slope: Triple, speed: f32, reach: tuple[f32, f32], density: Array) -> Span:
+    """Equal steps from where the ray enters the box, or the near plane, to where it leaves; ``reach`` is near, delta."""
+    start, end = reach[0], f32(3e38)
     for axis in range(3):
-        low = -view.eye[axis] / slope[axis]
-        high = (f32(density.shape[2 - axis] - 1) - view.eye[axis]) / slope[axis]
+        low = -eye[axis] / slope[axis]
+        high = (f32(density.shape[2 - axis] - 1) - eye[axis]) / slope[axis]
         start, end = max(start, min(low, high)), min(end, max(low, high))
     if end <= start:
         return Span(start, _ONE, _ZERO, 0)
-    count = max(1, int(np.ceil((end - start) * speed / view.delta)))
+    count = max(1, int(np.ceil((end - start) * speed / reach[1])))
     step = (end - start) / f32(count)
     return Span(start, step, step * speed, count)
 
 
-@njit(**INLINE, **_LOOSE)
-def _leave(view: View, slope: Triple, brick: tuple[int, int, int], away: int) -> f32:
+@njit(**INLINE, **LOOSE)
+def leave(eye: Triple, slope: Triple, brick: tuple[int, int, int], away: int) -> f32:
     """Depth at which the ray leaves the cube of bricks that reaches ``away - 1`` bricks around ``brick`` (x, y, z)."""
-    leave = f32(3e38)
+    out = f32(3e38)
     for axis in range(3):
         side = brick[axis] + away if slope[axis] > 0 else brick[axis] - away + 1
-        leave = min(leave, (f32(side * BRICK) - view.eye[axis]) / slope[axis])
-    return leave
+        out = min(out, (f32(side * BRICK) - eye[axis]) / slope[axis])
+    return out
 
 
-@njit(**INLINE, **_LOOSE)
-def _interpolate(values: Array, cell: tuple[int, int, int], part: Triple) -> f32:
+@njit(**INLINE, **LOOSE)
+def interpolate(values: Array, cell: tuple[int, int, int], part: Triple) -> f32:
     """Trilinear value in the cell at vertex (z, y, x), ``part`` of the way along x, y, z."""
     k, j, i = cell
     x, y, z = part
@@ -138,8 +138,8 @@ def _interpolate(values: Array, cell: tuple[int, int, int], part: Triple) -> f32
     return near + z * (far - near)
 
 
-@njit(**INLINE, **_LOOSE)
-def _color(sh: Array, basis: Array, cell: tuple[int, int, int], part: Triple) -> Triple:
+@njit(**INLINE, **LOOSE)
+def shade(sh: Array, basis: Array, cell: tuple[int, int, int], part: Triple) -> Triple:
     """Colour >= 0 in the cell at vertex (z, y, x), seen along the direction of ``basis``."""
     k, j, i = cell
     x, y, z = part
@@ -155,8 +155,8 @@ def _color(sh: Array, basis: Array, cell: tuple[int, int, int], part: Triple) ->
     return max(red, _ZERO), max(green, _ZERO), max(blue, _ZERO)
 
 
-@njit(**INLINE, **_LOOSE)
-def _set_basis(basis: Array, direction: Triple, speed: f32) -> None:
+@njit(**INLINE, **LOOSE)
+def set_basis(basis: Array, direction: Triple, speed: f32) -> None:
     """Real spherical harmonics up to degree 2 of the direction, whose length is ``speed``."""
     x, y, z = direction[0] / speed, direction[1] / speed, direction[2] / speed
     first, second = f32(0.48860251), f32(1.0925484)
@@ -167,7 +167,7 @@ def _set_basis(basis: Array, direction: Triple, speed: f32) -> None:
     basis[7], basis[8] = -second * x * z, f32(0.54627422) * (x * x - y * y)
 
 
-@njit(**INLINE, **_LOOSE)
+@njit(**INLINE, **LOOSE)
 def _write(out: Outputs, pixel: tuple[int, int], sums: tuple[f32, ...], median: f32) -> None:
     """Sums of red, green, blue, label, depth and what is left of the light, over black."""
     y, x = pixel
@@ -185,7 +185,7 @@ def _write(out: Outputs, pixel: tuple[int, int], sums: tuple[f32, ...], median: 
         out.expected_depth[y, x] = mean / alpha if alpha >= _MIN_COVER else _UNDEFINED
 
 
-@njit(**CACHED, **_LOOSE)
+@njit(**CACHED, **LOOSE)
 def march(packed: Packed, view: View, out: Outputs) -> int:
     """Render one view; return the number of samples that met matter.
 
@@ -203,13 +203,13 @@ def march(packed: Packed, view: View, out: Outputs) -> int:
             a, b = (f32(x) + _HALF - view.center[0]) / view.focal[0], (f32(y) + _HALF - view.center[1]) / view.focal[1]
             direction, speed = _rotate(view.c2w, a, b), np.sqrt(a * a + b * b + _ONE)
             slope = (
-                _slope(direction[0], view.per_unit[0]),
-                _slope(direction[1], view.per_unit[1]),
-                _slope(direction[2], view.per_unit[2]),
+                slope_along(direction[0], view.per_unit[0]),
+                slope_along(direction[1], view.per_unit[1]),
+                slope_along(direction[2], view.per_unit[2]),
             )
             if len(out.image):
-                _set_basis(basis, direction, speed)
-            span = _cross(view, slope, speed, density)
+                set_basis(basis, direction, speed)
+            span = cross(view.eye, slope, speed, (view.near, view.delta), density)
             red, green, blue, member, mean, median, left = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ONE
             sample = 0
             while sample < span.steps and left >= _MIN_TRANSMITTANCE:
@@ -219,12 +219,12 @@ def march(packed: Packed, view: View, out: Outputs) -> int:
                 brick = (i // BRICK, j // BRICK, k // BRICK)
                 away = np.int64(bricks[brick[2], brick[1], brick[0]])
                 if away > 0:
-                    leave = _leave(view, slope, brick, away)
-                    sample = max(sample + 1, int(np.ceil((leave - span.start) / span.step - _HALF)))
+                    behind = (leave(view.eye, slope, brick, away) - span.start) / span.step
+                    sample = max(sample + 1, int(np.ceil(behind - _HALF)))
                     continue
                 sample += 1
                 cell, part = (k, j, i), (u - f32(i), v - f32(j), w - f32(k))
-                sigma = _interpolate(density, cell, part)
+                sigma = interpolate(density, cell, part)
                 if sigma <= _ZERO:
                     continue
                 met += 1
@@ -235,10 +235,10 @@ def march(packed: Packed, view: View, out: Outputs) -> int:
                 if left > _HALF and after <= _HALF:
                     median = t + (np.log(left + left) / optical - _HALF) * span.step
                 if len(out.image):
-                    color = _color(packed.sh, basis, cell, part)
+                    color = shade(packed.sh, basis, cell, part)
                     red, green, blue = red + weight * color[0], green + weight * color[1], blue + weight * color[2]
                 if len(out.label):
-                    member += weight * _interpolate(packed.label, cell, part)
+                    member += weight * interpolate(packed.label, cell, part)
                 left = after
             _write(out, (y, x), (red, green, blue, member, mean, left), median)
     return met
