@@ -17,6 +17,8 @@ from torch import Tensor
 from ..camera import Camera
 from ..errors import UsageError
 from ..renderers.kernels import Array
+from ..renderers.kernels.splat_pack import packing_order
+from ..renderers.kernels.splats import View, weights
 from . import Scene
 from .splats import Splats
 
@@ -149,6 +151,14 @@ def joined(first: Splats, second: Splats) -> Splats:
     """The Gaussians of both."""
     parts: dict[str, Any] = {name: torch.cat([getattr(first, name), getattr(second, name)]) for name in PARTS}
     return replace(first, **parts)
+
+
+def importance(splats: Splats, views: list[View]) -> Tensor:
+    """Greatest share of a pixel that each Gaussian has in any of ``views``, (N,) float32 in [0, 1]."""
+    found = torch.zeros(len(splats))
+    order = packing_order(splats.means.numpy(), splats.opacity.numpy())
+    found[torch.from_numpy(order)] = torch.from_numpy(weights(splats.packed, views))
+    return found
 
 
 def working_set(scene: Scene, cameras: Camera, k: float) -> Scene:

@@ -8,11 +8,14 @@ import torch
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.errors import UsageError
+from cltransfer.renderers._splats_torch import render_one
 from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.renderers.kernels.splats import make_view
 from cltransfer.scenes import Scene
-from cltransfer.scenes.simplify import face_area, merged, pixel_width, stacked, working_set
+from cltransfer.scenes.simplify import face_area, importance, merged, pixel_width, stacked, subset, working_set
 from cltransfer.scenes.splats import Splats
 
+SETTINGS = GaussianSplats().settings
 UP = torch.tensor([0.0, 0, 1], dtype=torch.float64)
 
 
@@ -122,3 +125,26 @@ def test_only_splats_can_be_merged() -> None:
         working_set(Scene({}, None, UP, "room", "0" * 64), camera(), 2)
     with pytest.raises(ValueError, match="k must be positive"):
         merged(splats([[0.0, 0, 0]]), camera(), 0)
+
+
+def test_importance_is_the_slope_of_the_oracle_where_one_pixel_is_looked_at() -> None:
+    """The label buffer is sum(weight label): its slope by a label is the weight."""
+    room, cameras = synthetic_room(2_000), room_cameras(1, (8, 6))
+    found = importance(room, [make_view(cameras.w2c[0].numpy(), cameras.K[0].numpy(), (8, 6), SETTINGS)])
+    label = room.label.clone().requires_grad_()
+    drawn = render_one(room.with_label(label), cameras.w2c[0], cameras.K[0], (8, 6), SETTINGS)["label"]
+    slopes = [torch.autograd.grad(pixel, label, retain_graph=True)[0] for pixel in drawn.flatten()]
+    torch.testing.assert_close(found, torch.stack(slopes).amax(0), rtol=1e-3, atol=2e-4)
+    assert float(found.max()) > 0.2
+
+
+def test_what_contributes_nothing_can_go_unseen() -> None:
+    room, cameras = synthetic_room(20_000), room_cameras(2, (96, 54))
+    views = [make_view(w2c, K, cameras.size, SETTINGS) for w2c, K in zip(cameras.w2c.numpy(), cameras.K.numpy())]
+    kept = subset(room, importance(room, views) > 0.005)
+    assert len(kept) < 0.7 * len(room)
+    renderer = GaussianSplats(threads=1)
+    images = [
+        renderer.render(Scene(s, None, UP, "room", "0" * 64), cameras, frozenset({"image"})).image for s in (room, kept)
+    ]
+    assert float(-10 * (images[0] - images[1]).square().mean().log10()) > 45

@@ -43,8 +43,7 @@ def pack(means: Array, covariances: Array, scales: Array, opacity: Array, label:
     Returns:
         Those with opacity above 1/255.
     """
-    keep = np.nonzero(opacity > MIN_ALPHA)[0]
-    keep = keep[np.argsort(morton_codes(means[keep]), kind="stable")]
+    keep = packing_order(means, opacity)
     radius = np.sqrt(2 * np.log(opacity[keep] / MIN_ALPHA)) * scales[keep].max(axis=1)
     geometry = aligned((len(keep), ROW))
     geometry[:, :COVARIANCE] = means[keep]
@@ -55,6 +54,12 @@ def pack(means: Array, covariances: Array, scales: Array, opacity: Array, label:
     rows[:] = sh[keep].reshape(rows.shape)
     bounds = np.ascontiguousarray(geometry[:, [0, 1, 2, RADIUS]])
     return Packed(geometry, bounds, _spheres(bounds), rows)
+
+
+def packing_order(means: Array, opacity: Array) -> Array:
+    """Which Gaussian each packed row is, (V,): those that can be seen, along a Morton curve."""
+    keep = np.nonzero(opacity > MIN_ALPHA)[0]
+    return keep[np.argsort(morton_codes(means[keep]), kind="stable")]
 
 
 def morton_codes(points: Array) -> Array:

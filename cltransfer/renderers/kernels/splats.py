@@ -18,6 +18,7 @@ from .splat_cull import Settings, View, cull, make_view, sort_by_depth
 from .splat_pack import Packed
 from .splat_project import BOX, PAIRS, RECORD, SLAB, TILE, Slab, Tiles, project_slab
 from .splat_shade import shade_slab
+from .splat_weight import weigh
 
 
 class Scratch(NamedTuple):
@@ -101,10 +102,28 @@ def _work(indices: Iterator[int], packed: Packed, views: list[View], out: Output
         draw(packed, views[i], scratch, Outputs(*(buffer[i] for buffer in out)))
 
 
+def weights(packed: Packed, views: list[View]) -> Array:
+    """Greatest share of a pixel that each packed Gaussian has in any of ``views``, (V,) float32 in [0, 1]."""
+    out = np.zeros(len(packed.bounds), np.float32)
+    for view in views:
+        scratch = _scratch(len(packed.bounds), (view.width, view.height), DEPTH_PLANES)
+        tiles, transmittance = scratch.tiles, np.ones((view.height, view.width), np.float32)
+        count = cull(packed.bounds, packed.chunks, view, scratch.ids, scratch.depths)
+        sort_by_depth(scratch.ids, scratch.depths, count, *scratch.keys)
+        tiles.closed[:] = 0
+        done = 0
+        while done < count:
+            taken, _ = project_slab(packed.geometry, scratch.ids[done:count], view, scratch.slab, tiles)
+            done += taken
+            if weigh(view, scratch.slab, tiles, transmittance, out) == 0:
+                break
+    return out
+
+
 def count_visible(packed: Packed, view: View) -> int:
     """How many Gaussians can touch the frame, for tables."""
     n = len(packed.bounds)
     return cull(packed.bounds, packed.chunks, view, np.empty(n + 1, np.int32), np.empty(n + 1, np.float32))
 
 
-__all__ = ["Packed", "Settings", "View", "count_visible", "make_view", "render"]
+__all__ = ["Packed", "Settings", "View", "count_visible", "make_view", "render", "weights"]
