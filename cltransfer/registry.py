@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import difflib
 import importlib
+import math
 import pkgutil
 from collections.abc import Callable, Mapping
 from importlib import resources
@@ -77,12 +78,16 @@ class Registry(Generic[T]):
         from omegaconf.errors import OmegaConfBaseException
 
         cls = self.get(name)
+        for option, value in (options or {}).items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise UsageError("", f"{self.kind}.{name}.{option}", f"expected a finite number, got {value}")
         try:
             merged = OmegaConf.merge(OmegaConf.structured(cls), dict(options or {}))
             return OmegaConf.to_object(merged)  # type: ignore[return-value]
         except (OmegaConfBaseException, ValueError, TypeError) as error:
             reason = str(error).strip().splitlines()[0]
-            raise UsageError("", f"{self.kind}.{name}", reason) from None
+            key = getattr(error, "full_key", None)
+            raise UsageError("", f"{self.kind}.{name}.{key}" if key else f"{self.kind}.{name}", reason) from None
 
     def declared_options(self, name: str) -> list[str]:
         """Option names of component ``name``, read from the source: nothing is imported for a built-in."""
@@ -110,3 +115,4 @@ RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers")
 EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors")
 LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses")
 SEARCHES: Registry[Any] = Registry("search", "cltransfer.search")
+FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit")

@@ -1,0 +1,27 @@
+"""Fitting a scene to posed images. One module per representation; its name is the file's name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from ._curve import Level
+    from ._views import Views
+
+Report = Callable[[str, int, int], None]
+"""Called with a step's name, how much of it is done, and how much there is."""
+
+
+class Fitter(Protocol):
+    """What ``cltransfer fit`` needs of a fitter; a frozen dataclass whose fields are its options."""
+
+    def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
+        """Fit a scene, leave it in ``folder``, and return what each level of detail reached.
+
+        Raises:
+            ModelError: the computer lacks what this fitter needs.
+            UsageError: the folder holds a fit with other options or views.
+        """
+        ...

@@ -1,0 +1,188 @@
+"""Gradient descent on a voxel grid by Lightning's Trainer. Imported only where something is fitted."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytorch_lightning as pl
+import torch
+from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from pytorch_lightning.plugins.io import CheckpointIO
+from pytorch_lightning.utilities.exceptions import SIGTERMException
+from torch import Tensor
+from torch.utils.data import DataLoader
+
+from ..renderers._nerf_grid_torch import Rays, camera_rays
+from ..renderers.nerf_grid import NerfGridRenderer
+from ..scenes import Scene
+from ..scenes.nerf_grid import NerfGrid
+from . import Report
+from ._rays import colors, distance_to_cells
+from ._state_file import read_state, write_state
+from ._views import Views
+
+if TYPE_CHECKING:
+    from .nerf_grid import NerfGridFit
+
+IMAGE = frozenset({"image"})
+STILL = 1e-6  # slope of the loss below which Adam makes no full step: noise would fill empty space with fog
+
+
+class StateFiles(CheckpointIO):
+    """Lightning's checkpoints as safetensors and JSON; a pickle is neither written nor read."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
+        """Write ``checkpoint``, whole or not at all."""
+        write_state(Path(path), checkpoint)
+
+    def load_checkpoint(self, path: Any, map_location: Any = None, weights_only: bool | None = None) -> Any:
+        """Checkpoint of ``path``, on the CPU."""
+        return read_state(Path(path))
+
+    def remove_checkpoint(self, path: Any) -> None:
+        """Delete the file where there is one."""
+        Path(path).unlink(missing_ok=True)
+
+
+class GridModule(pl.LightningModule):
+    """One level of a grid: rays drawn from the training views, PSNR on the held-out ones.
+
+    Args:
+        grid: where to start.
+        filled: cells (Z - 1, Y - 1, X - 1) that may hold matter.
+        views: to learn from, and to score on.
+        options: of the fit.
+    """
+
+    def __init__(self, grid: NerfGrid, filled: Tensor, views: tuple[Views, Views], options: NerfGridFit) -> None:
+        super().__init__()
+        self.options, self.voxel = options, float(grid.voxel.min())
+        self.thickness = torch.nn.Parameter(grid.density * self.voxel)  # optical thickness of a voxel
+        self.sh = torch.nn.Parameter(grid.sh.clone())
+        self.aabb, self.filled, self.bricks = grid.aabb, filled, distance_to_cells(filled)
+        self.learn, self.held_out = views
+        rays = camera_rays(self.learn.camera)
+        self.rays = Rays(rays.origin.float(), rays.direction.float())
+        self.colors = self.learn.image.permute(0, 2, 3, 1).reshape(-1, 3)
+
+    def grid(self) -> NerfGrid:
+        """The field as it is now; gradients flow to the parameters."""
+        return NerfGrid(self.thickness / self.voxel, self.sh, torch.zeros_like(self.thickness), self.aabb)
+
+    def training_step(self, batch: Tensor, batch_idx: int) -> Tensor:
+        """Mean squared colour error of random pixels; what is drawn depends on the seed and the step alone."""
+        random = torch.Generator().manual_seed(self.options.seed * 1_000_003 + self.global_step)
+        pixel = torch.randint(len(self.colors), (self.options.rays,), generator=random)
+        rays = Rays(self.rays.origin[pixel], self.rays.direction[pixel])
+        drawn = colors(self.grid(), rays, self.options.renderer.settings, self.filled, self.bricks)
+        error = ((drawn - self.colors[pixel] / 255) ** 2).mean()
+        return error + self.options.smooth * (roughness(self.thickness[..., None]) + roughness(self.sh.flatten(3)))
+
+    def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
+        """Density is never negative: a step that would make it so ends at 0, and may leave it again."""
+        with torch.no_grad():
+            self.thickness.clamp_(min=0)
+
+    def validation_step(self, batch: Tensor, batch_idx: int) -> None:
+        """PSNR of all held-out views, mean."""
+        self.log("psnr", psnr(self.grid(), self.held_out, self.options.renderer), batch_size=1)
+
+    def configure_optimizers(self) -> Any:
+        """Adam whose rate falls to a tenth over the level."""
+        adam = torch.optim.Adam(self.parameters(), lr=self.options.rate, eps=STILL, fused=True)
+        fall = torch.optim.lr_scheduler.ExponentialLR(adam, 0.1 ** (1 / self.options.steps))
+        return {"optimizer": adam, "lr_scheduler": {"scheduler": fall, "interval": "step"}}
+
+    def train_dataloader(self) -> Any:
+        """Numbers of the steps between two looks at the held-out views; rays are drawn in the step."""
+        return DataLoader(range(self.options.look), batch_size=None)  # type: ignore[arg-type]
+
+    def val_dataloader(self) -> Any:
+        """One batch: all held-out views."""
+        return DataLoader(range(1), batch_size=None)  # type: ignore[arg-type]
+
+
+class Teller(Callback):
+    """Tells the caller's progress."""
+
+    def __init__(self, report: Report, name: str, total: int) -> None:
+        self.report, self.name, self.total = report, name, total
+
+    def on_train_batch_end(self, trainer: pl.Trainer, *_: Any) -> None:
+        """After each step."""
+        self.report(self.name, trainer.global_step, self.total)
+
+
+def roughness(values: Tensor) -> Tensor:
+    """Mean squared difference of neighbours of (Z, Y, X, C), summed over the axes and channels."""
+    return sum((values.diff(dim=axis) ** 2).mean((0, 1, 2)).sum() for axis in range(3))  # type: ignore[return-value]
+
+
+def psnr(grid: NerfGrid, views: Views, renderer: NerfGridRenderer) -> float:
+    """Mean over the views of the PSNR of each [dB]."""
+    scene = Scene(grid, None, torch.tensor([0.0, 0.0, 1.0]), "fit", "")
+    drawn = renderer.render(scene, views.camera, IMAGE).require("image")
+    error = ((drawn - views.image / 255) ** 2).flatten(1).mean(1)
+    return float((-10 * error.clamp(min=1e-10).log10()).mean())
+
+
+def train(module: GridModule, checkpoint: Path, report: Report) -> int:
+    """Train ``module`` until its held-out PSNR stands still or its steps are done; return the steps.
+
+    ``checkpoint``, a name that ends in .safetensors, is resumed where it exists, and rewritten at every look.
+    """
+    options = module.options
+    keep = ModelCheckpoint(checkpoint.parent, checkpoint.stem, save_top_k=1, enable_version_counter=False)
+    keep.FILE_EXTENSION = checkpoint.suffix
+    stop = EarlyStopping("psnr", options.gain, options.patience, mode="max", verbose=False)
+    with _quiet():
+        trainer = pl.Trainer(
+            accelerator="cpu",
+            max_steps=options.steps,
+            callbacks=[Teller(report, checkpoint.stem, options.steps), stop, keep],
+            plugins=[StateFiles()],
+            default_root_dir=checkpoint.parent,
+            num_sanity_val_steps=0,
+            logger=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+        )
+        with _signals():
+            trainer.fit(module, ckpt_path=str(checkpoint) if checkpoint.is_file() else None)
+    return int(trainer.global_step)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Lightning's advice: results go to stdout, progress is told by the caller."""
+    loggers = [logging.getLogger(name) for name in ("pytorch_lightning", "lightning_fabric")]
+    levels = [logger.level for logger in loggers]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for logger in loggers:
+            logger.setLevel(logging.ERROR)
+        try:
+            yield
+        finally:
+            for logger, level in zip(loggers, levels):
+                logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[None]:
+    """An interrupt stays one: Lightning turns it into exit code 1, and SIGTERM into 0."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    except SIGTERMException:
+        raise SystemExit(143) from None
+    except SystemExit:
+        raise KeyboardInterrupt from None
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,79 @@
+"""Images with their cameras, in memory, as fitters take them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..errors import InputError
+from ..scenes.posed import PosedImages
+
+POINT_SHARE = 0.005  # of the points left out on either side of an axis: reconstructions have strays
+MARGIN = 0.05  # of the box added on every side
+FEWEST = 3
+
+
+@dataclass(frozen=True)
+class Views:
+    """N images of a scene and the box in which its matter is.
+
+    Args:
+        camera: N cameras at the images' size.
+        image: (N, 3, H, W) uint8 RGB.
+        aabb: lower and upper corner, (2, 3) float64, scene units.
+
+    Raises:
+        ValueError: the lengths or the sizes differ.
+    """
+
+    camera: Camera
+    image: Tensor  # (N, 3, H, W)
+    aabb: Tensor  # (2, 3)
+
+    def __post_init__(self) -> None:
+        width, height = self.camera.size
+        if tuple(self.image.shape) != (len(self.camera), 3, height, width):
+            raise ValueError(f"image must be {(len(self.camera), 3, height, width)}, got {tuple(self.image.shape)}")
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    def __getitem__(self, index: Sequence[int]) -> Views:
+        return replace(self, camera=self.camera[index], image=self.image[list(index)])
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that a fit depends on."""
+        parts = (self.camera.w2c, self.camera.K, self.image, self.aabb)
+        return hashlib.sha256(b"".join(part.contiguous().numpy().tobytes() for part in parts)).hexdigest()
+
+    def split(self, every: int) -> tuple[Views, Views]:
+        """Views to learn from, and every ``every``-th, held out, to score on."""
+        held_out = range(0, len(self), every)
+        return self[[i for i in range(len(self)) if i % every]], self[held_out]
+
+
+def views_of(posed: PosedImages, side: int) -> Views:
+    """Views of a posed image set, the longer side of its images at most ``side`` [px].
+
+    The box holds nearly all reconstructed points, or, without any, all camera centres and as much again around.
+
+    Raises:
+        InputError: fewer than three images are there, or one is damaged.
+    """
+    if len(posed.present) < FEWEST:
+        raise InputError(posed.path, "images", f"expected at least {FEWEST}, got {len(posed.present)}")
+    camera, image = posed.images(posed.present, side)
+    return Views(camera, image, box_around(camera.center if posed.points is None else posed.points))
+
+
+def box_around(points: Tensor) -> Tensor:
+    """Corners (2, 3) of a box about nearly all ``points`` (P, 3)."""
+    low, high = torch.quantile(points.double(), torch.tensor([POINT_SHARE, 1 - POINT_SHARE]).double(), dim=0)
+    margin = MARGIN * (high - low).max()
+    return torch.stack([low - margin, high + margin])
