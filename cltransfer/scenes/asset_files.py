@@ -1,0 +1,77 @@
+"""What a scene file may open: files beside or below it, of a bounded size, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+from ..errors import InputError
+
+LIMIT = 2**30  # bytes of one file
+
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+
+
+def inside(root: Path, name: str, where: Path, field: str) -> Path:
+    """The file ``name`` under the folder ``root``, which the file ``where`` asks for in ``field``.
+
+    Raises:
+        InputError: the name leads out of the folder (by ``..``, a link, or as an absolute path or an address), or
+            there is no such file.
+    """
+    parts = name.replace("\\", "/").split("/")
+    if _SCHEME.match(name) or name.startswith(("/", "\\")) or ".." in parts or "\0" in name:
+        raise InputError(where, field, f"names {name[:80]!r}", "expected a file in this folder or below")
+    path = root / name
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise InputError(where, field, f"{name[:80]!r} is a link out of the folder")
+    if not path.is_file():
+        raise InputError(where, field, f"no such file {name[:80]!r}")
+    return path
+
+
+def read_limited(path: Path, limit: int = LIMIT) -> bytes:
+    """Bytes of ``path``.
+
+    Raises:
+        InputError: it is no file, empty, or larger than ``limit`` bytes.
+    """
+    if not path.is_file():
+        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
+    size = path.stat().st_size
+    if size == 0:
+        raise InputError(path, "", "file is empty")
+    if size > limit:
+        raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
+    return path.read_bytes()
+
+
+class Beside:
+    """Gives a mesh reader the files that ``path`` names, and remembers what it gave and what it refused.
+
+    It has the methods of a trimesh resolver; trimesh goes on without what it was refused, our readers do not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.given: list[Path] = []
+        self.refused: InputError | None = None
+
+    def get(self, name: str) -> bytes:
+        """Bytes of the file ``name`` beside or below; see :func:`inside` for what is refused."""
+        try:
+            found = inside(self.path.parent, unquote(str(name)), self.path, "uri")
+            data = read_limited(found)
+        except InputError as error:
+            self.refused = self.refused or error
+            raise
+        if found not in self.given:
+            self.given.append(found)
+        return data
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        """Nothing: what is not asked for by name is not looked for."""
+        return []

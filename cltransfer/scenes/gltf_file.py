@@ -1,0 +1,174 @@
+"""glTF 2.0 files: the JSON, the buffers it names and the arrays in them. Every count is checked before it is used."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..renderers.kernels import Array
+from .asset_files import LIMIT, Beside, read_limited
+
+COUNT_LIMIT = 20_000_000  # rows of one array
+NODE_LIMIT = 100_000
+DATA = "data:"
+
+_JSON, _BIN = 0x4E4F534A, 0x004E4942  # chunk types
+_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+
+@dataclass(frozen=True, eq=False)
+class Gltf:
+    """A glTF document.
+
+    Args:
+        path: where it was read from, for error lines.
+        tree: its JSON.
+        buffers: the bytes of each of its buffers.
+    """
+
+    path: Path
+    tree: dict[str, Any]
+    buffers: tuple[bytes, ...]
+
+    def entry(self, kind: str, index: Any) -> dict[str, Any]:
+        """Entry ``index`` of the list ``kind``.
+
+        Raises:
+            InputError: there is none.
+        """
+        entries = self.tree.get(kind, [])
+        if not isinstance(index, int) or not 0 <= index < len(entries):
+            raise InputError(self.path, kind, f"has no entry {index!r}")
+        found: dict[str, Any] = entries[index]
+        return found
+
+    def array(self, accessor: Any) -> Array:
+        """Rows of an accessor, (count, width), as stored; normalised integers become numbers in [-1, 1].
+
+        Raises:
+            InputError: it reaches beyond its buffer, is sparse, or is of an unknown type.
+        """
+        about = self.entry("accessors", accessor)
+        field, count, offset = f"accessors[{accessor}]", about.get("count", 0), about.get("byteOffset", 0)
+        kind, width = _TYPES.get(about.get("componentType", 0)), _WIDTH.get(about.get("type", ""), 0)
+        if kind is None or not width or "sparse" in about or "bufferView" not in about:
+            raise InputError(self.path, field, "expected plain numbers in a buffer view")
+        view = self.entry("bufferViews", about["bufferView"])
+        if not 0 <= view.get("buffer", -1) < len(self.buffers):
+            raise InputError(self.path, field, "names no buffer")
+        data = memoryview(self.buffers[view["buffer"]])[view.get("byteOffset", 0) :][: view.get("byteLength", 0)]
+        row = np.dtype(kind).itemsize * width
+        stride = view.get("byteStride", row)
+        if offset < 0 or stride < row or count < 1 or offset + (count - 1) * stride + row > len(data):
+            raise InputError(self.path, field, f"{count} rows do not fit in its {len(data)} bytes")
+        rows = np.ndarray((count, width), kind, data, offset, (stride, np.dtype(kind).itemsize))
+        if about.get("normalized"):
+            return np.maximum(rows.astype(np.float64) / np.iinfo(kind).max, -1.0)
+        return rows.copy()
+
+    def to_glb(self) -> bytes:
+        """As one binary file; images that are files of their own stay so."""
+        starts, blob = [], b""
+        for data in self.buffers:
+            starts.append(len(blob))
+            blob += data + b"\0" * (-len(data) % 4)
+        views = []
+        for view in self.tree.get("bufferViews", []):
+            first = starts[view["buffer"]] + view.get("byteOffset", 0)
+            views.append({**view, "buffer": 0, "byteOffset": first})
+        tree = {**self.tree, "bufferViews": views, "buffers": [{"byteLength": len(blob)}]}
+        text = json.dumps(tree).encode()
+        text += b" " * (-len(text) % 4)
+        chunks = struct.pack("<II", len(text), _JSON) + text + struct.pack("<II", len(blob), _BIN) + blob
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def read_gltf(path: Path, files: Beside) -> Gltf:
+    """A ``.glb`` or ``.gltf`` file, told apart by content, with its buffers.
+
+    Raises:
+        InputError: it is missing, empty, cut off or no glTF 2.0, needs an extension, asks for more than the limits,
+            or names a file outside its folder.
+    """
+    data = read_limited(path)
+    text, binary = _chunks(path, data) if data[:4] == b"glTF" else (data, None)
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, "", f"expected glTF: {error}") from None
+    if not isinstance(tree, dict) or not str(tree.get("asset", {}).get("version", "")).startswith("2."):
+        raise InputError(path, "asset", "expected glTF of version 2")
+    if needed := set(tree.get("extensionsRequired", [])) - {"KHR_materials_unlit", "KHR_texture_transform"}:
+        raise InputError(path, "extensionsRequired", f"{', '.join(sorted(needed))} is not read")
+    if not tree.get("meshes"):
+        raise InputError(path, "meshes", "holds no mesh")
+    _check_limits(path, tree)
+    buffers = tuple(_buffer(path, i, entry, binary, files) for i, entry in enumerate(tree.get("buffers", [])))
+    for entry in tree.get("images", []):
+        uri = entry.get("uri", DATA)
+        if not uri.startswith(DATA):
+            files.get(uri)  # refused here rather than drawn without it
+    return Gltf(path, tree, buffers)
+
+
+def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
+    """JSON and binary chunk of a GLB."""
+    if len(data) < 20:
+        raise InputError(path, "header", "cut off")
+    _, version, length = struct.unpack_from("<4sII", data)
+    if version != 2:
+        raise InputError(path, "header", f"expected glTF of version 2, got {version}")
+    if length > len(data):
+        raise InputError(path, "header", f"cut off: expected {length} bytes, got {len(data)}")
+    chunks: dict[int, bytes] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + size > length:
+            raise InputError(path, "chunk", f"cut off: expected {size} bytes, got {length - at - 8}")
+        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    if _JSON not in chunks:
+        raise InputError(path, "chunk", "holds no JSON")
+    return chunks[_JSON], chunks.get(_BIN)
+
+
+def _check_limits(path: Path, tree: dict[str, Any]) -> None:
+    for kind in ("nodes", "meshes", "accessors", "bufferViews", "buffers", "images", "materials"):
+        entries = tree.get(kind, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise InputError(path, kind, "expected a list of objects")
+        if len(entries) > NODE_LIMIT:
+            raise InputError(path, kind, f"expected at most {NODE_LIMIT}, got {len(entries)}")
+    for index, about in enumerate(tree.get("accessors", [])):
+        count = about.get("count", 0)
+        if not isinstance(count, int) or not 0 < count <= COUNT_LIMIT:
+            raise InputError(path, f"accessors[{index}]", f"expected 1 to {COUNT_LIMIT} rows, got {count!r}")
+
+
+def _buffer(path: Path, index: int, entry: dict[str, Any], binary: bytes | None, files: Beside) -> bytes:
+    """Bytes of one buffer: the binary chunk, a data URI or a file beside."""
+    uri, length, field = entry.get("uri"), entry.get("byteLength", 0), f"buffers[{index}]"
+    if not isinstance(length, int) or not 0 < length <= LIMIT:
+        raise InputError(path, field, f"expected 1 to {LIMIT} bytes, got {length!r}")
+    if uri is None:
+        data = binary or b""
+    elif uri.startswith(DATA):
+        try:
+            data = base64.b64decode(uri.partition(",")[2], validate=True)
+        except binascii.Error:
+            raise InputError(path, field, "expected base64 data") from None
+    else:
+        data = files.get(uri)
+    if len(data) < length:
+        raise InputError(path, field, f"cut off: expected {length} bytes, got {len(data)}")
+    return data

@@ -1,0 +1,219 @@
+"""Skinned glTF frozen at one time: what comes out is a glTF of the same look without skins, and the skeleton.
+
+trimesh reads meshes, not skins; so the pose is written into the vertices before it sees the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from kornia.geometry.conversions import quaternion_to_rotation_matrix
+from kornia.geometry.quaternion import Quaternion
+
+from ..errors import InputError
+from ..renderers.kernels import Array
+from .gltf_file import Gltf
+
+POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed
+
+_REST: dict[str, tuple[float, ...]] = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """Joints of a posed figure.
+
+    Args:
+        names: of the joints.
+        parents: the joint above each, -1 for none.
+        points: where the joints are, (J, 3), scene units.
+        vertices: of all its skinned meshes, posed, (V, 3).
+        strongest: the joint that moves each vertex most, (V,).
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    points: Array  # (J, 3)
+    vertices: Array  # (V, 3)
+    strongest: Array  # (V,)
+
+
+def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, Skeleton | None]:
+    """The document at ``time`` [s] of an animation, its first one if none is named; and the first skin's skeleton.
+
+    Times before the start and after the end hold the first and last pose.
+
+    Raises:
+        InputError: there is no such animation, nodes form a circle, or an array is damaged.
+    """
+    local = _local(gltf, _channels(gltf, time, animation))
+    world = _world(gltf, local)
+    skinned = [i for i, node in enumerate(gltf.tree.get("nodes", [])) if "skin" in node and "mesh" in node]
+    frozen = _with_matrices(gltf, local)
+    parts: dict[int, list[tuple[Array, Array]]] = {}
+    for node in skinned:
+        frozen, moved = _freeze(frozen, gltf, node, world)
+        parts.setdefault(gltf.tree["nodes"][node]["skin"], []).extend(moved)
+    if not parts:
+        return frozen, None
+    skin, moved = next(iter(parts.items()))
+    return frozen, _skeleton(gltf, skin, world, moved)
+
+
+def _channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str], Array]:
+    """Animated values by node and property."""
+    animations = gltf.tree.get("animations", [])
+    if name is None and not animations:
+        return {}
+    names = [str(a.get("name", i)) for i, a in enumerate(animations)]
+    if name is not None and name not in names:
+        raise InputError(gltf.path, "animation", f"no animation {name!r}", f"known: {', '.join(names) or 'none'}")
+    chosen = animations[0 if name is None else names.index(name)]
+    values = {}
+    for channel in chosen["channels"]:
+        target = channel["target"]
+        if target.get("path") in _REST and "node" in target:
+            sampler = chosen["samplers"][channel["sampler"]]
+            values[target["node"], target["path"]] = _sample(gltf, sampler, time, target["path"])
+    return values
+
+
+def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str) -> Array:
+    """Value of one sampler: held, or between two keys on a line or a great circle."""
+    times, values = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"]).astype(np.float64)
+    kind = sampler.get("interpolation", "LINEAR")
+    if kind not in ("LINEAR", "STEP") or len(values) != len(times):
+        raise InputError(gltf.path, "animations", f"interpolation {kind} is not read", "bake it to LINEAR or STEP")
+    after = int(np.searchsorted(times, time, side="right"))
+    if after == 0 or after == len(times) or kind == "STEP":
+        return np.asarray(values[max(after - 1, 0)])
+    share = float((time - times[after - 1]) / (times[after] - times[after - 1]))
+    start, end = values[after - 1], values[after]
+    if path != "rotation":
+        return np.asarray(start + share * (end - start))
+    if start @ end < 0:  # the same rotation by the shorter way
+        end = -end
+    first, last = (Quaternion(torch.from_numpy(q[[3, 0, 1, 2]] / np.linalg.norm(q))) for q in (start, end))
+    return np.asarray(first.slerp(last, share).data.detach().numpy()[[1, 2, 3, 0]])
+
+
+def _local(gltf: Gltf, animated: dict[tuple[int, str], Array]) -> list[Array]:
+    """Each node's transform to its parent, (4, 4)."""
+    matrices = []
+    for i, node in enumerate(gltf.tree.get("nodes", [])):
+        if "matrix" in node and not any((i, path) in animated for path in _REST):
+            matrices.append(np.array(node["matrix"], np.float64).reshape(4, 4).T)
+            continue
+        move, turn, scale = (np.array(animated.get((i, p), node.get(p, rest)), float) for p, rest in _REST.items())
+        matrix = np.eye(4)
+        rotation = quaternion_to_rotation_matrix(torch.from_numpy(turn[[3, 0, 1, 2]]))
+        matrix[:3, :3] = rotation.numpy() * scale
+        matrix[:3, 3] = move
+        matrices.append(matrix)
+    return matrices
+
+
+def _parents(gltf: Gltf) -> dict[int, int]:
+    nodes = gltf.tree.get("nodes", [])
+    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+
+
+def _world(gltf: Gltf, local: list[Array]) -> list[Array]:
+    """Each node's transform to the world, (4, 4)."""
+    parents = _parents(gltf)
+    world: dict[int, Array] = {}
+    for node in range(len(local)):
+        way = [node]
+        while way[-1] in parents and way[-1] not in world:
+            way.append(parents[way[-1]])
+            if len(way) > len(local):
+                raise InputError(gltf.path, "nodes", f"node {node} is its own parent")
+        for one in reversed(way):
+            if one not in world:
+                above = parents.get(one)
+                world[one] = local[one] if above is None else world[above] @ local[one]
+    return [world[i] for i in range(len(local))]
+
+
+def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
+    """The same document with the pose of every node written down, and no animation."""
+    nodes = []
+    for node, matrix in zip(gltf.tree.get("nodes", []), local):
+        kept = {key: value for key, value in node.items() if key not in _REST}
+        nodes.append({**kept, "matrix": matrix.T.ravel().tolist()})
+    tree = {key: value for key, value in gltf.tree.items() if key not in ("animations", "skins")}
+    return replace(gltf, tree={**tree, "nodes": nodes})
+
+
+def _freeze(frozen: Gltf, source: Gltf, node: int, world: list[Array]) -> tuple[Gltf, list[tuple[Array, Array]]]:
+    """``frozen`` with the skinned mesh of ``node`` posed in the world; vertices and strongest joint of its parts."""
+    about = source.tree["nodes"][node]
+    mesh = source.entry("meshes", about["mesh"])
+    matrices = _joint_matrices(source, source.entry("skins", about["skin"]), world)
+    views, accessors = ([*frozen.tree.get(kind, [])] for kind in ("bufferViews", "accessors"))
+    buffers, parts, primitives = [*frozen.buffers], [], []
+    for primitive in mesh["primitives"]:
+        vertices, strongest = _skinned(source, primitive["attributes"], matrices)
+        kept = {k: v for k, v in primitive["attributes"].items() if k.startswith(("TEXCOORD", "COLOR"))}
+        primitives.append({**primitive, "attributes": {**kept, "POSITION": len(accessors)}, "targets": []})
+        accessors.append({"bufferView": len(views), "componentType": 5126, "count": len(vertices), "type": "VEC3"})
+        buffers.append(vertices.astype("<f4").tobytes())
+        views.append({"buffer": len(buffers) - 1, "byteLength": len(buffers[-1])})
+        parts.append((vertices, strongest))
+    nodes = [*frozen.tree["nodes"], {"name": f"{POSED} {node}", "mesh": len(frozen.tree["meshes"])}]
+    nodes[node] = {key: value for key, value in nodes[node].items() if key not in ("mesh", "skin")}
+    scenes = [{**scene, "nodes": [*scene.get("nodes", []), len(nodes) - 1]} for scene in frozen.tree.get("scenes", [])]
+    meshes = [*frozen.tree["meshes"], {**mesh, "primitives": primitives}]
+    new = {"nodes": nodes, "scenes": scenes, "meshes": meshes, "accessors": accessors, "bufferViews": views}
+    return replace(frozen, tree={**frozen.tree, **new}, buffers=tuple(buffers)), parts
+
+
+def _joint_matrices(gltf: Gltf, skin: dict[str, Any], world: list[Array]) -> Array:
+    """From the mesh as it was bound to the posed world, (J, 4, 4)."""
+    joints = skin["joints"]
+    for joint in joints:
+        gltf.entry("nodes", joint)
+    bound = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
+    if "inverseBindMatrices" in skin:
+        stored = gltf.array(skin["inverseBindMatrices"])
+        if stored.shape != (len(joints), 16):
+            raise InputError(gltf.path, "skins", f"expected {len(joints)} inverse bind matrices, got {len(stored)}")
+        bound = stored.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+    return np.asarray(np.stack([world[joint] for joint in joints]) @ bound)
+
+
+def _skinned(gltf: Gltf, attributes: dict[str, int], matrices: Array) -> tuple[Array, Array]:
+    """Posed vertices (V, 3) and the joint that moves each most (V,): linear blend skinning."""
+    if not {"POSITION", "JOINTS_0", "WEIGHTS_0"} <= attributes.keys():
+        raise InputError(gltf.path, "skins", "a skinned mesh has no POSITION, JOINTS_0 or WEIGHTS_0")
+    rest = gltf.array(attributes["POSITION"]).astype(np.float64)
+    sets = [k for k in range(2) if f"JOINTS_{k}" in attributes]
+    joints, weights = (
+        np.concatenate([gltf.array(attributes[f"{kind}_{k}"]) for k in sets], axis=1) for kind in ("JOINTS", "WEIGHTS")
+    )
+    if len(joints) != len(rest) or joints.shape != weights.shape or rest.shape[1] != 3:
+        raise InputError(gltf.path, "skins", f"{len(rest)} vertices have {len(joints)} joints, {len(weights)} weights")
+    if joints.max() >= len(matrices):
+        raise InputError(gltf.path, "skins", f"joint {joints.max()} of {len(matrices)}")
+    share = weights / np.maximum(weights.sum(1, keepdims=True), 1e-12)
+    blended = np.einsum("vk,vkij->vij", share, matrices[joints])
+    vertices = np.einsum("vij,vj->vi", blended[:, :3, :3], rest) + blended[:, :3, 3]
+    return vertices, np.take_along_axis(joints, weights.argmax(1)[:, None], axis=1)[:, 0]
+
+
+def _skeleton(gltf: Gltf, skin: int, world: list[Array], parts: list[tuple[Array, Array]]) -> Skeleton:
+    joints, above = gltf.entry("skins", skin)["joints"], _parents(gltf)
+    place = {node: i for i, node in enumerate(joints)}
+    parents = []
+    for node in joints:
+        up = above.get(node)
+        while up is not None and up not in place:
+            up = above.get(up)
+        parents.append(-1 if up is None else place[up])
+    names = tuple(str(gltf.tree["nodes"][node].get("name", node)) for node in joints)
+    points = np.stack([world[node][:3, 3] for node in joints])
+    vertices, strongest = (np.concatenate(column) for column in zip(*parts))
+    return Skeleton(names, tuple(parents), points, vertices, strongest)

@@ -1,0 +1,229 @@
+"""Mesh files, glTF, OBJ and PLY, read by trimesh with limits; skinned glTF is posed and gives its person."""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..renderers.kernels import Array
+from ..subject import Subject
+from .asset_files import Beside, read_limited
+from .gltf_file import COUNT_LIMIT, Gltf, read_gltf
+from .gltf_skin import POSED, Skeleton, posed
+from .mesh import GREY, Mesh
+from .rig import subject_of_rig
+
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
+UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
+LOST = 0.01  # share of vertices that may be not finite
+IMAGE_LIMIT = 2**26  # pixels of one texture
+LIT, UNLIT, TEXTURED = "lit", "unlit", " textured"  # marks in the names of materials
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When an animated file is looked at.
+
+    Args:
+        time: [s].
+        animation: its name; None is the first.
+    """
+
+    time: float = 0.0
+    animation: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """What a mesh file holds.
+
+    Args:
+        mesh: its triangles in the file's world; the faces of a recognised figure are labelled.
+        subject: the person its skeleton names, None where there is none.
+        files: every file that was opened.
+    """
+
+    mesh: Mesh
+    subject: Subject | None
+    files: tuple[Path, ...]
+
+
+def read_mesh(path: Path, moment: Moment = Moment(), up: tuple[float, float, float] = UP) -> MeshFile:
+    """Read a mesh.
+
+    Args:
+        path: .glb, .gltf, .obj or .ply; glTF is told from the content.
+        moment: the pose of an animated glTF.
+        up: unit vector upwards in the file.
+
+    Raises:
+        InputError: the file is missing, empty, damaged, without faces, larger than the limits, more than 1 % of its
+            vertices are not finite, or it names a file outside its folder.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(path, "", f"no mesh has the suffix {suffix!r}", f"expected {', '.join(SUFFIXES)}")
+    files, rig = Beside(path), None
+    if suffix in (".glb", ".gltf"):
+        data, rig = _posed_glb(path, moment, files)
+        suffix = ".glb"
+    else:
+        data = read_limited(path)
+        _check_counts(path, data, suffix)
+    parts = [_part(path, *part) for part in _geometries(path, data, suffix, files)]
+    mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
+    if mesh is None or len(mesh) == 0:
+        raise InputError(path, "", "holds no faces", "is it a point cloud?")
+    subject = _subject(rig, up)
+    if subject is None:
+        mesh = mesh.with_label(torch.zeros(len(mesh)))
+    return MeshFile(mesh, subject, (path, *files.given))
+
+
+def _subject(rig: Skeleton | None, up: tuple[float, float, float]) -> Subject | None:
+    return None if rig is None else subject_of_rig(rig, np.array(up))
+
+
+def _posed_glb(path: Path, moment: Moment, files: Beside) -> tuple[bytes, Skeleton | None]:
+    """A file without skins or animation, and the skeleton there was."""
+    try:
+        gltf, rig = posed(read_gltf(path, files), moment.time, moment.animation)
+        return _with_marks(gltf).to_glb(), rig
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        # what a value may be is checked where it is used; any other shape of the JSON ends here
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+        raise InputError(path, "", f"damaged glTF: {reason}") from None
+
+
+def _with_marks(gltf: Gltf) -> Gltf:
+    """The document with materials named by what trimesh does not pass on: no light wanted, a texture promised."""
+    materials = []
+    for about in gltf.tree.get("materials", []):
+        unlit = UNLIT if "KHR_materials_unlit" in about.get("extensions", {}) else LIT
+        textured = TEXTURED if "baseColorTexture" in about.get("pbrMetallicRoughness", {}) else ""
+        materials.append({**about, "name": unlit + textured})
+    return replace(gltf, tree={**gltf.tree, "materials": materials})
+
+
+def _check_counts(path: Path, data: bytes, suffix: str) -> None:
+    """The rows that a PLY header promises, before anything is made for them."""
+    if suffix != ".ply":
+        return
+    header, mark, _ = data[: 64 * 1024].partition(b"end_header")
+    if not data.startswith(b"ply") or not mark:
+        raise InputError(path, "header", "expected a PLY header", "is it cut off?")
+    for line in header.decode("ascii", "replace").splitlines():
+        words = line.split()
+        if words[:1] != ["element"]:
+            continue
+        if len(words) != 3 or not words[2].isdecimal() or int(words[2]) > min(COUNT_LIMIT, len(data)):
+            raise InputError(path, "header", f"{line[:60]!r} asks for more than the file holds")
+
+
+def _geometries(path: Path, data: bytes, suffix: str, files: Beside) -> Iterator[tuple[str, Array, Any]]:
+    """Node, transform to the world (4, 4) and geometry of everything with faces."""
+    import trimesh
+
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters is raised below
+    try:
+        stream, resolver = io.BytesIO(data), cast(Any, files)
+        scene = trimesh.load_scene(stream, suffix[1:], resolver, process=False, maintain_order=True)
+        if files.refused is not None:
+            raise files.refused
+        for node in scene.graph.nodes_geometry:
+            transform, name = scene.graph[node]
+            if isinstance(scene.geometry[name], trimesh.Trimesh):
+                yield str(node), transform, scene.geometry[name]
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # trimesh lets any exception of its parsers through
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+        raise InputError(path, "", f"cannot be read as {suffix[1:]}: {reason}") from None
+
+
+def _part(path: Path, node: str, transform: Array, geometry: Any) -> Mesh:
+    """One geometry in the world; a posed one is labelled."""
+    vertices = torch.from_numpy(np.asarray(geometry.vertices, np.float64))
+    faces = np.asarray(geometry.faces)
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise InputError(path, "faces", f"name vertex {faces.max()} of {len(vertices)}")
+    mesh = Mesh.plain(vertices, torch.from_numpy(faces.astype(np.int32)))
+    mesh = _painted(path, mesh, geometry.visual)
+    return replace(mesh.moved(torch.tensor(transform)), label=torch.full((len(mesh),), float(POSED in node)))
+
+
+def _painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
+    """The mesh with the colours and the texture of a trimesh visual."""
+    if visual.kind in ("vertex", "face"):
+        return _vertex_painted(mesh, visual)
+    material = getattr(visual, "material", None)
+    if material is None:
+        return mesh
+    tint = _tint(material)
+    colors = torch.tensor(tint).expand(len(mesh.vertices), 3).contiguous()
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    uv, name = getattr(visual, "uv", None), str(getattr(material, "name", ""))
+    if image is None and name.endswith(TEXTURED):
+        raise InputError(path, "images", "a texture cannot be decoded")
+    if image is None or uv is None or len(uv) != len(mesh.vertices):
+        return replace(mesh, colors=colors, shaded=torch.full_like(mesh.shaded, not name.startswith(UNLIT)))
+    places = torch.from_numpy(np.asarray(uv, np.float32).copy())
+    places[:, 1] = 1 - places[:, 1]  # trimesh counts from the bottom
+    return replace(
+        mesh,
+        colors=colors,
+        shaded=torch.full_like(mesh.shaded, name.startswith(LIT)),
+        uv=torch.nan_to_num(places, posinf=0.0, neginf=0.0),
+        texture=torch.zeros_like(mesh.texture),
+        textures=(_texture(path, image, material),),
+    )
+
+
+def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
+    rgba = torch.from_numpy(np.asarray(visual.vertex_colors, np.float32)[:, :3].copy() / 255)
+    return replace(mesh, colors=rgba, shaded=torch.zeros_like(mesh.shaded))
+
+
+def _tint(material: Any) -> list[float]:
+    """RGB in [0, 1] that multiplies the texture; glTF's is linear and is shown as a screen would."""
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is not None:
+        return [float(c / 255) ** (1 / 2.2) for c in np.asarray(factor)[:3]]
+    if hasattr(material, "diffuse") and getattr(material, "image", None) is None:
+        return [float(c / 255) for c in np.asarray(material.diffuse)[:3]]
+    textured = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    return [1.0 if textured is not None else GREY] * 3
+
+
+def _texture(path: Path, image: Any, material: Any) -> Tensor:
+    """RGBA (h, w, 4) uint8; alpha is 0 in holes and 255 elsewhere."""
+    if image.width * image.height > IMAGE_LIMIT:
+        raise InputError(path, "texture", f"expected at most {IMAGE_LIMIT} pixels, got {image.width}x{image.height}")
+    pixels = np.array(image.convert("RGBA"))
+    mode, cutoff = getattr(material, "alphaMode", None), getattr(material, "alphaCutoff", None)
+    least = {"MASK": 0.5 if cutoff is None else cutoff, "BLEND": 0.5}.get(str(mode), 0.0)
+    pixels[..., 3] = np.where(pixels[..., 3] >= 255 * least, 255, 0)
+    return torch.from_numpy(pixels)
+
+
+def _finite(path: Path, mesh: Mesh) -> Mesh:
+    """Without the faces of vertices that are not finite; too many of those refuse the file."""
+    good = torch.isfinite(mesh.vertices).all(1)
+    if bool(good.all()):
+        return mesh
+    lost = 1 - float(good.double().mean())
+    if lost > LOST:
+        raise InputError(path, "vertices", f"{lost:.0%} are not finite")
+    keep = good[mesh.faces.long()].all(1)
+    rows = {name: getattr(mesh, name)[keep] for name in ("faces", "label", "shaded", "texture")}
+    dropped = mesh.dropped + int((~keep).sum())
+    return replace(mesh, **rows, vertices=mesh.vertices.nan_to_num(0.0, 0.0, 0.0), dropped=dropped)

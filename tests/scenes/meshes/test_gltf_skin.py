@@ -1,0 +1,122 @@
+"""The bent bar of conftest has positions that can be worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.asset_files import Beside
+from cltransfer.scenes.gltf_file import read_gltf
+from cltransfer.scenes.gltf_skin import posed
+
+
+@pytest.fixture
+def pose(bar, write_glb, tmp_path):
+    def at(time, animation=None, interpolation="LINEAR"):
+        path = write_glb(tmp_path / "bar.glb", *bar(interpolation))
+        return posed(read_gltf(path, Beside(path)), time, animation)
+
+    return at
+
+
+@pytest.mark.parametrize(
+    ("time", "turn"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 45.0), (1.0, 90.0), (1.25, 112.5), (2.0, 180.0), (9.0, 180.0)]
+)
+def test_the_upper_half_turns_about_its_joint_on_a_great_circle(pose, time, turn):
+    _, rig = pose(time)
+    angle = math.radians(turn)
+    end = [10 - math.sin(angle), 1 + math.cos(angle), 0]
+    np.testing.assert_allclose(rig.vertices[2:].mean(0), end, atol=1e-6)
+    np.testing.assert_allclose(rig.vertices[:2].mean(0), [10, 0, 0], atol=1e-6)  # the strip's own node does not count
+
+
+def test_steps_hold_the_key_before(pose):
+    for time, turn in ((0.9, 0.0), (1.0, 90.0), (1.9, 90.0)):
+        _, rig = pose(time, interpolation="STEP")
+        np.testing.assert_allclose(rig.vertices[2:].mean(0)[0], 10 - math.sin(math.radians(turn)), atol=1e-6)
+
+
+def test_the_shorter_way_round_is_taken(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    at = tree["bufferViews"][tree["accessors"][6]["bufferView"]]["byteOffset"]
+    turned = blob[: at + 16] + (-np.frombuffer(blob[at + 16 : at + 32], "<f4")).tobytes() + blob[at + 32 :]
+    path = write_glb(tmp_path / "bar.glb", tree, turned)
+    _, rig = posed(read_gltf(path, Beside(path)), 0.5)
+    np.testing.assert_allclose(rig.vertices[2:].mean(0)[0], 10 - math.sin(math.radians(45)), atol=1e-6)
+
+
+def test_an_animation_is_chosen_by_name(pose):
+    _, rig = pose(1.0, "rest")
+    np.testing.assert_allclose(rig.vertices[2:].mean(0), [10, 2, 0], atol=1e-6)
+    with pytest.raises(InputError, match=r"no animation 'run' \(known: bend, rest\)"):
+        pose(0.0, "run")
+
+
+def test_the_skeleton_says_where_its_joints_are_and_what_they_move(pose):
+    _, rig = pose(1.0)
+    assert rig.names == ("low", "high")
+    assert rig.parents == (-1, 0)
+    np.testing.assert_allclose(rig.points, [[10, 0, 0], [10, 1, 0]], atol=1e-9)
+    assert rig.strongest.tolist() == [0, 0, 1, 1]
+
+
+def test_what_comes_out_has_no_skin_and_reads_back_the_same(pose, tmp_path):
+    document, rig = pose(0.5)
+    (tmp_path / "frozen.glb").write_bytes(document.to_glb())
+    again = read_gltf(tmp_path / "frozen.glb", Beside(tmp_path / "frozen.glb"))
+    assert "skins" not in again.tree
+    assert not any("skin" in node for node in again.tree["nodes"])
+    mesh = again.tree["meshes"][again.tree["nodes"][-1]["mesh"]]
+    stored = again.array(mesh["primitives"][0]["attributes"]["POSITION"])
+    np.testing.assert_allclose(stored, rig.vertices, atol=1e-6)
+
+
+def test_without_a_skin_nodes_still_move(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    tree["nodes"][2]["mesh"] = 0
+    del tree["nodes"][3]["skin"]
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    document, rig = posed(read_gltf(path, Beside(path)), 1.0)
+    assert rig is None
+    np.testing.assert_allclose(
+        np.reshape(document.tree["nodes"][2]["matrix"], (4, 4)).T[:2, :2], [[0, -1], [1, 0]], atol=1e-6
+    )
+
+
+def damage(tree, what):
+    if what == "circle":
+        tree["nodes"][2]["children"] = [1]
+    if what == "spline":
+        tree["animations"][0]["samplers"][0]["interpolation"] = "CUBICSPLINE"
+    if what == "joint":
+        tree["skins"][0]["joints"] = [1]
+        del tree["skins"][0]["inverseBindMatrices"]
+    if what == "weights":
+        del tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"]
+    if what == "binds":
+        tree["skins"][0]["inverseBindMatrices"] = 0
+    if what == "node":
+        tree["skins"][0]["joints"] = [1, 99]
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("circle", "is its own parent"),
+        ("spline", "CUBICSPLINE is not read"),
+        ("joint", "joint 1 of 1"),
+        ("weights", "WEIGHTS_0"),
+        ("binds", "inverse bind matrices"),
+        ("node", "has no entry 99"),
+    ],
+)
+def test_a_damaged_skin_is_one_line(bar, write_glb, tmp_path, what, reason):
+    tree, blob = bar()
+    damage(tree, what)
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    with pytest.raises(InputError, match=reason) as error:
+        posed(read_gltf(path, Beside(path)), 0.5)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,248 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.read_mesh import Moment, read_mesh
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
+
+
+def write_ply(path, rows, faces="3 0 1 2\n", count=1, vertices=3, more="") -> None:
+    columns = "property float x\nproperty float y\nproperty float z\n" + more
+    header = f"ply\nformat ascii 1.0\nelement vertex {vertices}\n{columns}"
+    path.write_text(f"{header}element face {count}\nproperty list uchar int vertex_indices\nend_header\n{rows}{faces}")
+
+
+def write_textured(folder, texture="wood.png") -> None:
+    (folder / "stage.obj").write_text(
+        "mtllib stage.mtl\nusemtl wood\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    )
+    (folder / "stage.mtl").write_text(f"newmtl wood\nKd 1 1 1\nmap_Kd {texture}\n")
+    pixels = np.zeros((4, 2, 3), np.uint8)
+    pixels[0] = [255, 0, 0]
+    Image.fromarray(pixels).save(folder / "wood.png")
+
+
+def test_an_obj_is_read_as_it_stands(tmp_path):
+    (tmp_path / "stage.obj").write_text(OBJ)
+    found = read_mesh(tmp_path / "stage.obj")
+    corners = found.mesh.vertices[found.mesh.faces.long()]
+    assert corners.tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]]]
+    assert (found.subject, found.files) == (None, (tmp_path / "stage.obj",))
+    assert bool(found.mesh.shaded.all())
+
+
+def test_an_obj_brings_its_texture_the_right_way_up(tmp_path):
+    write_textured(tmp_path)
+    found = read_mesh(tmp_path / "stage.obj")
+    mesh = found.mesh
+    assert mesh.textures[0].shape == (4, 2, 4)
+    assert mesh.textures[0][0, 0].tolist() == [255, 0, 0, 255]
+    by_corner = {tuple(v): tuple(uv) for v, uv in zip(mesh.vertices.tolist(), mesh.uv.tolist())}
+    assert by_corner == {(0, 0, 0): (0, 1), (1, 0, 0): (1, 1), (0, 1, 0): (0, 0)}  # v counts from the top here
+    assert {file.name for file in found.files} == {"stage.obj", "stage.mtl", "wood.png"}
+
+
+def test_a_ply_keeps_its_colours(tmp_path):
+    color = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    write_ply(tmp_path / "scan.ply", "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 51\n", more=color)
+    mesh = read_mesh(tmp_path / "scan.ply").mesh
+    torch.testing.assert_close(mesh.colors, torch.tensor([[1.0, 0, 0], [0, 1, 0], [0, 0, 0.2]]))
+    assert not mesh.shaded.any()
+
+
+def test_node_transforms_are_applied_and_the_skin_posed(bar, write_glb, write_gltf, tmp_path):
+    for name, write in (("bar.glb", write_glb), ("bar.gltf", write_gltf)):
+        mesh = read_mesh(write(tmp_path / name, *bar()), Moment(1.0)).mesh
+        assert len(mesh) == 2
+        torch.testing.assert_close(mesh.vertices.mean(0), torch.tensor([9.5, 0.5, 0.0]), atol=1e-5, rtol=0)
+        assert not mesh.label.any()  # two joints are no person
+
+
+def test_a_gltf_reads_its_buffer_from_a_file_beside_it(bar, write_gltf, tmp_path):
+    tree, blob = bar()
+    (tmp_path / "bar.bin").write_bytes(blob)
+    found = read_mesh(write_gltf(tmp_path / "bar.gltf", tree, blob, "bar.bin"))
+    assert [file.name for file in found.files] == ["bar.gltf", "bar.bin"]
+
+
+def test_base_colours_are_shown_as_a_screen_does(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    tree["materials"] = [{"pbrMetallicRoughness": {"baseColorFactor": [0.6, 1, 0, 1]}}]
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    for unlit in (False, True):
+        if unlit:
+            tree["materials"][0]["extensions"] = {"KHR_materials_unlit": {}}
+        mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+        torch.testing.assert_close(mesh.colors[0], torch.tensor([0.6 ** (1 / 2.2), 1, 0]), atol=1e-2, rtol=0)
+        assert bool(mesh.shaded.any()) is not unlit
+
+
+@pytest.mark.parametrize(
+    "uri", ["../secret.bin", "/etc/hostname", "file:///etc/hostname", "https://a.b/c", "a\\..\\..\\b"]
+)
+def test_files_outside_the_folder_are_not_opened(bar, write_gltf, tmp_path, uri):
+    (tmp_path / "secret.bin").write_bytes(b"\0" * 4096)
+    (tmp_path / "in").mkdir()
+    path = write_gltf(tmp_path / "in" / "bar.gltf", *bar(), uri)
+    with pytest.raises(InputError, match=r"bar.gltf: uri: names .* \(expected a file in this folder or below\)"):
+        read_mesh(path)
+    tree, blob = bar()
+    tree["images"] = [{"uri": uri}]
+    with pytest.raises(InputError, match="expected a file in this folder"):
+        read_mesh(write_gltf(tmp_path / "in" / "bar.gltf", tree, blob))
+
+
+def test_a_link_out_of_the_folder_is_not_followed(bar, write_gltf, tmp_path):
+    tree, blob = bar()
+    (tmp_path / "secret.bin").write_bytes(blob)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "bar.bin").symlink_to(tmp_path / "secret.bin")
+    with pytest.raises(InputError, match="is a link out of the folder"):
+        read_mesh(write_gltf(tmp_path / "in" / "bar.gltf", tree, blob, "bar.bin"))
+
+
+@pytest.mark.parametrize("texture", ["../wood.png", "/etc/hostname", "gone.png"])
+def test_an_obj_whose_texture_is_elsewhere_is_refused(tmp_path, texture):
+    (tmp_path / "in").mkdir()
+    write_textured(tmp_path / "in", texture)
+    write_textured(tmp_path)
+    with pytest.raises(InputError, match=r"uri: (names|no such file)"):
+        read_mesh(tmp_path / "in" / "stage.obj")
+
+
+def test_a_few_broken_vertices_cost_their_faces_and_many_the_file(tmp_path):
+    rows = [f"{i % 20} {i // 20} 0" for i in range(200)]
+    rows[7] = "nan 0 0"
+    faces = "".join(f"3 {i} {i + 1} {i + 20}\n" for i in range(100))
+    write_ply(tmp_path / "scan.ply", "\n".join(rows) + "\n", faces, 100, 200)
+    mesh = read_mesh(tmp_path / "scan.ply").mesh
+    assert (len(mesh), mesh.dropped) == (98, 2)
+    assert bool(mesh.vertices.isfinite().all())
+    rows[8:12] = ["nan nan nan"] * 4
+    write_ply(tmp_path / "scan.ply", "\n".join(rows) + "\n", faces, 100, 200)
+    with pytest.raises(InputError, match=r"vertices: [23]% are not finite"):
+        read_mesh(tmp_path / "scan.ply")
+
+
+def test_bad_files_are_one_line(bar, write_glb, tmp_path):
+    whole = write_glb(tmp_path / "whole.glb", *bar()).read_bytes()
+    text = json.dumps({"asset": {"version": "2.0"}})
+    cases = {
+        "gone.glb": (None, "no such file"),
+        "empty.glb": (b"", "file is empty"),
+        "cut.glb": (whole[:900], "cut off: expected"),
+        "head.glb": (whole[:10], "cut off"),
+        "text.glb": (b"hello there, this is no mesh at all", "expected glTF"),
+        "none.gltf": (text.encode(), "meshes: holds no mesh"),
+        "old.gltf": (text.replace("2.0", "1.0").encode(), "version 2"),
+        "draco.gltf": (
+            json.dumps({"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco"]}).encode(),
+            "KHR_draco",
+        ),
+        "points.obj": (b"v 0 0 0\nv 1 1 1\n", "holds no faces|cannot be read as obj"),
+        "noise.obj": (bytes(range(256)) * 4, "holds no faces|cannot be read as obj"),
+        "vast.ply": (b"ply\nformat ascii 1.0\nelement vertex 9999999999\nend_header\n", "asks for more than the file"),
+        "cut.ply": (b"ply\nformat ascii 1.0\nelement ver", "expected a PLY header"),
+        "mesh.stl": (b"solid", "no mesh has the suffix '.stl'"),
+    }
+    for name, (data, reason) in cases.items():
+        if data is not None:
+            (tmp_path / name).write_bytes(data)
+        with pytest.raises(InputError, match=reason) as error:
+            read_mesh(tmp_path / name)
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "entry", "reason"),
+    [
+        ("accessors", {"count": 10**12}, "expected 1 to 20000000 rows"),
+        ("accessors", {"count": 5000}, "rows do not fit|cannot be read"),
+        ("accessors", {"bufferView": 77}, "has no entry 77"),
+        ("buffers", {"byteLength": 10**12}, "expected 1 to"),
+        ("buffers", {"byteLength": 10**6}, "cut off: expected 1000000 bytes"),
+    ],
+)
+def test_absurd_counts_are_refused_before_memory_is_taken(bar, write_glb, tmp_path, kind, entry, reason):
+    tree, blob = bar()
+    tree[kind][0].update(entry)
+    with pytest.raises(InputError, match=reason):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+def mutated(tree, random):
+    """The same JSON with one value replaced or removed."""
+    copy = json.loads(json.dumps(tree))
+    at = copy
+    while True:
+        keys = list(at) if isinstance(at, dict) else list(range(len(at)))
+        key = keys[random.integers(len(keys))]
+        below = at[key]
+        if isinstance(below, (dict, list)) and below and random.random() < 0.85:
+            at = below
+            continue
+        junk = [None, -1, 10**9, 3.5, "x", [], {}, [[]], True, float("nan")]
+        choice = random.integers(len(junk) + 1)
+        if choice == len(junk):
+            del at[key]
+        else:
+            at[key] = junk[choice]
+        return copy
+
+
+def test_whatever_stands_in_the_json_is_read_or_refused_in_one_line(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    random = np.random.default_rng(0)
+    refused: list[str] = []
+    for _ in range(300):
+        path = write_glb(tmp_path / "bar.glb", mutated(tree, random), blob)
+        try:
+            assert len(read_mesh(path, Moment(0.7)).mesh) > 0
+        except InputError as error:
+            refused.append(str(error))
+    assert 100 < len(refused) < 300
+    assert not any("\n" in line for line in refused)
+
+
+def test_holes_are_where_the_material_masks(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = len(tree["accessors"])
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    pixels[0, 0, 3] = 60
+    Image.fromarray(pixels).save(tmp_path / "leaf.png")
+    picture = (tmp_path / "leaf.png").read_bytes()
+    tree["accessors"].append(
+        {"bufferView": len(tree["bufferViews"]), "componentType": 5126, "count": 4, "type": "VEC2"}
+    )
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": 32})
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob) + 32, "byteLength": len(picture)})
+    tree["images"] = [{"bufferView": len(tree["bufferViews"]) - 1, "mimeType": "image/png"}]
+    tree["textures"] = [{"source": 0}]
+    tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    blob += np.zeros((4, 2), "<f4").tobytes() + picture
+    tree["buffers"][0]["byteLength"] = len(blob)
+    for mode, cutoff, alpha in (("OPAQUE", 0.5, 255), ("MASK", 0.5, 0), ("MASK", 0.1, 255), ("BLEND", 0.5, 0)):
+        tree["materials"][0].update({"alphaMode": mode, "alphaCutoff": cutoff})
+        texture = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh.textures[0]
+        assert int(texture[0, 0, 3]) == alpha
+        assert int(texture[1, 1, 3]) == 255
+    damaged = blob[: -len(picture)] + b"no picture".ljust(len(picture))
+    with pytest.raises(InputError, match="images: a texture cannot be decoded"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, damaged))
+
+
+def test_real_files_have_their_known_sizes(data):
+    for name, faces, height in (("pc_vr-gallery.glb", 1930, 5.05), ("makehuman_male_body.obj", 26756, 1.748)):
+        mesh = read_mesh(data / name).mesh
+        assert len(mesh) == faces
+        size = mesh.vertices.amax(0) - mesh.vertices.amin(0)
+        assert float(size[1]) == pytest.approx(height, abs=0.01)
+    assert any((image[..., 3] == 0).any() for image in read_mesh(data / "pc_house.glb").mesh.textures)

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from cltransfer.scenes.gltf_skin import Skeleton
+from cltransfer.scenes.read_mesh import Moment, read_mesh
+from cltransfer.scenes.rig import subject_of_rig
+from cltransfer.skeleton import JOINTS
+
+UP = np.array([0.0, 0.0, 1.0])
+PLACES = {  # a standing body that faces +y; its left is at -x
+    "hips": (0, 1.0), "spine": (0, 1.2), "neck": (0, 1.5), "head": (0, 1.6),
+    "shoulder": (-0.2, 1.45), "elbow": (-0.4, 1.2), "wrist": (-0.5, 1.0),
+    "hip": (-0.1, 0.95), "knee": (-0.1, 0.5), "ankle": (-0.1, 0.1), "toe": (-0.1, 0.0),
+}  # fmt: skip
+PARENT = {"spine": "hips", "neck": "spine", "head": "neck", "shoulder": "spine", "elbow": "shoulder",
+          "wrist": "elbow", "hip": "hips", "knee": "hip", "ankle": "knee", "toe": "ankle"}  # fmt: skip
+STYLES = {
+    "mixamo": {"shoulder": "mixamorig:{Left}Arm", "elbow": "mixamorig:{Left}ForeArm", "wrist": "mixamorig:{Left}Hand",
+               "hip": "mixamorig:{Left}UpLeg", "knee": "mixamorig:{Left}Leg", "ankle": "mixamorig:{Left}Foot",
+               "toe": "mixamorig:{Left}ToeBase"},
+    "rigify": {"shoulder": "DEF-upper_arm.{L}", "elbow": "DEF-forearm.{L}", "wrist": "DEF-hand.{L}",
+               "hip": "DEF-thigh.{L}", "knee": "DEF-shin.{L}", "ankle": "DEF-foot.{L}", "toe": "DEF-toe.{L}"},
+    "unreal": {"shoulder": "upperarm_{l}", "elbow": "lowerarm_{l}", "wrist": "hand_{l}",
+               "hip": "thigh_{l}", "knee": "calf_{l}", "ankle": "foot_{l}", "toe": "ball_{l}"},
+    "numbered": {"shoulder": "arm_joint_{L}_1", "elbow": "arm_joint_{L}_2", "wrist": "arm_joint_{L}_3",
+                 "hip": "leg_joint_{L}_1", "knee": "leg_joint_{L}_2", "ankle": "leg_joint_{L}_3",
+                 "toe": "leg_joint_{L}_5"},
+}  # fmt: skip
+SIDES = {"left": {"Left": "Left", "L": "L", "l": "l"}, "right": {"Left": "Right", "L": "R", "l": "r"}}
+
+
+def body(style: dict[str, str]) -> Skeleton:
+    names, parents, points = [], [], []
+    at: dict[tuple[str, str], int] = {}
+    for part, (x, z) in PLACES.items():
+        for side in ("left", "right") if part in style else ("",):
+            above = PARENT.get(part)
+            parents.append(-1 if above is None else at.get((above, side), at.get((above, ""), -1)))
+            at[part, side] = len(names)
+            names.append(style[part].format(**SIDES[side]) if side else part)
+            points.append([-x if side == "right" else x, 0.0, z])
+    crown = np.array([[0.0, 0.1, 1.8], [0.0, -0.1, 1.75], [0.0, 0.0, 0.0]])
+    head = names.index("head")
+    return Skeleton(tuple(names), tuple(parents), np.array(points), crown, np.array([head, head, 0]))
+
+
+@pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
+def test_joints_are_found_by_the_names_of_many_programs(style):
+    subject = subject_of_rig(body(style), UP)
+    for i, name in enumerate(JOINTS[:12]):
+        side, part = name.split("_")
+        x, z = PLACES[part]
+        assert subject.joints[i].tolist() == [x if side == "left" else -x, 0, z]
+    assert subject.joints[JOINTS.index("head_top")].tolist() == pytest.approx([0, 0, 1.8])
+    assert subject.joints[JOINTS.index("neck")].tolist() == [0, 0, 1.5]
+    assert subject.confidence.tolist() == [1.0] * 14
+    torch.testing.assert_close(subject.facing, torch.tensor([0.0, 1.0, 0.0]).double())
+    torch.testing.assert_close(subject.left, torch.tensor([-1.0, 0.0, 0.0]).double())
+    assert subject.height == pytest.approx(1.8, rel=0.05)
+
+
+def test_a_bent_pose_keeps_its_height():
+    rig = body(STYLES["mixamo"])
+    bent = rig.points.copy()
+    bent[:, 2] *= 0.5
+    bent[:, 1] += np.sqrt(0.75) * rig.points[:, 2]  # every bone keeps about its length
+    lying = Skeleton(rig.names, rig.parents, bent, rig.vertices * 0.5, rig.strongest)
+    assert subject_of_rig(lying, UP).height > 1.6
+
+
+def test_names_that_tell_nothing_give_no_person():
+    rig = body(STYLES["numbered"])
+    dumb = Skeleton(
+        tuple(f"Bone{i}" for i in range(len(rig.names))), rig.parents, rig.points, rig.vertices, rig.strongest
+    )
+    assert subject_of_rig(dumb, UP) is None
+
+
+@pytest.mark.parametrize(("file", "animation"), [("cesium_man.glb", None), ("pc_lumberjack.glb", "A-pose")])
+def test_real_rigs_give_a_person_who_stands_in_the_mesh(data, file, animation):
+    found = read_mesh(data / file, Moment(0.0, animation))
+    person, vertices = found.subject, found.mesh.vertices.double()
+    low, high = vertices.amin(0), vertices.amax(0)
+    assert bool(torch.isfinite(person.joints).all())
+    assert bool(((person.joints > low - 0.02) & (person.joints < high + 0.02)).all())
+    heights = dict(zip(JOINTS, person.joints[:, 1].tolist()))
+    for side in ("left", "right"):
+        chain = [
+            heights[name] for name in ("head_top", f"{side}_shoulder", f"{side}_hip", f"{side}_knee", f"{side}_ankle")
+        ]
+        assert chain == sorted(chain, reverse=True)
+    assert float(person.facing[2]) > 0.95  # both were modelled facing +z
+    assert person.height == pytest.approx(float(high[1] - low[1]), rel=0.03)
+    assert bool((found.mesh.label == 1).all())
