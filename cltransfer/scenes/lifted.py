@@ -52,6 +52,7 @@ def lift_scene(
     if plan.missing:
         name, reason = next(iter(plan.missing.items()))
         raise InputError(scene.name, "lift", f"needs {name!r}: {reason}")
+    plan.load_networks()
 
     def look(cameras: Camera) -> Features:
         progress(f"looking from {len(cameras)} views")
@@ -62,9 +63,10 @@ def lift_scene(
 
 
 def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:
-    """The scene with its person; ``label`` (N,) marks the primitives."""
-    geometry = scene.geometry if label is None else scene.geometry.with_label(label)
-    return replace(scene, subject=subject, geometry=geometry)
+    """The scene with its person; ``label`` (N,) marks the primitives unless the scene's files have marked them."""
+    if label is None or bool(scene.geometry.label.any()):
+        return replace(scene, subject=subject)
+    return replace(scene, subject=subject, geometry=scene.geometry.with_label(label))
 
 
 def save_lift(folder: Path, found: Lift) -> None:

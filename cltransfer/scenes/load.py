@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,11 @@ from torch import Tensor
 from ..errors import InputError, UsageError
 from ..files import content_hash
 from . import Scene
+from .ply_header import has_faces
 
 BUILTIN = "builtin:"
 FOREIGN_SPLATS = (".spz", ".sog", ".ksplat")
+MESH_SUFFIXES = (".glb", ".gltf", ".obj")
 SPLAT_UP = (
     0.0,
     -1.0,
@@ -23,11 +26,13 @@ SPLAT_UP = (
 
 
 def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -> Scene:
-    """Read a scene; its subject is not lifted yet, except in built-in scenes.
+    """Read a scene; its subject is not lifted yet, except in built-in scenes and where a mesh's skeleton tells it.
 
     Args:
-        path: a Gaussian-splat ``.ply`` or ``.splat``, a voxel grid ``.safetensors``, or ``builtin:NAME``.
-        up: upwards in the scene, any length > 0; None is (0, -1, 0) for files and what a built-in scene says.
+        path: a Gaussian-splat ``.ply`` or ``.splat``, a voxel grid ``.safetensors``, a mesh (``.glb``, ``.gltf``,
+            ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or ``builtin:NAME``.
+        up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and grids, (0, 1, 0) for meshes, and
+            what a built-in scene says.
 
     Raises:
         InputError: the file is missing, damaged or of no known kind.
@@ -41,7 +46,24 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
             raise UsageError(str(path), "up", f"is {tuple(scene.up.tolist())} in this scene; leave it out")
         return scene
     path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        from .compose import read_composed
+
+        return read_composed(path, None if up is None else _components(up))
+    if suffix in MESH_SUFFIXES or (suffix == ".ply" and has_faces(path)):
+        return _mesh_scene(path, up)
     return Scene(_geometry(path), None, _unit(up or SPLAT_UP), path.stem, content_hash(path))
+
+
+def _mesh_scene(path: Path, up: tuple[float, float, float] | None) -> Scene:
+    from .read_mesh import UP, read_mesh
+
+    upward = _unit(up or UP)
+    found = read_mesh(path, up=_components(up or UP))
+    digests = [content_hash(file) for file in found.files]
+    digest = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+    return Scene(found.mesh, found.subject, upward, path.stem, digest)
 
 
 def _geometry(path: Path) -> Any:
@@ -60,9 +82,13 @@ def _geometry(path: Path) -> Any:
         return read_dot_splat(path)
     if suffix in FOREIGN_SPLATS:
         raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
-    raise InputError(
-        path, "", f"no scene has the suffix {path.suffix!r}", "expected .ply, .safetensors or builtin:NAME"
-    )
+    known = ", ".join((".ply", ".splat", ".safetensors", *MESH_SUFFIXES, ".yaml"))
+    raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", f"expected {known} or builtin:NAME")
+
+
+def _components(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = _unit(vector).tolist()
+    return x, y, z
 
 
 def _unit(vector: tuple[float, float, float]) -> Tensor:

@@ -62,6 +62,16 @@ def check_header(path: Path) -> dict[str, Element]:
     return elements
 
 
+def has_faces(path: Path) -> bool:
+    """Whether a PLY says it holds a mesh; False too where it is no PLY or not there, which its reader reports."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        header = stream.read(HEADER_LIMIT).partition(b"end_header")[0]
+    lines = [line.split() for line in header.splitlines()]
+    return any(line[:2] == [b"element", b"face"] and line[2:] != [b"0"] for line in lines)
+
+
 def _parse(path: Path, lines: Iterable[str]) -> dict[str, Element]:
     """Elements by name from the lines after the magic."""
     elements: dict[str, Element] = {}

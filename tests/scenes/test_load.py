@@ -45,3 +45,16 @@ def test_a_builtin_scene_has_its_own_up():
         load_scene("builtin:courtyard", up=(1, 0, 0))
     with pytest.raises(UsageError):
         load_scene("builtin:nowhere")
+
+
+def test_meshes_are_told_from_splats_by_what_the_file_holds(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    rows = "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    (tmp_path / "scan.ply").write_text(header + "element face 1\nproperty list uchar int vertex_indices\n" + rows)
+    scene = load_scene(tmp_path / "scan.ply")
+    assert (type(scene.geometry).__name__, len(scene.geometry)) == ("Mesh", 1)
+    assert scene.up.tolist() == [0, 1, 0]
+    (tmp_path / "stage.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    scene = load_scene(tmp_path / "stage.obj", up=(0, 0, 3))
+    assert (scene.name, scene.subject, scene.up.tolist()) == ("stage", None, [0, 0, 1])
+    assert scene.digest == hashlib.sha256((tmp_path / "stage.obj").read_bytes()).hexdigest()

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.compose import Part, read_composed
+from cltransfer.scenes.load import load_scene
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.delenv("CLTRANSFER_ASSETS", raising=False)
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "scene" / "tile.obj").write_text(OBJ)
+    return tmp_path / "scene"
+
+
+def write(folder, text):
+    (folder / "set.yaml").write_text(text)
+    return folder / "set.yaml"
+
+
+def test_parts_stand_where_the_yaml_says(folder):
+    path = write(folder, "parts:\n- {file: tile.obj}\n- {file: tile.obj, label: subject, scale: 2, "
+                         "rotate_deg: [0, 90, 0], translate: [10, 0, 0]}\n")  # fmt: skip
+    scene = load_scene(path)
+    assert scene.name == "set"
+    assert scene.up.tolist() == [0, 1, 0]
+    assert scene.geometry.label.tolist() == [0, 1]
+    expected = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [10, 0, 0], [10, 0, -2], [10, 2, 0]])
+    torch.testing.assert_close(scene.geometry.vertices, expected, atol=1e-6, rtol=0)
+
+
+def test_turns_are_about_x_then_y_then_z_of_the_scene():
+    turned = Part("a", rotate_deg=(90, 90, 0)).rotation @ torch.tensor([0.0, 1, 0]).double()
+    torch.testing.assert_close(turned, torch.tensor([1.0, 0, 0]).double(), atol=1e-9, rtol=0)  # y -> z -> x
+
+
+def test_up_is_the_yamls_or_the_callers(folder):
+    path = write(folder, "up: [0, 0, 2]\nparts: [{file: tile.obj}]\n")
+    assert load_scene(path).up.tolist() == [0, 0, 1]
+    assert load_scene(path, up=(3, 0, 0)).up.tolist() == [1, 0, 0]
+
+
+def test_the_digest_follows_every_file(folder):
+    path = write(folder, "parts: [{file: tile.obj}]\n")
+    first = read_composed(path).digest
+    assert read_composed(path).digest == first
+    (folder / "tile.obj").write_text(OBJ + "# changed\n")
+    second = read_composed(path).digest
+    write(folder, "parts: [{file: tile.obj, scale: 2}]\n")
+    assert len({first, second, read_composed(path).digest}) == 3
+
+
+def test_a_person_of_a_skeleton_stands_with_its_mesh(data, tmp_path):
+    path = write(tmp_path, "parts:\n- {file: cesium_man.glb, label: subject, time: 0.3, scale: 2, "
+                           "rotate_deg: [0, 90, 0], translate: [5, 1, 0]}\n")  # fmt: skip
+    moved = read_composed(path, root=data)
+    write(tmp_path, "parts: [{file: cesium_man.glb, label: subject, time: 0.3}]\n")
+    still = read_composed(path, root=data)
+    turn = torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).double()
+    offset = torch.tensor([5.0, 1, 0]).double()
+    torch.testing.assert_close(moved.subject.joints, 2 * still.subject.joints @ turn.T + offset)
+    torch.testing.assert_close(moved.subject.facing, turn @ still.subject.facing, atol=1e-6, rtol=0)
+    assert moved.subject.height == pytest.approx(2 * still.subject.height)
+    inside = moved.geometry.vertices.double()
+    assert bool((moved.subject.joints > inside.amin(0) - 0.05).all())
+    assert bool((moved.subject.joints < inside.amax(0) + 0.05).all())
+
+
+def test_a_leaning_person_knows_its_up_from_the_scene(data, tmp_path):
+    path = write(tmp_path, "parts: [{file: cesium_man.glb, label: subject, rotate_deg: [30, 0, 0]}]\n")
+    scene = read_composed(path, root=data)
+    torch.testing.assert_close(scene.subject.up, scene.up)
+    assert float(scene.subject.facing @ scene.up) == pytest.approx(0, abs=1e-9)
+    assert math.isclose(float(scene.subject.facing.norm()), 1, abs_tol=1e-9)
+
+
+def test_the_gallery_of_the_configs_composes(data, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_ASSETS", str(data))
+    scene = load_scene(Path(__file__).resolve().parents[3] / "configs" / "scenes" / "man_in_gallery.yaml")
+    assert len(scene.geometry) == 1930 + 4672
+    assert int(scene.geometry.label.sum()) == 4672
+    assert (
+        abs(float(scene.geometry.vertices[scene.geometry.faces[-4672:].long()].amin((0, 1))[1])) < 0.05
+    )  # on the floor
+
+
+def test_files_come_from_the_yamls_folder_or_the_named_root_and_nowhere_else(folder, tmp_path, monkeypatch):
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "other.obj").write_text(OBJ)
+    path = write(folder, "parts: [{file: other.obj}]\n")
+    with pytest.raises(InputError, match=r"parts\[0\].file: no such file 'other.obj' \(files lie beside"):
+        read_composed(path)
+    assert len(read_composed(path, root=tmp_path / "assets").geometry) == 1
+    monkeypatch.setenv("CLTRANSFER_ASSETS", str(tmp_path / "assets"))
+    assert len(read_composed(path).geometry) == 1
+    for name in ("../assets/other.obj", str(tmp_path / "assets" / "other.obj"), "file:other.obj"):
+        write(folder, f"parts: [{{file: '{name}'}}]\n")
+        with pytest.raises(InputError, match="expected a file in this folder or below"):
+            read_composed(path)
+    (folder / "link.obj").symlink_to(tmp_path / "assets" / "other.obj")
+    write(folder, "parts: [{file: link.obj}]\n")
+    with pytest.raises(InputError, match="is a link out of the folder"):
+        read_composed(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "expected the keys up and parts"),
+        ("- 1", "expected the keys up and parts"),
+        ("parts: [", "not YAML"),
+        ("parts: []", "parts: expected a list"),
+        ("parts: [tile.obj]", r"parts\[0\]: expected a mapping with file"),
+        ("parts: [{file: tile.obj, size: 2}]", "unknown: size .known: animation, file"),
+        ("parts: [{file: tile.obj, scale: 0}]", "scale must be positive"),
+        ("parts: [{file: tile.obj, scale: .nan}]", "scale must be positive"),
+        ("parts: [{file: tile.obj, label: person}]", "label must be subject or scene"),
+        ("parts: [{file: tile.obj, translate: [1, 2]}]", "translate must be three numbers"),
+        ("parts: [{file: tile.obj, rotate_deg: abc}]", "rotate_deg must be three numbers"),
+        ("parts: [{file: tile.obj, time: soon}]", "time must be seconds"),
+        ("parts: [{file: 3}]", "file must be a name"),
+        ("parts: [{file: gone.obj}]", "no such file"),
+        ("up: [0, 0, 0]\nparts: [{file: tile.obj}]", "up: expected a direction"),
+        ("parts: [{file: tile.obj, label: subject}, {file: tile.obj, label: subject}]", "one subject at most"),
+        ("a: !!python/object/apply:os.getcwd []", "not YAML"),
+        ("parts: [{file: tile.obj}]\nmore: 1", "expected the keys up and parts"),
+    ],
+)
+def test_a_bad_yaml_is_one_line(folder, text, reason):
+    with pytest.raises(InputError, match=reason) as error:
+        read_composed(write(folder, text))
+    assert "\n" not in str(error.value)
