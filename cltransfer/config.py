@@ -87,7 +87,8 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         for name, low, high in (
-            ("frames", 1, 2000), ("threads", 0, 1024), ("search_side", 16, 4096), ("output_side", 16, 4096),
+            ("frames", 1, 2000), ("seed", 0, 2**63), ("threads", 0, 1024),
+            ("search_side", 16, 4096), ("output_side", 16, 4096),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
             ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),
@@ -126,8 +127,8 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
     ``preset=NAME`` among the overrides, or ``preset:`` in the file, chooses what lies below (default: balanced).
 
     Raises:
-        UsageError: an unknown key, component or option (the nearest is named), a value of the wrong type or range.
-        InputError: a file is missing, too large or no YAML.
+        UsageError: a file is missing, too large or no YAML; an unknown key, component or option (the nearest is
+            named), a value of the wrong type or range.
     """
     above = _parse_overrides(overrides)
     file = _read_chain(Path(path)) if path else {}
@@ -153,10 +154,10 @@ def _read_chain(path: Path) -> dict[str, Any]:
         return own
     parent_path = path.parent / str(base)
     if not parent_path.resolve().is_relative_to(path.parent.resolve().parent):
-        raise InputError(path, "base", "expected a file in this folder or the one above", f"got {base}")
+        raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
     parent = _read_yaml(parent_path)
     if "base" in parent:
-        raise InputError(parent_path, "base", "a base names no further base", "merge the two files")
+        raise UsageError(parent_path, "base", "a base names no further base", "merge the two files")
     return _merge(parent, own)
 
 
@@ -164,7 +165,10 @@ def _read_yaml(path: Any) -> dict[str, Any]:
     import yaml
     from omegaconf import OmegaConf
 
-    text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
+    try:
+        text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
+    except InputError as error:
+        raise UsageError(path, error.field, error.reason) from None
     if "${" in text:
         raise UsageError(path, "${", "interpolation is not part of the grammar", "write the value")
     try:
@@ -267,6 +271,8 @@ def _typed(merged: Mapping[str, Any], where: Any) -> RunConfig:
     except OmegaConfBaseException as error:
         reason = str(error).strip().splitlines()[0]
         raise UsageError(where, str(error.full_key or ""), reason) from None
+    except UsageError as error:  # of a range
+        raise UsageError(where, error.field, error.reason) from None
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.config import RunConfig, load_config, presets
-from cltransfer.errors import InputError, UsageError
+from cltransfer.errors import UsageError
 
 
 def test_every_shipped_preset_loads_and_builds() -> None:
@@ -37,7 +37,7 @@ def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
     child.write_text("base: full.yaml\nlosses: {framing: null}\n")
     assert "framing" not in load_config(child).losses
     (tmp_path / "full.yaml").write_text("base: other.yaml\n")
-    with pytest.raises(InputError, match="a base names no further base"):
+    with pytest.raises(UsageError, match="a base names no further base"):
         load_config(child)
 
 
@@ -46,7 +46,7 @@ def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
     inner.mkdir(parents=True)
     (tmp_path / "secret.yaml").write_text("seed: 1\n")
     (inner / "run.yaml").write_text("base: ../../secret.yaml\n")
-    with pytest.raises(InputError, match="expected a file in this folder or the one above"):
+    with pytest.raises(UsageError, match="expected a file in this folder or the one above"):
         load_config(inner / "run.yaml")
 
 
@@ -95,7 +95,7 @@ def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> 
 def test_a_hostile_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "bad.yaml"
     file.write_text(text)
-    with pytest.raises((UsageError, InputError)) as caught:
+    with pytest.raises(UsageError) as caught:
         load_config(file)
     assert message in str(caught.value)
     assert str(file) in str(caught.value)
