@@ -36,6 +36,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     plan = parts.plan("image")
     shown = read_clip(Path(render), config.frames)
     original = read_clip(Path(reference))
+    plan.load_networks()
     paired = original.image[pair_by_time(original.times, shown.times)]
     features = clip_features(paired, plan, progress)
     if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):

@@ -61,6 +61,17 @@ class Plan:
         """Network passes one frame costs."""
         return sum(getattr(step.extractor, "passes", 0) for step in self.steps)
 
+    def load_networks(self) -> None:
+        """Load every network now, so that a missing one is told before any frame is read or rendered.
+
+        Raises:
+            ModelError: a network is missing or refused.
+        """
+        for step in self.steps:
+            network = getattr(step.extractor, "network", None)
+            if network is not None:
+                _ = network.session
+
     @property
     def needs_before(self) -> bool:
         """Whether a step compares with the frame before."""

@@ -147,6 +147,7 @@ def _from_clip(path: Path, parts: Components, frames: int | None, progress: Prog
     if cached.is_file():
         features = FeatureFile.load(cached).features
     else:
+        plan.load_networks()
         features = clip_features(clip.image, plan, progress)
         FeatureFile(features, clip.times, path.name).save(cached)
     return Reference(features, clip.times, clip.image, path.stem, digest, "image", plan.missing)

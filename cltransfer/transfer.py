@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from .camera import Camera
+from .camera import Camera, resized
 from .config import RunConfig
 from .driver.cma_es import Budget
 from .driver.follow import Path as FoundPath
@@ -107,22 +107,27 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     set_threads(config.threads or thread_count())
     parts = Components.build(config)
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
+    search = config.build_one("search")
+    scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
+    view = None if inputs.init == "auto" else given_view(inputs.init)
+    clock.lap("scene")
     reading = Reading(config.frames, config.output_side, family)
     reference = read_reference(inputs.reference, parts, reading, progress)
+    if reference.family == "image" and (config.extract.verify or family == "image"):
+        parts.plan("image").load_networks()
     clock.lap("reference")
-    search = config.build_one("search")
-    lifted = family == "scene" or search.needs_subject or inputs.init == "auto"
-    scene = scene_with_person(inputs, parts, progress) if lifted else load_scene(inputs.scene, inputs.up)
-    clock.lap("scene")
+    if scene.subject is None and (family == "scene" or search.needs_subject or view is None):
+        scene = with_lift(scene, parts, progress)
+        clock.lap("lift")
 
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
     stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
     schedule = _schedule(config, stage.objective, reference.features)
-    if inputs.init == "auto":
+    if view is None:
         home = best_of_orbit(stage, reference.features[0], output, schedule.free_lens)
     else:
-        home = given_view(inputs.init, output)
+        home = resized(view, output)
     clock.lap("initial view")
     count = len(reference)
     found = follow(stage.reduced(home, config.lod), search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))
@@ -178,13 +183,14 @@ def fit(size: tuple[int, int], side: int) -> tuple[int, int]:
     return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
 
-def scene_with_person(inputs: Inputs, parts: Components, progress: Progress = silent) -> Scene:
-    """The scene with its person: given, known, from the cache by content, or lifted now (and cached)."""
+def given_scene(inputs: Inputs) -> Scene:
+    """The scene, with its person where that is given or known."""
     scene = load_scene(inputs.scene, inputs.up)
-    if inputs.subject is not None:
-        return load_person(scene, inputs.subject)
-    if scene.subject is not None:
-        return scene
+    return scene if inputs.subject is None else load_person(scene, inputs.subject)
+
+
+def with_lift(scene: Scene, parts: Components, progress: Progress = silent) -> Scene:
+    """The scene with its person from the cache by content, or lifted now (and cached)."""
     cached = cached_lift(scene, parts.extractors)
     if not cached.is_file():
         found = lift_scene(scene, parts.renderer, parts.extractors, progress=lambda step: progress(step, 0, 0))

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..camera import Camera, resized
+from ..camera import Camera
 from ..errors import InputError, UsageError
 from ..features import Features
 from ..scenes.posed import read_posed
@@ -24,13 +24,12 @@ DISTANCES = tuple(0.5 * 1.4**k for k in range(9))  # subject heights, 0.5 to 7.4
 BATCH = 16  # views rendered together
 
 
-def given_view(source: str, size: tuple[int, int]) -> Camera:
-    """The view a person names, at ``size``; its vertical field of view is kept.
+def given_view(source: str) -> Camera:
+    """The view a person names, at its own size.
 
     Args:
         source: a trajectory file (its first camera), or ``SET:INDEX``, a camera of a posed image set, counted from 0
             in the set's own order (COLMAP: of names).
-        size: (W, H) of the view [px].
 
     Raises:
         InputError: the file is no trajectory, or the set cannot be read.
@@ -38,11 +37,11 @@ def given_view(source: str, size: tuple[int, int]) -> Camera:
     """
     name, colon, index = source.rpartition(":")
     if not (colon and index.isdecimal()):
-        return resized(Trajectory.load(Path(source)).camera[0], size)
+        return Trajectory.load(Path(source)).camera[0]
     posed = read_posed(name)
     if int(index) >= len(posed):
         raise UsageError(name, "--init", f"expected 0 to {len(posed) - 1}, got {index}")
-    return resized(posed.camera[int(index)], size)
+    return posed.camera[int(index)]
 
 
 def orbit(subject: Subject, size: tuple[int, int], first: Features, free_lens: bool) -> Camera:

@@ -26,6 +26,7 @@ class Extractor(Protocol):
     #   uses: features it takes where *both* sides of a comparison have them, so both are read by one rule
     #   needs_before: True if it compares with the frame before; frames without one get NaN
     #   passes: network passes one frame costs (0 where absent)
+    #   network: the cltransfer.onnx.Network it runs, loaded before any frame is read
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` (B frames) with the provided features added; nothing is changed in place.
