@@ -13,6 +13,7 @@ import typer
 
 from . import __version__
 from .errors import CltransferError, UsageError
+from .files import check_out
 
 HELP = """Transfer the camera language of a reference clip into a 3D scene, and score it.
 
@@ -50,9 +51,13 @@ DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 
 def main() -> NoReturn:
     """Run the command line; every failure is one line on stderr and an exit code."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    signal.signal(signal.SIGTERM, _terminate)
     try:
         code = app(standalone_mode=False)
+        if code == 130:  # the parser's word for an interrupt
+            _fail("interrupted", code)
+    except _Terminated:
+        _fail("terminated", 143)
     except CltransferError as error:
         _fail(error, error.exit_code)
     except typer.Abort:
@@ -70,6 +75,14 @@ def main() -> NoReturn:
             raise
         _fail(f"{type(error).__name__}: {error} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+class _Terminated(BaseException):
+    """SIGTERM; no ``except Exception`` on the way may keep it."""
+
+
+def _terminate(number: int, frame: object) -> NoReturn:
+    raise _Terminated
 
 
 def _fail(reason: object, code: int) -> NoReturn:
@@ -153,6 +166,8 @@ def evaluate(
     With --out it leaves metrics.json, metrics.csv and report.html in that folder.
     """
     settings = _settings(config, overrides or [], allow_plugin)
+    if out is not None:
+        check_out(out)
     from .evaluate import evaluate as run
     from .progress import progress
     from .report.metrics import metrics_json, metrics_table, write_metrics
@@ -211,6 +226,7 @@ def lift(
 
     set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
+    check_out(folder)
     wanted = Lifting(scene, _vector(up), tuple(view or ()), views)
     with progress(quiet) as report:
         found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, UsageError
 
 JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
 
@@ -28,6 +28,16 @@ def atomic(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_out(folder: Path) -> None:
+    """Refuse an output folder that cannot be one, before any work is done for it.
+
+    Raises:
+        UsageError: there is a file of that name.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -22,7 +22,7 @@ from .config import RunConfig, load_config
 from .doctor import PACKAGES
 from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
-from .files import read_json, write_json, write_text
+from .files import check_out, read_json, write_json, write_text
 from .losses.shot_size import degenerate
 from .reference import Components, Progress
 from .report.data import Flag, ReportData
@@ -35,7 +35,7 @@ from .threads import set_threads, thread_count
 from .trajectory import Trajectory
 from .transfer import Inputs, Result, fit, render_frames
 
-MANIFEST, DONE = "manifest.json", "DONE"
+MANIFEST, CONFIG, DONE = "manifest.json", "config.yaml", "DONE"
 
 
 def default_folder(scene: str, reference: str) -> Path:
@@ -54,8 +54,7 @@ def open_run(folder: Path) -> Path:
     Raises:
         UsageError: there is something else in it.
     """
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
+    check_out(folder)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / MANIFEST).is_file():
         raise UsageError(folder, "--out", "is neither empty nor a run", "name another folder")
     (folder / DONE).unlink(missing_ok=True)
@@ -65,7 +64,7 @@ def open_run(folder: Path) -> Path:
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
     """Write everything a run leaves behind; returns what its report shows."""
     write_json(folder / MANIFEST, _manifest(result, config, plugins))
-    write_text(folder / "config.yaml", config.to_yaml())
+    write_text(folder / CONFIG, config.to_yaml())
     remember(result.scene.digest, inputs.scene)
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / "trajectory.json")
@@ -104,7 +103,7 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
             "--init",
             inputs.init,
             "--config",
-            str(folder / "config.yaml"),
+            str(folder / CONFIG),
         ]
     )
     return ReportData(
@@ -185,8 +184,11 @@ def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path
         progress: called with a step, frames done, frames in all.
 
     Raises:
+        UsageError: ``out`` is no .mp4, or the run's config cannot be meant.
         InputError: the folder is no run, or the scene is another one.
     """
+    if out is not None and out.suffix.lower() != ".mp4":
+        raise UsageError(out, "--out", "expected a name that ends in .mp4")
     if not (run / MANIFEST).is_file():
         raise InputError(run, MANIFEST, "no such file", "expected the folder of a run")
     try:
@@ -194,7 +196,9 @@ def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path
         direction = (float(up[0]), float(up[1]), float(up[2]))
     except (KeyError, TypeError, ValueError, IndexError):
         raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
-    config = load_config(run / "config.yaml", overrides)
+    config = load_config(run / CONFIG, overrides)
+    if not (run / CONFIG).stat().st_size:
+        raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
     set_threads(config.threads or thread_count())
     parts = Components.build(config)
     source = scene or recall(str(digest))

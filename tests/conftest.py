@@ -1,0 +1,89 @@
+"""The command line as a test sees it: in this process, or in a fresh one with the time it takes."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from cltransfer.cli import main
+
+TINY = ("frames=3", "generations=2", "output_side=96", "search_side=48")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command said, and its processor time [s]: the wall clock of a busy machine says little."""
+
+    code: int
+    out: str
+    err: str
+    seconds: float = 0.0
+
+
+Command = Callable[..., Answer]
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def command(cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Run a command line in this process."""
+
+    def run(*arguments: str | Path) -> Answer:
+        monkeypatch.setenv("CLTRANSFER_CACHE", str(cache))
+        monkeypatch.setattr(sys, "argv", ["cltransfer", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as caught:
+            main()
+        said = capsys.readouterr()
+        return Answer(int(caught.value.code or 0), said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
+def fresh(cache: Path, tmp_path: Path) -> Command:
+    """Run a command line in a process of its own, in the test's folder."""
+
+    def run(*arguments: str | Path, **environment: str) -> Answer:
+        start = _child_seconds()
+        done = subprocess.run(
+            [sys.executable, "-m", "cltransfer", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "CLTRANSFER_CACHE": str(cache), **environment},
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        return Answer(done.returncode, done.stdout, done.stderr, _child_seconds() - start)
+
+    return run
+
+
+def _child_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+@pytest.fixture(scope="session")
+def tiny_run(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a finished run on the built-in scenes; copy it before you damage it."""
+    folder = tmp_path_factory.mktemp("tiny") / "run"
+    subprocess.run(
+        [sys.executable, "-m", "cltransfer", "transfer", "--quiet", "--out", str(folder), *TINY],
+        env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
+        stdout=subprocess.DEVNULL,
+        check=True,
+        timeout=240,
+    )
+    return folder

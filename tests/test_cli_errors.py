@@ -1,0 +1,315 @@
+"""Bad input at the command line: an exit code, exactly one line that names file and field, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltransfer.bench.synthetic_room import synthetic_room
+from cltransfer.scenes.ply import write_splats
+
+SPLAT = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
+SPLAT += ("rot_0", "rot_1", "rot_2", "rot_3")
+SHORT = ("frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
+SECONDS = 2.0  # of a processor, for anything that has nothing to render
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+
+
+def refused(answer: Any, code: int, *words: str) -> None:
+    """One ``error:`` line with all of ``words`` and nothing else."""
+    assert answer.code == code, answer.err
+    assert answer.err.count("\n") == 1, answer.err
+    assert answer.err.startswith("error: ")
+    for word in words:
+        assert word in answer.err, answer.err
+    assert answer.out == ""
+
+
+def write_rows(path: Path, names: tuple[str, ...], rows: np.ndarray) -> None:
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    head += [f"property float {name}" for name in names]
+    path.write_bytes("\n".join([*head, "end_header", ""]).encode() + rows.astype("<f4").tobytes())
+
+
+def no_opacity(path: Path) -> None:
+    names = tuple(name for name in SPLAT if name != "opacity")
+    write_rows(path, names, np.ones((4, len(names))))
+
+
+def two_percent_nan(path: Path) -> None:
+    rows = np.ones((100, len(SPLAT)))
+    rows[:2, 1] = np.nan
+    write_rows(path, SPLAT, rows)
+
+
+def cut_short(path: Path) -> None:
+    write_splats(path, synthetic_room(200, 0))
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+SCENES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda path: None, "no such file"),
+    "empty": (lambda path: path.write_bytes(b""), "header"),
+    "truncated": (cut_short, "cut off"),
+    "foreign": (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100)), "magic"),
+    "a folder": (lambda path: path.mkdir(), "scene.ply"),
+    "without opacity": (no_opacity, "opacity"),
+    "two percent not finite": (two_percent_nan, "not finite"),
+}
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("verb", ["transfer", "lift"])
+def test_a_scene_that_cannot_be_used_is_named(command, tmp_path: Path, kind: str, verb: str) -> None:
+    make, word = SCENES[kind]
+    scene, out = tmp_path / "scene.ply", tmp_path / "out"
+    make(scene)
+    refused(command(verb, scene, "--out", out), 3, "scene.ply", word)
+    assert not out.exists()
+
+
+CLIPS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda path: None, "no such file"),
+    "empty": (lambda path: path.write_bytes(b""), "video"),
+    "random bytes": (lambda path: path.write_bytes(np.random.default_rng(0).bytes(5000)), "video"),
+    "a playlist": (lambda path: path.write_text("#EXTM3U\n#EXTINF:1,\n/etc/passwd\n"), "video"),
+    "a folder without images": (lambda path: path.mkdir(), "images"),
+}
+
+
+@pytest.mark.parametrize("kind", CLIPS)
+def test_a_clip_that_cannot_be_used_is_named(command, tmp_path: Path, kind: str) -> None:
+    make, word = CLIPS[kind]
+    clip = tmp_path / "clip.mp4"
+    make(clip)
+    refused(command("transfer", "builtin:courtyard", clip, "--out", tmp_path / "out"), 3, "clip.mp4", word)
+    refused(command("evaluate", clip, clip), 3, "clip.mp4", word)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truncated_clip_is_no_shorter_clip(command, tiny_run: Path, tmp_path: Path) -> None:
+    whole = (tiny_run / "video" / "render.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
+    refused(command("evaluate", tmp_path / "cut.mp4", tmp_path / "cut.mp4"), 3, "cut.mp4", "video")
+
+
+def test_a_missing_network_is_told_before_anything_is_rendered(command, tiny_run: Path, tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("CLTRANSFER_MODELS", raising=False)
+    clip, words = tiny_run / "video" / "render.mp4", ("yolox_nano.onnx", "sha256", "put it in", "models")
+    refused(command("transfer", "builtin:courtyard", clip, "--out", tmp_path / "out"), 4, *words)
+    refused(command("evaluate", clip, clip), 4, *words)
+    refused(command("lift", "builtin:courtyard", "--quiet", "--out", tmp_path / "out"), 4, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_clip_without_a_person_is_refused(command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not (DATA / "models" / "yolox_nano.onnx").is_file():
+        pytest.skip("needs the networks of shared/data")
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+    import cv2
+
+    (tmp_path / "grey").mkdir()
+    for i in range(3):
+        assert cv2.imwrite(str(tmp_path / "grey" / f"{i}.png"), np.full((90, 160, 3), 90 + i, np.uint8))
+    grey = tmp_path / "grey"
+    refused(command("transfer", "builtin:courtyard", grey, "--quiet", "--out", tmp_path / "out"), 3, "grey", "person")
+    refused(command("evaluate", grey, grey, "--quiet"), 3, "grey", "person")
+    assert not (tmp_path / "out").exists()
+
+
+USAGE = {
+    "genrations=2": "did you mean 'generations'",
+    "losses.framng=null": "did you mean 'framing'",
+    "losses.framing.wieght=2": "did you mean 'weight'",
+    "losses.framing.weight=heavy": "framing.weight",
+    "losses.framing.weight=.nan": "framing.weight: expected a finite number",
+    "generations=two": "generations",
+    "generations=0": "generations: expected 1",
+    "tolerance=.nan": "tolerance",
+    "seed=-1": "seed",
+    "preset=balancd": "did you mean 'balanced'",
+    "zoom=wild": "zoom",
+    "losses=null": "losses",
+    "extract.inner=${oc.env:HOME}": "interpolation",
+    "--frames": "--frames",
+    "--up=1,2": "--up",
+    "--allow-plugn": "--allow-plugn",
+}
+
+
+@pytest.mark.parametrize("argument", USAGE)
+def test_a_command_that_cannot_be_meant_is_usage(command, argument: str, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("HOME", "/not/to/be/told")
+    answer = command("transfer", argument, "--out", tmp_path / "out")
+    refused(answer, 2, USAGE[argument])
+    assert "/not/to/be/told" not in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+CONFIGS = {
+    "generations: 0\n": "generations: expected 1",
+    "genrations: 3\n": "did you mean",
+    "losses: {framing: {_target_: os.system}}\n": "no such option",
+    "losses: 3\n": "losses",
+    "generations: 3\n\tpatience: 1\n": "not a config",
+    "generations: 3\ngenerations: 4\n": "duplicate",
+    "seed: !!python/object/apply:os.system [touch pwned]\n": "not a config",
+    "preset: ${oc.env:HOME}\n": "interpolation",
+    "base: ../../../../etc/passwd\n": "base",
+    "base: missing.yaml\n": "missing.yaml",
+    "- 1\n": "mapping",
+    "a: &a [1, 1]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdef", "bcdefg")): "",
+    "#" * (2**20 + 1): "at most",
+    "\x00\x01": "not a config",
+}
+
+
+@pytest.mark.parametrize("text", CONFIGS, ids=range(len(CONFIGS)))
+def test_a_config_file_that_cannot_be_meant_is_named(command, tmp_path: Path, text: str, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.yaml").write_text(text)
+    answer = command("transfer", "--config", tmp_path / "bad.yaml")
+    refused(answer, 2, CONFIGS[text])
+    assert "missing.yaml" in answer.err or "bad.yaml" in answer.err
+    assert not (tmp_path / "pwned").exists()
+
+
+def test_a_missing_config_is_usage(command, tmp_path: Path) -> None:
+    refused(command("transfer", "--config", tmp_path / "nope.yaml"), 2, "nope.yaml", "no such file")
+
+
+def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(command) -> None:
+    refused(command("transfer", "builtin:nowhere"), 2, "nowhere", "courtyard")
+    refused(command("transfer", "builtin:courtyard", "builtin:nowhere"), 2, "nowhere", "push_in")
+    refused(command("plugins", "show", "framng"), 2, "framng", "did you mean 'framing'")
+    refused(command("transfr"), 2, "transfr")
+
+
+@pytest.mark.parametrize("verb", ["transfer", "lift", "evaluate"])
+def test_out_that_is_a_file_is_refused_and_kept(command, tmp_path: Path, verb: str) -> None:
+    (tmp_path / "mine").write_text("mine")
+    arguments = {"transfer": [], "lift": ["builtin:courtyard"], "evaluate": ["a.mp4", "b.mp4"]}[verb]
+    refused(command(verb, *arguments, "--out", tmp_path / "mine"), 2, "mine", "--out")
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_out_that_holds_something_else_is_refused_and_kept(command, tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    refused(command("transfer", "--out", tmp_path), 2, str(tmp_path), "--out", "name another folder")
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+
+
+VALUES = ("", "[1]", '"x"', "{}", "{", "\x00", "[" * 100_000)
+
+
+@pytest.mark.parametrize("text", VALUES, ids=range(len(VALUES)))
+@pytest.mark.parametrize("option", ["--subject", "--init"])
+def test_a_damaged_value_file_is_named(command, tmp_path: Path, option: str, text: str) -> None:
+    (tmp_path / "value.json").write_text(text)
+    answer = command("transfer", option, tmp_path / "value.json", "--out", tmp_path / "out", *SHORT)
+    refused(answer, 3, "value.json")
+    assert not (tmp_path / "out").exists()
+
+
+FIELDS = {
+    ("subject.json", "joints"): [{}, [], 3, {"head_top": [1]}],
+    ("subject.json", "height"): [-1, None, "tall", [1]],
+    ("subject.json", "facing"): [[0, 0, 0], [1, 0], "x", None],
+    ("trajectory.json", "frames"): [[], 3, [{}], [{"time": 0, "w2c": [[1]], "K": 3}]],
+    ("trajectory.json", "size"): [[0, 9], [96], "x", [-1, 2], None],
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "field", "value"), [(*key, value) for key, values in FIELDS.items() for value in values]
+)
+def test_a_field_of_the_wrong_kind_is_named(command, tiny_run, tmp_path, file: str, field: str, value: object) -> None:
+    good = json.loads((tiny_run / file).read_text())
+    (tmp_path / file).write_text(json.dumps({**good, field: value}))
+    option = "--subject" if file == "subject.json" else "--init"
+    refused(command("transfer", option, tmp_path / file, "--out", tmp_path / "out", *SHORT), 3, file)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "\x00", None], ids=["empty", "list", "binary", "missing"])
+@pytest.mark.parametrize("file", ["manifest.json", "trajectory.json", "config.yaml"])
+def test_a_damaged_run_is_not_rendered(command, tiny_run, tmp_path, file: str, text: str | None) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = (run / "video" / "render.mp4").read_bytes()
+    if text is None:
+        (run / file).unlink()
+    else:
+        (run / file).write_text(text)
+    answer = command("render", run, "--quiet")
+    refused(answer, 2 if file == "config.yaml" else 3, file)
+    assert (run / "video" / "render.mp4").read_bytes() == before
+
+
+def test_render_refuses_what_is_no_run_and_what_is_another_scene(command, tiny_run: Path, tmp_path: Path) -> None:
+    refused(command("render", tmp_path), 3, "manifest.json")
+    refused(command("render", tiny_run, "--scene", "missing.ply"), 3, "missing.ply")
+    assert command("render", tiny_run, "--scene", "builtin:plaza").code in (2, 3)
+    refused(command("render", tiny_run, "--out", tmp_path / "x.avi"), 2, "x.avi", ".mp4")
+    manifest = json.loads((tiny_run / "manifest.json").read_text())
+    manifest["scene"]["sha256"] = "../" * 8
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    refused(command("render", run), 3, "scene")
+
+
+FRESH = {
+    3: ("transfer", "missing.ply", "--out", "out"),
+    2: ("transfer", "genrations=2", "--out", "out"),
+    4: ("transfer", "--allow-plugin", "nope", "--out", "out"),
+}
+
+
+@pytest.mark.parametrize("code", FRESH)
+def test_a_fresh_process_refuses_within_two_seconds(fresh, tmp_path: Path, code: int) -> None:
+    answer = fresh(*FRESH[code])
+    refused(answer, code)
+    assert answer.seconds < SECONDS
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_that_cannot_be_written_is_code_5(command, tiny_run: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    answer = command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / "file" / "x.mp4")
+    refused(answer, 5, "x.mp4")
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: str, code: int) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cltransfer", "transfer", "generations=1000", "patience=1000", "--out", "out"],
+        cwd=tmp_path,
+        env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background shell would have it ignored
+    )
+    try:
+        assert process.stderr is not None
+        process.stderr.readline()  # it works now
+        time.sleep(0.3)
+        process.send_signal(getattr(signal, name))
+        start = time.perf_counter()
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, out) == (code, "")
+    assert "Traceback" not in err
+    assert err.splitlines()[-1] == {"SIGINT": "error: interrupted", "SIGTERM": "error: terminated"}[name]
+    assert time.perf_counter() - start < 10
+    assert not (tmp_path / "out").exists()
