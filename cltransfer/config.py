@@ -52,6 +52,12 @@ class RunConfig:
         warm_start: start each frame from the frames before it; otherwise from the initial view.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.
+        engine: refine (least squares on geometry, CMA-ES as rescue) or cma (alone). A loss without residuals, or
+            renders read by networks, leave CMA-ES alone whatever is said here.
+        steps: of refinement per frame at most.
+        dampings: tried together in each step of refinement, 1 to 3.
+        jacobians: computed afresh per frame at most, after the first frame's.
+        rescue: total above which a refined frame is searched by CMA-ES too.
         generations: of CMA-ES per frame at most.
         patience: generations without decrease before a frame stops.
         popsize: candidates a generation.
@@ -72,6 +78,11 @@ class RunConfig:
     lod: float = 0.0
     warm_start: bool = True
     zoom: Literal["auto", "free", "fixed"] = "auto"
+    engine: Literal["refine", "cma"] = "cma"
+    steps: int = 6
+    dampings: int = 3
+    jacobians: int = 1
+    rescue: float = 2.0
     generations: int = 100
     patience: int = 20
     popsize: int = 10
@@ -89,6 +100,7 @@ class RunConfig:
         for name, low, high in (
             ("frames", 1, 2000), ("seed", 0, 2**63), ("threads", 0, 1024),
             ("search_side", 16, 4096), ("output_side", 16, 4096),
+            ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
             ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),

@@ -91,6 +91,7 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
     spent["seconds"] = round(sum(result.seconds.values()), 2)
     stops = Counter(minimum.stop for minimum in result.found.frames)
     spent["stopped by"] = ", ".join(f"{reason} {count}" for reason, count in sorted(stops.items()))
+    spent["engine"] = result.schedule.engine
     spent["path"] = result.path
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
     spent["total in the search"] = round(float(result.searched.totals.mean()), 4)
@@ -123,7 +124,9 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
 
 def _flags(result: Result) -> tuple[Flag, ...]:
     flags = [Flag(None, f"{term.name}: {term.reason}") for term in result.verified.terms if term.reason]
-    if not result.free_lens:
+    if result.schedule.note:
+        flags.append(Flag(None, result.schedule.note))
+    if not result.schedule.free_lens:
         flags.append(Flag(None, "focal length kept: without filmic space it cannot be told apart from distance"))
     reference = result.reference.features
     if reference.has("keypoints"):

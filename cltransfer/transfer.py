@@ -11,10 +11,10 @@ from torch import Tensor
 
 from .camera import Camera, resized
 from .config import RunConfig
-from .driver.cma_es import Budget
 from .driver.follow import Path as FoundPath
-from .driver.follow import Schedule, follow, smoothed, still
+from .driver.follow import follow, smoothed, still
 from .driver.initial_view import best_of_orbit, given_view
+from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Spent, Stage
 from .features import Features
 from .graph import Family
@@ -71,7 +71,7 @@ class Result:
         searched: the score in the search, by the inner extractors at the search size.
         verified: the score of the rendered frames as they are kept; it is what the run reports.
         held: the same for the first view held still.
-        free_lens: whether the focal length was searched too.
+        schedule: how frames were searched.
         read_by: image (networks on both sides) or geometry (a scene taught a scene).
         path: smooth or exact, whichever was kept.
         found: each frame's minimum.
@@ -87,7 +87,7 @@ class Result:
     searched: Scores
     verified: Scores
     held: Scores
-    free_lens: bool
+    schedule: Schedule
     read_by: str
     path: str
     found: FoundPath
@@ -123,15 +123,17 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
     stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
-    schedule = _schedule(config, stage.objective, reference.features)
+    schedule = make_schedule(config, stage.objective, reference.features)
     if view is None:
-        home = best_of_orbit(stage, reference.features[0], output, schedule.free_lens)
+        homes = best_of_orbit(stage, reference.features[0], output, schedule.free_lens)
     else:
-        home = resized(view, output)
+        homes = resized(view, output)
     clock.lap("initial view")
-    count = len(reference)
-    found = follow(stage.reduced(home, config.lod), search, reference.features, home, schedule, lambda i, m: progress("frames", i + 1, count))
-    cameras, kind = _smooth(stage, search, reference.features, home, found, config.smooth)
+    count, searching = len(reference), stage.reduced(homes[0], config.lod)
+    found = follow(
+        searching, search, reference.features, homes, schedule, lambda i, _: progress("frames", i + 1, count)
+    )
+    cameras, kind = _smooth(stage, search, reference.features, homes[0], found, config.smooth)
     clock.lap("search")
 
     trajectory = Trajectory(cameras, reference.times)
@@ -145,12 +147,12 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
         scene=scene,
         reference=reference,
         trajectory=trajectory,
-        home=home,
+        home=homes[0],
         image=image,
         searched=searched,
         verified=verified,
         held=held,
-        free_lens=schedule.free_lens,
+        schedule=schedule,
         read_by=read_by,
         path=kind,
         found=found,
@@ -206,14 +208,6 @@ def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Pr
         frames.append(quantised(part.image))
         progress("rendering", min(start + RENDER_BATCH, len(cameras)), len(cameras))
     return torch.cat(frames)
-
-
-def _schedule(config: RunConfig, objective: Objective, reference: Features) -> Schedule:
-    budget = Budget(config.generations, config.patience, config.popsize, config.tolerance)
-    free = config.zoom == "free"
-    if config.zoom == "auto" and "filmic_space" in objective.names:
-        free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
-    return Schedule(budget, config.sigma0, config.warm_sigma, config.warm_start, free, config.seed)
 
 
 def _smooth(

@@ -22,6 +22,7 @@ AZIMUTHS = 16  # of a full orbit, where the reference does not say where the per
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
 DISTANCES = tuple(0.5 * 1.4**k for k in range(9))  # subject heights, 0.5 to 7.4
 BATCH = 16  # views rendered together
+KEPT = 3  # views that the first frame may start from
 
 
 def given_view(source: str) -> Camera:
@@ -67,8 +68,9 @@ def orbit(subject: Subject, size: tuple[int, int], first: Features, free_lens: b
     normal = Camera.look_at(subject.anchor[None] + subject.facing, subject.anchor[None], subject.up, VERTICAL_FOV, size)
     search = SubjectOrbit()
     x = x if free_lens else x[:, :-1]
-    aimed = search.aimed(x, normal, subject, first) if first.has("keypoints") else x
-    return search.cameras(torch.cat([x, aimed]), normal, subject)
+    if first.has("keypoints"):
+        x = search.aimed(x, normal, subject, first)
+    return search.cameras(x, normal, subject)
 
 
 def _stands(first: Features) -> Tensor:
@@ -85,7 +87,7 @@ def _stands(first: Features) -> Tensor:
 
 
 def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_lens: bool) -> Camera:
-    """The view of the orbit that comes nearest to the first reference frame by the losses that need no motion.
+    """Views of the orbit, the nearest to the first reference frame by the losses that need no motion first.
 
     Raises:
         UsageError: the scene has no subject to orbit.
@@ -99,4 +101,4 @@ def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_len
     terms = torch.cat([stage.terms(first, views[i : i + BATCH], None) for i in range(0, len(views), BATCH)])
     if not bool(torch.isfinite(terms[:, defined]).any()):
         raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
-    return views[int(stage.objective.totals(terms, defined).argmin())]
+    return views[stage.objective.totals(terms, defined).argsort(stable=True)[:KEPT]]

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.camera import resized
 from cltransfer.driver.initial_view import given_view
 from cltransfer.errors import InputError, UsageError
 from cltransfer.testing.samples import sample_cameras
@@ -15,7 +16,7 @@ from cltransfer.trajectory import Trajectory
 def test_the_first_camera_of_a_trajectory_keeps_its_field_of_view(tmp_path: Path) -> None:
     cameras = sample_cameras(0, 2)
     Trajectory(cameras, torch.tensor([0.0, 1.0], dtype=torch.float64)).save(tmp_path / "view.json")
-    view = given_view(str(tmp_path / "view.json"), (320, 200))
+    view = resized(given_view(str(tmp_path / "view.json")), (320, 200))
     assert view.size == (320, 200)
     torch.testing.assert_close(view.w2c, cameras[0].w2c)
     torch.testing.assert_close(view.vertical_fov, cameras[0].vertical_fov)
@@ -28,10 +29,10 @@ def test_a_camera_of_a_posed_set_is_named_by_its_index(tmp_path: Path) -> None:
     ]
     data = {"w": 64, "h": 36, "fl_x": float(cameras.focal[0]), "frames": frames}
     (tmp_path / "transforms.json").write_text(json.dumps(data))
-    view = given_view(f"{tmp_path}:1", (320, 180))
+    view = given_view(f"{tmp_path}:1")
     torch.testing.assert_close(view.w2c, cameras[1].w2c)
     torch.testing.assert_close(view.vertical_fov, cameras[1].vertical_fov)
     with pytest.raises(UsageError, match="--init: expected 0 to 2, got 3"):
-        given_view(f"{tmp_path}:3", (320, 180))
+        given_view(f"{tmp_path}:3")
     with pytest.raises(InputError, match="no such file or folder"):
-        given_view(f"{tmp_path / 'gone'}:0", (320, 180))
+        given_view(f"{tmp_path / 'gone'}:0")

@@ -1,0 +1,155 @@
+"""One frame: candidates scored, and the engines that search them. Every engine asks a batch and gets numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from ..objective import group_norms
+from .cma_es import Budget, Start, minimise
+from .refine import refine
+from .schedule import Schedule
+from .stage import Stage
+
+RESCUE = Budget(generations=40, patience=12, popsize=10)
+RESCUE_SIGMA = 0.08
+OUTLIER = 1.5  # a frame this many times worse than the median so far is rescued too
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One reference frame, and how a vector is scored against it.
+
+    Args:
+        stage: renders and scores.
+        search: vectors to cameras.
+        home: the initial view.
+        reference: the frame.
+        before: features of the frame before as it was found, None for the first.
+        defined: which terms the reference has, (L,) bool.
+        free_lens: whether x holds the lens.
+    """
+
+    stage: Stage
+    search: Any
+    home: Camera
+    reference: Features
+    before: Features | None
+    defined: Tensor  # (L,)
+    free_lens: bool
+
+    @property
+    def dimensions(self) -> int:
+        """D."""
+        return self.search.dimensions if self.free_lens else self.search.dimensions - 1
+
+    @property
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Lowest and highest x, (D,) each."""
+        low, high = self.search.bounds()
+        return low[: self.dimensions], high[: self.dimensions]
+
+    def cameras(self, x: Tensor) -> Camera:
+        """B cameras of x (B, D)."""
+        return self.search.cameras(x, self.home, self.stage.scene.subject)
+
+    def totals(self, x: Tensor) -> Tensor:
+        """Totals (B,) of x (B, D)."""
+        terms = self.stage.terms(self.reference, self.cameras(x), self.before)
+        return self.stage.objective.totals(terms, self.defined)
+
+    def residuals(self, x: Tensor) -> Tensor:
+        """Weighted residuals (B, R) of x (B, D)."""
+        return self.stage.residuals(self.reference, self.cameras(x), self.before, self.defined)
+
+    def aimed(self, x: Tensor) -> Tensor:
+        """x (B, D) moved so that the subject stands where the reference has it, where the search can tell."""
+        if not hasattr(self.search, "aimed") or not self.reference.has("keypoints"):
+            return x[:0]
+        return self.search.aimed(x, self.home, self.stage.scene.subject, self.reference)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What one frame teaches the next.
+
+    Args:
+        shape: of CMA-ES's covariance, (D, D).
+        jacobian: of the residuals, (R, D).
+        totals: of the frames so far.
+    """
+
+    shape: Tensor | None = None
+    jacobian: Tensor | None = None
+    totals: tuple[float, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What was found for one frame.
+
+    Args:
+        x: (D,).
+        total: there.
+        generations: of CMA-ES.
+        stop: why it ended.
+        memory: for the next frame.
+    """
+
+    x: Tensor  # (D,)
+    total: float
+    generations: int
+    stop: str
+    memory: Memory
+
+
+def solve(
+    problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
+) -> Solved:
+    """Search one frame from ``starts`` (S, D), the first of which may be anywhere."""
+    if schedule.engine == "cma":
+        return _by_cma(problem, starts, memory, schedule, generator)
+    return _by_refinement(problem, starts, memory, schedule, generator)
+
+
+def _by_cma(
+    problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
+) -> Solved:
+    warm = memory.shape is not None
+    x = starts[int(problem.totals(starts).argmin())] if len(starts) > 1 else starts[0]
+    start = Start(x, schedule.warm_sigma if warm else schedule.sigma, memory.shape)
+    found = minimise(problem.totals, start, problem.bounds, schedule.budget, generator)
+    learned = Memory(found.shape if schedule.warm else None, None, (*memory.totals, found.total))
+    return Solved(found.x, found.total, found.generations, found.stop, learned)
+
+
+def _by_refinement(
+    problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
+) -> Solved:
+    groups = problem.stage.objective.groups
+    if groups is None:
+        raise ValueError("refinement needs residuals of every loss; use engine=cma")
+    begin = starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()]
+    found = refine(problem.residuals, begin, groups, schedule.refinement, memory.jacobian)
+    x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
+    if total > max(schedule.rescue, OUTLIER * float(np.median(memory.totals or (0.0,)))):
+        wide = minimise(problem.totals, Start(x, RESCUE_SIGMA), problem.bounds, RESCUE, generator)
+        again = refine(problem.residuals, wide.x, groups, schedule.refinement, None)
+        generations = wide.generations
+        if again.total < total:
+            x, total, jacobian, stop = again.x, again.total, again.jacobian, f"rescued, {again.stop}"
+    learned = Memory(None, jacobian if schedule.warm else None, (*memory.totals, total))
+    return Solved(x, total, generations, stop, learned)
+
+
+def predictions(xs: list[Tensor]) -> Tensor:
+    """The last frame, and the last motion continued, (1 or 2, D)."""
+    if len(xs) < 2:
+        return xs[-1][None]
+    return torch.stack([xs[-1], 2 * xs[-1] - xs[-2]])

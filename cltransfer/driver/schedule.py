@@ -1,0 +1,69 @@
+"""How frames are searched: engine, budgets, and what the reference leaves to be searched at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..config import RunConfig
+from ..features import Features
+from ..objective import Objective
+from .cma_es import Budget
+from .refine import Refinement
+
+DAMPINGS = {1: (3e-2,), 2: (1e-2, 1.0), 3: (1e-3, 3e-2, 1.0)}
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How frames are searched.
+
+    Args:
+        engine: refine (least squares, rescued by CMA-ES) or cma (alone).
+        budget: of CMA-ES, each frame.
+        refinement: of least squares, each frame.
+        sigma: first step size of CMA-ES from the initial view, as a share of the half-range.
+        warm_sigma: the same from the frames before.
+        warm: start from the frames before; otherwise every frame starts from the initial view.
+        rescue: total above which a refined frame is searched by CMA-ES too.
+        free_lens: whether the focal length moves.
+        seed: of the run.
+        note: why the engine is not the one asked for, empty where it is.
+    """
+
+    engine: str
+    budget: Budget
+    refinement: Refinement
+    sigma: float
+    warm_sigma: float
+    warm: bool
+    rescue: float
+    free_lens: bool
+    seed: int
+    note: str = ""
+
+
+def make_schedule(config: RunConfig, objective: Objective, reference: Features) -> Schedule:
+    """The schedule of ``config`` for a reference of N frames."""
+    free = config.zoom == "free"
+    if config.zoom == "auto" and "filmic_space" in objective.names:
+        free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
+    note = _why_cma_alone(config, objective) if config.engine == "refine" else ""
+    return Schedule(
+        engine="cma" if note else config.engine,
+        budget=Budget(config.generations, config.patience, config.popsize, config.tolerance),
+        refinement=Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, config.tolerance),
+        sigma=config.sigma0,
+        warm_sigma=config.warm_sigma,
+        warm=config.warm_start,
+        rescue=config.rescue,
+        free_lens=free,
+        seed=config.seed,
+        note=note,
+    )
+
+
+def _why_cma_alone(config: RunConfig, objective: Objective) -> str:
+    if config.extract.inner == "image":
+        return "CMA-ES alone: differences taken through noisy networks mislead a refinement"
+    without = [name for name, loss in objective.losses.items() if not hasattr(loss, "residuals")]
+    return f"CMA-ES alone: {', '.join(without)} has no residuals to refine" if without else ""

@@ -1,0 +1,74 @@
+"""Reweighted least squares: sums of norms, few evaluations, a Jacobian worth keeping."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from cltransfer.driver.refine import Refinement, least_curvature, refine
+from cltransfer.objective import group_norms
+
+GROUPS = torch.tensor([0, 0, 1, 2])
+TARGET = torch.tensor([0.2, -0.3, 0.1], dtype=torch.float64)
+
+
+def bent(x: Tensor) -> Tensor:
+    """Residuals (B, 4) of a smooth, not linear problem whose sum of norms is 0 at the target."""
+    a, b, c = (x - TARGET).unbind(1)
+    return torch.stack([3 * a + a * b, 2 * b, c + 0.5 * a**2, 4 * (a - c)], dim=1)
+
+
+class Counted:
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, x: Tensor) -> Tensor:
+        self.count += len(x)
+        return bent(x)
+
+
+def test_a_bent_problem_is_solved_in_few_evaluations() -> None:
+    evaluate = Counted()
+    found = refine(evaluate, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(), None)
+    torch.testing.assert_close(found.x, TARGET, atol=2e-3, rtol=0)
+    assert found.evaluations == evaluate.count < 40
+    assert found.total < 0.02
+
+
+def test_a_jacobian_kept_from_a_neighbour_saves_its_cost() -> None:
+    start = torch.zeros(3, dtype=torch.float64)
+    first = refine(bent, start, GROUPS, Refinement(), None)
+    near = first.x + 0.02
+    fresh, kept = (refine(bent, near, GROUPS, Refinement(), J) for J in (None, first.jacobian))
+    assert kept.evaluations < fresh.evaluations
+    assert kept.total < 0.02
+
+
+def test_the_result_is_never_worse_than_the_start() -> None:
+    nonsense = torch.randn(4, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    start = TARGET + 0.1
+    before = float(group_norms(bent(start[None]), GROUPS).sum())
+    options = Refinement(jacobians=0)
+    assert refine(bent, start, GROUPS, options, nonsense).total <= before
+
+
+def test_a_group_that_cannot_vanish_does_not_drag_the_others() -> None:
+    def conflict(x: Tensor) -> Tensor:  # one group wants 1, two groups want 0: a sum of norms sides with the two
+        return torch.cat([x - 1, x, 1.5 * x], dim=1)
+
+    found = refine(conflict, torch.full((1,), 0.5, dtype=torch.float64), torch.tensor([0, 1, 2]), Refinement(20), None)
+    assert abs(float(found.x)) < 0.02
+
+
+def test_a_direction_that_costs_nothing_shows_in_the_curvature() -> None:
+    J = torch.tensor([[1.0, 0.0], [2.0, 0.0]], dtype=torch.float64)
+    r = torch.ones(2, dtype=torch.float64)
+    groups = torch.tensor([0, 1])
+    assert abs(least_curvature(J, r, groups)) < 1e-12
+    assert least_curvature(J + torch.tensor([[0.0, 1.0], [0.0, 0.0]]), r, groups) > 0.05
+
+
+def test_steps_bound_the_evaluations() -> None:
+    found = refine(bent, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(2, (3e-2,), 0), None)
+    assert found.stop == "steps"
+    assert found.evaluations == 1 + 3 + 2
