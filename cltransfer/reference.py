@@ -171,6 +171,7 @@ def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
 
 
 def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
+    from .renderers._request import renderer_of
     from .scenes.named import load_reference_scene
 
     scene, path = load_reference_scene(source, reading.frames, reading.side)
@@ -178,10 +179,11 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         raise InputError(source, "subject", "the reference scene has no lifted person", "run: cltransfer lift SCENE")
     plan = parts.plan(reading.scene_family)
     buffers = (plan.buffers | {"image"}) - SCENE_SOURCE
+    renderer = renderer_of(scene, parts.renderer)
     images: list[Tensor] = []
 
     def load(start: int, stop: int) -> Features:
-        rendered = parts.renderer.render(scene, path.camera[start:stop], buffers)
+        rendered = renderer.render(scene, path.camera[start:stop], buffers)
         images.append(quantised(rendered.image))
         return replace(rendered, image=images[-1].float() / 255)
 

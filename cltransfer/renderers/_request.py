@@ -1,9 +1,12 @@
-"""What every renderer of ours refuses, in the same words."""
+"""Which renderer draws which scene, and what every renderer of ours refuses, in the same words."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..camera import Camera
 from ..errors import UsageError
+from ..registry import RENDERERS
 from ..scenes import Scene
 
 
@@ -24,3 +27,16 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise ValueError("cameras must be finite")
     if cameras.K[:, 0, 1].any():
         raise ValueError("cameras must have no skew: K[0, 1] is not 0")
+
+
+def renderer_of(scene: Scene, configured: Any) -> Any:
+    """What draws a scene that the config is not about, as the one a reference was shot in.
+
+    It is ``configured``, unless that is one of ours and draws another geometry: then the one of ours that draws it,
+    with its defaults.
+    """
+    draws = getattr(scene.geometry, "renderer", "")
+    ours = [RENDERERS.get(name) for name in ("gaussian_splats", "nerf_grid", "mesh")]
+    if not draws or type(configured) not in ours or type(configured) is RENDERERS.get(draws):
+        return configured
+    return RENDERERS.build(draws)

@@ -17,6 +17,7 @@ from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.camera import Camera, intrinsics
 from cltransfer.errors import UsageError
 from cltransfer.features import Features
+from cltransfer.renderers._request import renderer_of
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.mesh import Mesh as Renderer
 from cltransfer.scenes import Scene
@@ -280,3 +281,10 @@ print((seen.face == 0).sum(), time.perf_counter() - start)
     covered, seconds = answers[1]
     assert int(covered) > 8
     assert float(seconds) < 1.0
+
+
+def test_a_reference_scene_of_another_kind_is_drawn_by_its_own_renderer():
+    scene, splats = scene_of(wall(2.0, 1.0)), GaussianSplats(near=0.5)
+    assert renderer_of(scene, splats) == Renderer()
+    assert renderer_of(scene, Renderer(samples=3)) == Renderer(samples=3)
+    assert renderer_of(replace(scene, geometry=object()), splats) is splats
