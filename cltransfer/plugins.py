@@ -74,7 +74,7 @@ def _import_point(point: EntryPoint) -> None:
         point.load()
     except ModelError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ModelError(point.value, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
 
 
@@ -89,6 +89,6 @@ def _import_file(path: Path) -> str:
         spec.loader.exec_module(module)
     except ModelError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ModelError(path, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
     return str(path)
