@@ -1,0 +1,183 @@
+"""Every verb runs, says where its results are, and keeps standard output for them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from cltransfer.config import load_config
+
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+VERBS = (
+    "",
+    "transfer",
+    "evaluate",
+    "render",
+    "lift",
+    "bench",
+    "bench speed",
+    "plugins",
+    "plugins list",
+    "plugins show",
+)
+LEFT = ("manifest.json", "config.yaml", "trajectory.json", "camera/camera_path.json", "metrics.json", "metrics.csv")
+LEFT += ("video/render.mp4", "video/side_by_side.mp4", "subject.json", "report.html", "DONE")
+METRICS = {"shot_size", "framing", "filmic_space", "camera_movement", "camera_angle", "total"}
+
+PLUGIN = """
+from dataclasses import dataclass
+from cltransfer.registry import LOSSES
+
+@LOSSES.register("headroom")
+@dataclass(frozen=True)
+class Headroom:
+    weight: float = 1.0
+    requires, unit, penalty = ("keypoints",), "frame", 1.0
+    def __call__(self, reference, rendered):
+        return ((rendered.keypoints[:, 12, 1] - reference.keypoints[:, 12, 1]) / reference.size[1]).abs()
+"""
+
+
+@pytest.mark.parametrize("verb", [*VERBS, "doctor"])
+def test_help_takes_half_a_second_and_no_torch(fresh, verb: str) -> None:
+    answer = fresh(*verb.split(), "--help")
+    assert (answer.code, answer.err) == (0, "")
+    assert "Usage:" in answer.out
+    assert answer.seconds < 0.5
+
+
+def test_a_run_leaves_what_it_promises(tiny_run: Path) -> None:
+    assert [name for name in LEFT if not (tiny_run / name).is_file()] == []
+    assert list(tiny_run.rglob(".tmp*")) == []
+    metrics = json.loads((tiny_run / "metrics.json").read_text(), parse_constant=pytest.fail)
+    assert set(metrics["metrics"]) == METRICS
+    assert metrics["metrics"]["shot_size"]["defined"] == metrics["frames"] == 3
+
+
+def test_the_config_of_a_run_reads_back_and_runs_again(command, tiny_run: Path) -> None:
+    config = load_config(tiny_run / "config.yaml")
+    assert (config.frames, config.generations, config.output_side, config.search_side) == (3, 2, 96, 48)
+    assert config.to_yaml() == (tiny_run / "config.yaml").read_text()
+
+
+def test_print_config_reads_back_as_itself(command, tmp_path: Path) -> None:
+    first = command("transfer", "frames=5", "losses.framing.weight=3", "--print-config")
+    (tmp_path / "config.yaml").write_text(first.out)
+    again = command("transfer", "--config", tmp_path / "config.yaml", "--print-config")
+    assert (first.code, first.err, again.out) == (0, "", first.out)
+
+
+def test_json_is_all_there_is_on_stdout(command, tmp_path: Path) -> None:
+    short = ("frames=2", "generations=1", "output_side=64", "search_side=32")
+    answer = command("transfer", "--json", "--out", tmp_path / "run", *short)
+    assert answer.code == 0, answer.err
+    said = json.loads(answer.out, parse_constant=pytest.fail)
+    assert said["folder"] == str(tmp_path / "run")
+    assert set(said["metrics"]) == METRICS
+    assert answer.err != ""  # progress
+    assert "error" not in answer.err
+
+
+def test_a_run_is_written_over_a_run(command, tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = (run / "metrics.json").stat().st_mtime_ns
+    short = ("frames=1", "generations=1", "output_side=64", "search_side=32")
+    assert command("transfer", "--quiet", "--out", run, *short).code == 0
+    assert (run / "metrics.json").stat().st_mtime_ns > before
+    assert (run / "DONE").is_file()
+
+
+def test_render_again_at_another_size_from_the_memory_and_by_name(command, tiny_run: Path, tmp_path: Path) -> None:
+    for name, more in (("a.mp4", ()), ("b.mp4", ("--scene", "builtin:courtyard"))):
+        answer = command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / name, *more)
+        assert (answer.code, answer.out, answer.err) == (0, f"{tmp_path / name}\n", "")
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+
+def test_evaluate_scores_a_clip_against_itself_as_zero(
+    command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not (DATA / "models").is_dir():
+        pytest.skip("needs the networks and clips of shared/data")
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+    clip = DATA / "video" / "lp_s20.mp4"
+    answer = command("evaluate", clip, clip, "frames=3", "--json", "--quiet", "--out", tmp_path / "scores")
+    assert (answer.code, answer.err) == (0, "")
+    metrics = json.loads(answer.out, parse_constant=pytest.fail)["metrics"]
+    assert metrics["framing"]["mean"] == metrics["camera_angle"]["mean"] == 0
+    assert metrics["filmic_space"]["mean"] is None
+    assert metrics["filmic_space"]["reason"]
+    assert {p.name for p in (tmp_path / "scores").iterdir()} == {"metrics.json", "metrics.csv", "report.html"}
+
+
+def test_plugins_are_listed_and_shown(command) -> None:
+    listed = json.loads(command("plugins", "list", "--json").out)
+    assert METRICS - {"total"} <= set(listed["losses"])
+    shown = json.loads(command("plugins", "show", "shot_size", "--json").out)
+    assert shown["options"]["mode"] == "'robust'"
+    assert "keypoints" in shown["requires"]
+
+
+def test_doctor_finds_this_computer_fit(command) -> None:
+    answer = command("doctor", "--json")
+    assert answer.code == 0, answer.out
+    found = {finding["what"]: finding["ok"] for finding in json.loads(answer.out)}
+    assert found["self-test"]
+    assert found["torch"]
+
+
+def test_the_version_is_printed(command) -> None:
+    assert re.fullmatch(r"\d+\.\d+\.\d+\n", command("--version").out)
+
+
+def test_a_loss_from_anywhere_is_used_from_a_config_when_allowed(fresh, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "headroom.py").write_text(PLUGIN)
+    (tmp_path / "config.yaml").write_text("losses: {headroom: {weight: 5}}\nframes: 1\ngenerations: 1\n")
+    sizes = ("search_side=32", "output_side=64", "--quiet")
+    alone = fresh("transfer", "-c", "config.yaml", "--out", "run", *sizes)
+    assert alone.code == 2
+    assert "losses.headroom: no such loss" in alone.err
+    allowed = fresh("transfer", "-c", "config.yaml", "--out", "run", "--json", "--allow-plugin", "mine", *sizes)
+    assert allowed.code == 0, allowed.err
+    assert json.loads(allowed.out)["metrics"]["headroom"]["defined"] == 1
+    off = fresh("transfer", "-c", "config.yaml", "--allow-plugin", "mine", CLTRANSFER_DISABLE_PLUGINS="1")
+    assert off.code == 4
+    assert "CLTRANSFER_DISABLE_PLUGINS" in off.err
+
+
+def test_an_installed_plugin_is_listed_unseen_and_runs_only_when_allowed(fresh, tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    info = site / "cl_headroom-1.2.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: cl-headroom\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text("[cltransfer.plugins]\nheadroom = cl_headroom\n")
+    (site / "cl_headroom.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n{PLUGIN}")
+    path = os.pathsep.join(filter(None, (str(site), os.environ.get("PYTHONPATH"))))
+    listed = fresh("plugins", "list", PYTHONPATH=path)
+    assert "headroom (cl-headroom 1.2)" in listed.out
+    assert fresh("plugins", "show", "headroom", PYTHONPATH=path).code == 2
+    assert fresh("transfer", "losses.headroom={}", "--print-config", PYTHONPATH=path).code == 2
+    assert not (tmp_path / "ran").exists()
+    assert "keypoints" in fresh("plugins", "show", "headroom", "--allow-plugin", "headroom", PYTHONPATH=path).out
+    assert (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("code", ["raise RuntimeError('broken')", "import sys; sys.exit(0)", "def ("])
+def test_a_plugin_that_fails_at_import_is_named(fresh, tmp_path: Path, code: str) -> None:
+    (tmp_path / "broken.py").write_text(code)
+    answer = fresh("transfer", "--allow-plugin", "broken.py")
+    assert answer.code == 4
+    assert answer.err.count("\n") == 1
+    assert "broken.py" in answer.err
+
+
+def test_a_plugin_cannot_take_a_built_in_name(fresh, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(PLUGIN.replace('"headroom"', '"framing"'))
+    answer = fresh("transfer", "--allow-plugin", "mine.py", "--print-config")
+    assert (answer.code, answer.err) == (4, "error: loss 'framing': the name is taken; choose another\n")

@@ -1,0 +1,146 @@
+"""What may import what, what no source may contain, and what is shipped."""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = sorted((ROOT / "cltransfer").rglob("*.py"))
+
+VALUES = ("camera", "features", "subject", "trajectory", "skeleton", "errors", "files", "threads", "registry")
+COMPONENTS = ("renderers", "extractors", "losses", "search", "scenes")
+DRIVING = ("graph", "objective", "driver", "reference", "transfer", "evaluate", "run_folder", "report", "export", "cli")
+ALLOWED = {
+    # search matches the reference's joints by the pure functions of the losses
+    ("cltransfer.search.*", "cltransfer.losses"),
+    # lifting reads views by the image extractors, and is a verb of its own
+    ("cltransfer.scenes.lifted", "cltransfer.graph"),
+    ("cltransfer.scenes.lift_folder", "cltransfer.reference"),
+    ("cltransfer.scenes.lift_folder", "cltransfer.report"),
+}
+FORBIDDEN_CALLS = {"eval", "exec", "np.random.seed", "numpy.random.seed", "random.seed", "torch.manual_seed"}
+FORBIDDEN_CALLS |= {"yaml.load", "yaml.unsafe_load", "yaml.full_load", "torch.load", "torch.seed", "os.system"}
+FORBIDDEN_IMPORTS = {"pickle", "dill", "marshal", "shelve", "random", "joblib.numpy_pickle"}
+
+
+def module_of(path: Path) -> str:
+    name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Modules that ``path`` imports when it runs, anywhere in it; not those of ``if TYPE_CHECKING``."""
+    package = module_of(path) if path.name == "__init__.py" else module_of(path).rpartition(".")[0]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    typing = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if node in typing:
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def inside(module: str, names: tuple[str, ...]) -> bool:
+    return any(module == f"cltransfer.{name}" or module.startswith(f"cltransfer.{name}.") for name in names)
+
+
+def allowed(source: str, target: str) -> bool:
+    return any(fnmatch(source, one) and fnmatch(f"{target}.", f"{other}.*") for one, other in ALLOWED)
+
+
+def crossings(sources: tuple[str, ...], targets: tuple[str, ...]) -> list[str]:
+    return [
+        f"{module_of(path)} imports {target}"
+        for path in SOURCES
+        for target in sorted(set(imports(path)))
+        if inside(module_of(path), sources) and inside(target, targets) and not allowed(module_of(path), target)
+    ]
+
+
+def test_values_import_no_component_and_nothing_that_drives() -> None:
+    assert crossings(VALUES, COMPONENTS + DRIVING) == []
+
+
+def test_components_import_nothing_that_drives() -> None:
+    assert crossings(COMPONENTS, DRIVING) == []
+
+
+@pytest.mark.parametrize("kind", ["losses", "extractors"])
+def test_losses_and_extractors_do_not_know_the_other_components(kind: str) -> None:
+    assert crossings((kind,), tuple(other for other in COMPONENTS if other != kind)) == []
+
+
+def test_nothing_imports_the_command_line() -> None:
+    found = [module_of(p) for p in SOURCES if "cltransfer.cli" in set(imports(p)) and p.name != "__main__.py"]
+    assert found == []
+
+
+def test_kernels_import_no_torch() -> None:
+    kernels = [path for path in SOURCES if path.parent.name == "kernels" or path.name == "_kernels.py"]
+    assert len(kernels) > 4
+    assert [p.name for p in kernels if any(t.partition(".")[0] == "torch" for t in imports(p))] == []
+
+
+@pytest.mark.parametrize(
+    "code", ["import cltransfer.cli", "import cltransfer.config, cltransfer.registry, cltransfer.plugins"]
+)
+def test_starting_up_loads_nothing_heavy(code: str) -> None:
+    heavy = (
+        "{'torch', 'kornia', 'numba', 'cv2', 'onnxruntime', 'pytorch_lightning', 'matplotlib', 'av', 'cma', 'scipy'}"
+    )
+    check = f"import sys; {code}; print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_of)
+def test_a_source_seeds_nothing_global_and_runs_no_foreign_code(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    assert sorted(calls & FORBIDDEN_CALLS) == []
+    assert sorted(set(imports(path)) & FORBIDDEN_IMPORTS) == []
+    allow_pickle = [n for n in ast.walk(tree) if isinstance(n, ast.keyword) and n.arg == "allow_pickle"]
+    assert [ast.unparse(k.value) for k in allow_pickle if ast.unparse(k.value) != "False"] == []
+
+
+def test_setup_names_every_package() -> None:
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg")
+    named = set(setup["options"]["packages"].split())
+    on_disk = {module_of(path) for path in SOURCES if path.name == "__init__.py"}
+    assert named == on_disk | {"cltransfer.configs"}
+
+
+def test_what_is_installed_includes_the_data_files() -> None:
+    setuptools = pytest.importorskip("setuptools")
+    code = (
+        "from setuptools import Distribution\n"
+        "made = Distribution()\nmade.parse_config_files()\n"
+        "build = made.get_command_obj('build_py')\nbuild.ensure_finalized()\n"
+        "for package, _, folder, files in build.data_files:\n"
+        "    for name in files:\n        print(package + '/' + name)\n"
+    )
+    assert setuptools.__version__
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    shipped = set(done.stdout.split())
+    presets = {f"cltransfer.configs/{path.name}" for path in (ROOT / "configs").glob("*.yaml")}
+    assert presets | {"cltransfer/report/page.html", "cltransfer/py.typed"} <= shipped
