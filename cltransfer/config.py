@@ -64,6 +64,8 @@ class RunConfig:
         sigma0: first step size, as a share of the half-range of each parameter.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
+        clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
+            are repaired too; 0 takes it as it was read. The scores always use what was read.
         smooth: standard deviation of the Gaussian that filters the found path along the clip [frames]; 0 leaves it.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.
@@ -89,6 +91,7 @@ class RunConfig:
     sigma0: float = 0.1
     warm_sigma: float = 0.05
     tolerance: float = 0.0
+    clean: float = 0.0
     smooth: float = 0.0
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     renderer: dict[str, Any] = field(default_factory=dict)
@@ -103,7 +106,7 @@ class RunConfig:
             ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
-            ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),
+            ("clean", 0.0, 100.0), ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

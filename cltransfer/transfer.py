@@ -34,6 +34,7 @@ from .scenes.lifted import cached_lift, lift_scene, load_person, save_lift
 from .scenes.load import load_scene
 from .scores import Scores, score, tabulate
 from .threads import set_threads, thread_count
+from .tracks import cleaned
 from .trajectory import Trajectory
 
 SMOOTH_WORTH = 1.25  # a filtered path may cost this much more total loss, and a tenth of a tolerance
@@ -68,7 +69,7 @@ class Result:
         trajectory: N cameras at the output size.
         home: the initial view.
         image: the rendered frames, (N, 3, H, W) uint8.
-        searched: the score in the search, by the inner extractors at the search size.
+        searched: the score in the search, by the inner extractors at the search size, of the cleaned reference.
         verified: the score of the rendered frames as they are kept; it is what the run reports.
         held: the same for the first view held still.
         schedule: how frames were searched.
@@ -115,6 +116,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     reference = read_reference(inputs.reference, parts, reading, progress)
     if reference.family == "image" and (config.extract.verify or family == "image"):
         parts.plan("image").load_networks()
+    wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
     clock.lap("reference")
     if scene.subject is None and (family == "scene" or search.needs_subject or view is None):
         scene = with_lift(scene, parts, progress)
@@ -123,24 +125,24 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
     stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
-    schedule = make_schedule(config, stage.objective, reference.features)
+    schedule = make_schedule(config, stage.objective, wanted)
     if view is None:
-        homes = best_of_orbit(stage, reference.features[0], output, schedule.free_lens)
+        homes = best_of_orbit(stage, wanted[0], output, schedule.free_lens)
     else:
         homes = resized(view, output)
     clock.lap("initial view")
     count, searching = len(reference), stage.reduced(homes[0], config.lod)
     found = follow(
-        searching, search, reference.features, homes, schedule, lambda i, _: progress("frames", i + 1, count)
+        searching, search, wanted, homes, schedule, lambda i, _: progress("frames", i + 1, count)
     )
-    cameras, kind = _smooth(stage, search, reference.features, homes[0], found, config.smooth)
+    cameras, kind = _smooth(stage, search, wanted, homes[0], found, config.smooth)
     clock.lap("search")
 
     trajectory = Trajectory(cameras, reference.times)
     image = render_frames(scene, parts, trajectory.camera, progress)
     clock.lap("render")
-    terms = stage.path_terms(reference.features, cameras)
-    searched = tabulate(stage.objective, reference.features, terms, reference.missing)
+    terms = stage.path_terms(wanted, cameras)
+    searched = tabulate(stage.objective, wanted, terms, reference.missing)
     verified, held, read_by = _verify(stage, parts, reference, trajectory, image, config)
     clock.lap("verification")
     return Result(

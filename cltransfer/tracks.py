@@ -1,0 +1,120 @@
+"""Cleaning what was read along a clip, before it is aimed at: front and back sorted out, jitter filtered gently.
+
+A clip's own scores always use what was read; only the search looks at the cleaned tracks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from .features import Features
+from .placement import frame_joints, visible_joints
+
+FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
+MEDIAN = 5  # frames
+
+
+def cleaned(features: Features, frames: float) -> Features:
+    """The features of a clip with yaw flips repaired, and joints and angles filtered.
+
+    Joints are filtered within stretches in which the same key joints are visible, because a joint that enters the
+    frame moves the centroid by right.
+
+    Args:
+        features: N frames in order.
+        frames: standard deviation of the Gaussian along the clip [frames]; 0 leaves everything as it was read.
+    """
+    if frames <= 0 or len(features) < 3:
+        return features
+    new = {}
+    if features.has("orientation"):
+        new["orientation"] = _steady_angles(features.require("orientation"), frames)
+    if features.has("keypoints"):
+        stretches = _stretches(visible_joints(frame_joints(features)))
+        joints = features.require("keypoints").clone()
+        for first, last in stretches:
+            joints[first:last, :, :2] = along(joints[first:last, :, :2].flatten(1), frames).unflatten(1, (14, 2))
+        new["keypoints"] = joints
+    return replace(features, **new)
+
+
+def repair_flips(yaw: Tensor) -> Tensor:
+    """Yaw (N,) [rad] with frames that were read back to front turned by pi, by a two-state Viterbi.
+
+    Between two frames the body turns little, so a jump by pi is the reader's; which side is right is decided by the
+    majority. NaN frames are passed over.
+    """
+    known = torch.isfinite(yaw).nonzero()[:, 0]
+    if len(known) < 2:
+        return yaw
+    both = torch.stack([yaw[known], yaw[known] + math.pi], dim=1)  # (M, 2)
+    cost = torch.tensor([0.0, FLIP_COST], dtype=yaw.dtype)
+    pay, back = cost.clone(), []
+    for before, now in zip(both[:-1], both[1:]):
+        turn = _wrap(now[:, None] - before[None]).abs()  # (now, before)
+        best = (pay[None] + turn).min(1)
+        back.append(best.indices)
+        pay = best.values + cost
+    state = int(pay.argmin())
+    states = [state]
+    for step in reversed(back):
+        state = int(step[state])
+        states.append(state)
+    repaired = yaw.clone()
+    repaired[known] = _wrap(both[torch.arange(len(known)), torch.tensor(states[::-1])])
+    return repaired
+
+
+def along(x: Tensor, frames: float) -> Tensor:
+    """x (N, D) filtered along N by a Gaussian of standard deviation ``frames``; NaN rows stay and count for nothing."""
+    index = torch.arange(len(x), dtype=x.dtype)
+    weight = torch.exp(-0.5 * ((index[:, None] - index[None]) / frames) ** 2)  # (N, N)
+    there = torch.isfinite(x)
+    # a line is fitted under the window, so that a steady motion and its ends stay what they are
+    offset = index[None] - index[:, None]
+    filled = torch.where(there, x, 0.0)
+    s0, s1, s2 = (torch.einsum("nm,md->nd", weight * offset**k, there.to(x)) for k in (0, 1, 2))
+    t0, t1 = (torch.einsum("nm,md->nd", weight * offset**k, filled) for k in (0, 1))
+    spread = s0 * s2 - s1**2
+    line = (s2 * t0 - s1 * t1) / spread.clamp_min(1e-9)
+    return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
+
+
+def _steady_angles(orientation: Tensor, frames: float) -> Tensor:
+    yaw = repair_flips(orientation[:, 0])
+    angles = torch.cat([yaw[:, None], orientation[:, 1:]], dim=1)
+    known = torch.isfinite(angles).all(1)
+    if int(known.sum()) < 3:
+        return angles
+    unwrapped = _unwrap(angles[known])
+    steady = angles.clone()
+    steady[known] = _wrap(along(_median(unwrapped), frames))
+    return steady
+
+
+def _median(x: Tensor) -> Tensor:
+    """Running median of x (N, D) over up to MEDIAN frames, fewer at the ends."""
+    reach = MEDIAN // 2
+    rows = [x[max(0, i - min(reach, i, len(x) - 1 - i)) : i + min(reach, i, len(x) - 1 - i) + 1] for i in range(len(x))]
+    return torch.stack([row.median(0).values for row in rows])
+
+
+def _unwrap(angles: Tensor) -> Tensor:
+    steps = _wrap(angles[1:] - angles[:-1])
+    return torch.cat([angles[:1], angles[:1] + steps.cumsum(0)])
+
+
+def _wrap(angle: Tensor) -> Tensor:
+    """To [-pi, pi)."""
+    return (angle + math.pi).remainder(2 * math.pi) - math.pi
+
+
+def _stretches(visible: Tensor) -> list[tuple[int, int]]:
+    """First and last + 1 of the runs in which the visible set (N, 5) stays the same."""
+    changes = (visible[1:] != visible[:-1]).any(1).nonzero()[:, 0] + 1
+    edges = [0, *changes.tolist(), len(visible)]
+    return list(zip(edges[:-1], edges[1:]))

@@ -1,0 +1,66 @@
+"""Front and back sorted out, jitter filtered, nothing moved that was right."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+from cltransfer.tracks import along, cleaned, repair_flips
+
+
+def wrapped(x: torch.Tensor) -> torch.Tensor:
+    return (x + math.pi).remainder(2 * math.pi) - math.pi
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.4])
+def test_flipped_frames_are_turned_back(share: float) -> None:
+    generator = torch.Generator().manual_seed(3)
+    right = 0.4 + 0.6 * torch.linspace(0, 1, 40, dtype=torch.float64)
+    flipped = torch.randperm(40, generator=generator) < 40 * share
+    read = wrapped(right + math.pi * flipped)
+    error = wrapped(repair_flips(read) - right).abs()
+    assert float((error < 1e-6).double().mean()) >= 0.95
+
+
+def test_a_flipped_first_frame_does_not_lock_the_clip() -> None:
+    right = torch.full((10,), 0.3, dtype=torch.float64)
+    read = right.clone()
+    read[0] += math.pi
+    torch.testing.assert_close(repair_flips(read), right)
+
+
+def test_a_body_that_really_turns_around_is_left_alone() -> None:
+    turning = wrapped(torch.linspace(0, 2 * math.pi, 48, dtype=torch.float64))
+    torch.testing.assert_close(repair_flips(turning), turning)
+
+
+def test_frames_without_a_person_are_passed_over() -> None:
+    yaw = torch.tensor([0.1, math.nan, 0.1 + math.pi, 0.1, math.nan], dtype=torch.float64)
+    repaired = repair_flips(yaw)
+    assert torch.isnan(repaired).tolist() == [False, True, False, False, True]
+    torch.testing.assert_close(repaired[[0, 2, 3]], torch.full((3,), 0.1, dtype=torch.float64))
+
+
+def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:
+    line = torch.linspace(-1, 2, 30, dtype=torch.float64)[:, None]
+    torch.testing.assert_close(along(line, 1.5), line)
+    noise = 0.1 * torch.randn(30, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    assert float((along(line + noise, 1.5) - line).std()) < 0.6 * float(noise.std())
+
+
+def test_joints_are_not_filtered_across_a_change_of_the_visible_set() -> None:
+    keypoints = torch.zeros(10, 14, 3)
+    keypoints[..., 2] = 1.0
+    keypoints[:5, 6:8, 2] = 0.0  # hips come into the frame at frame 5, and all joints jump
+    keypoints[5:, :, 0] = 50.0
+    keypoints[..., 0] += 10
+    got = cleaned(Features((100, 100), keypoints=keypoints), 2.0).require("keypoints")
+    torch.testing.assert_close(got, keypoints)
+
+
+def test_zero_leaves_what_was_read() -> None:
+    features = Features((10, 10), orientation=torch.rand(6, 3))
+    assert cleaned(features, 0.0) is features
