@@ -7,26 +7,48 @@ from collections.abc import Iterator
 import torch
 from kornia.utils import create_meshgrid
 from torch import Tensor
+from torch.nn.functional import pixel_unshuffle
 
 from ..camera import Camera
 from ..scenes.mesh import Mesh
+from .kernels.mesh import Settings
 from .kernels.mesh_raster import FLAT, HOLE, INSIDE
 
 CHUNK = 2_000_000  # pairs of a face and a pixel tested together
 
 
-def render_one(mesh: Mesh, camera: Camera, near: float, headlight: float) -> tuple[Tensor, Tensor, Tensor]:
-    """Face (H, W) int64 (-1: none), depth (H, W) float32 (NaN: none) and image (3, H, W) of one camera."""
-    width, height = camera.size
+def render_one(mesh: Mesh, camera: Camera, settings: Settings) -> dict[str, Tensor]:
+    """Buffers of one camera, float32: depth, expected_depth, alpha, label (H, W) and image (3, H, W)."""
+    n = settings.samples
+    fine = camera.at_size((n * camera.size[0], n * camera.size[1]))
     corners = camera.to_camera(mesh.vertices)[0][mesh.faces.long()]  # (F, 3, 3)
+    face, depth = _nearest(mesh, corners, fine, settings.near)
+    hit = face >= 0
+    image = _image(mesh, corners, fine, face, settings.headlight)
+    label = torch.where(hit, mesh.label.float()[face], 0)
+    planes = {"alpha": hit.float(), "label": label, "depth": depth, "expected_depth": depth, "image": image}
+    return {name: _pooled(name, plane, n) for name, plane in planes.items()}
+
+
+def _pooled(name: str, plane: Tensor, n: int) -> Tensor:
+    """One value a pixel, (..., H, W), of n x n rays: their mean, or their median of those that hit."""
+    rays = pixel_unshuffle(plane.unsqueeze(-3), n)  # (..., n^2, H, W)
+    if name == "depth":
+        covered = rays.isfinite().float().mean(-3) >= 0.5
+        return torch.where(covered, rays.nanmedian(-3).values, torch.nan)
+    return rays.nanmean(-3)  # only a depth is ever NaN
+
+
+def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
+    """Face (H, W) int64 (-1: none) and depth (H, W) float32 (NaN: none)."""
+    width, height = camera.size
     parts = [_hits(mesh, corners, camera, near, *chunk) for chunk in _chunks(corners, camera, near)]
     pixel, face, inverse = (torch.cat(column) for column in zip(*parts))
     nearest = torch.zeros(height * width, dtype=torch.float64).scatter_reduce(0, pixel, inverse, "amax")
     front = inverse == nearest[pixel]
     first = torch.full((height * width,), len(mesh)).scatter_reduce(0, pixel[front], face[front], "amin")
     seen = torch.where(nearest > 0, first, -1).reshape(height, width)
-    depth = torch.where(nearest > 0, 1 / nearest, torch.nan).float().reshape(height, width)
-    return seen, depth, _image(mesh, corners, camera, seen, headlight)
+    return seen, torch.where(nearest > 0, 1 / nearest, torch.nan).float().reshape(height, width)
 
 
 def _chunks(corners: Tensor, camera: Camera, near: float) -> Iterator[tuple[Tensor, Tensor, int]]:

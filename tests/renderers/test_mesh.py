@@ -267,14 +267,14 @@ def test_a_second_process_finds_the_kernels_compiled():
     code = """
 import time
 import numpy as np
-from cltransfer.renderers.kernels.mesh import Light, Packed, Views, pack_images, render
+from cltransfer.renderers.kernels.mesh import Packed, Settings, Views, pack_images, render
 start = time.perf_counter()
 corners = np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], np.float32)
 index, ones = np.arange(3, dtype=np.int32)[None], np.ones(3, np.float32)
 uv, none = corners[:, :2].copy(), index[0, :1] - 1
 packed = Packed(corners, index, corners, uv, ones[:1], ones[:1] > 0, none, *pack_images([]))
-seen = render(packed, Views(np.eye(4)[None], np.array([[8.0, 8, 4, 4]]), (8, 8)), Light(0.1, 0.5), True, 1)
-print((seen.face == 0).sum(), time.perf_counter() - start)
+seen = render(packed, Views(np.eye(4)[None], np.array([[8.0, 8, 4, 4]]), (8, 8)), Settings(0.1, 0.5, 1), True, 1)
+print(int(seen.alpha.sum()), time.perf_counter() - start)
 """
     run = [sys.executable, "-c", code]
     answers = [subprocess.run(run, capture_output=True, text=True, check=True).stdout.split() for _ in range(2)]

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from . import Array
-from .mesh_raster import HOLE, rasterise, to_camera
+from .mesh_pool import pool
+from .mesh_raster import HOLE, rasterise, resolve, to_camera
 from .mesh_shade import shade
 
 
@@ -35,19 +36,29 @@ class Views(NamedTuple):
     size: tuple[int, int]  # (W, H) [px]
 
 
-class Light(NamedTuple):
-    """What is drawn, and how it is lit."""
+class Settings(NamedTuple):
+    """How it is drawn."""
 
     near: float
     headlight: float
+    samples: int  # rays a pixel along each axis
 
 
-class Seen(NamedTuple):
-    """What B cameras see."""
+class Buffers(NamedTuple):
+    """What B cameras see, float32."""
 
-    face: Array  # (B, H, W) int32, -1 where nothing is
-    inverse: Array  # (B, H, W) float32, 1 / depth, 0 where nothing is
-    image: Array  # (B, 3, H, W) float32 in [0, 1]; (B, 0, H, W) where it was not asked for
+    depth: Array  # (B, H, W), NaN where nothing is
+    expected_depth: Array  # (B, H, W), NaN where nothing is
+    alpha: Array  # (B, H, W)
+    label: Array  # (B, H, W)
+    image: Array  # (B, 3, H, W) in [0, 1]; (B, 0, H, W) where it was not asked for
+
+
+def _buffers(count: int, size: tuple[int, int], color: bool) -> Buffers:
+    shape = (count, size[1], size[0])
+    depth, expected_depth, alpha, label = (np.empty(shape, np.float32) for _ in range(4))
+    image = np.empty((count, 3 if color else 0, *shape[1:]), np.float32)
+    return Buffers(depth, expected_depth, alpha, label, image)
 
 
 def pack_images(images: Sequence[Array]) -> tuple[Array, Array]:
@@ -61,30 +72,36 @@ def pack_images(images: Sequence[Array]) -> tuple[Array, Array]:
     return np.ascontiguousarray(np.concatenate(texels)), np.array(rows, np.int64).reshape(-1, 4)
 
 
-def render(packed: Packed, views: Views, light: Light, color: bool, threads: int) -> Seen:
+def render(packed: Packed, views: Views, settings: Settings, color: bool, threads: int) -> Buffers:
     """What each of the views sees; ``threads`` of them are drawn at once, which does not change the result."""
-    shape = (len(views.w2c), views.size[1], views.size[0])
-    image = np.empty((shape[0], 3 if color else 0, *shape[1:]), np.float32)
-    seen = Seen(np.empty(shape, np.int32), np.empty(shape, np.float32), image)
-    work = iter(range(shape[0]))
-    workers = min(threads, shape[0])
+    out = _buffers(len(views.w2c), views.size, color)
+    work = iter(range(len(views.w2c)))
+    workers = min(threads, len(views.w2c))
     if workers == 1:
-        _work(work, packed, views, light, seen)
-        return seen
-    with ThreadPoolExecutor(workers) as pool:
-        for task in [pool.submit(_work, work, packed, views, light, seen) for _ in range(workers)]:
+        _work(work, packed, views, settings, out)
+        return out
+    with ThreadPoolExecutor(workers) as pool_of_threads:
+        tasks = [pool_of_threads.submit(_work, work, packed, views, settings, out) for _ in range(workers)]
+        for task in tasks:
             task.result()
-    return seen
+    return out
 
 
-def _work(indices: Iterator[int], packed: Packed, views: Views, light: Light, seen: Seen) -> None:
+def _work(indices: Iterator[int], packed: Packed, views: Views, settings: Settings, out: Buffers) -> None:
     """Draw views from a queue that threads share."""
     points, pixels = np.empty((len(packed.vertices), 3)), np.empty((len(packed.vertices), 2))
+    n = settings.samples
+    size = (n * views.size[0], n * views.size[1])
+    inverse, nearest = np.empty(size[::-1], np.float32), np.empty(size[::-1], np.int32)
+    fine = Buffers(*(buffer[0] for buffer in _buffers(1, size, bool(out.image.shape[1]))))
     shapes = (packed.faces, packed.uv, packed.texture, packed.texels, packed.images)
     surface = (packed.faces, packed.colors, packed.uv, packed.shaded, packed.texture, packed.texels, packed.images)
     for i in indices:
-        lens = views.lens[i]
+        lens = n * views.lens[i]
         to_camera(packed.vertices, views.w2c[i, :3], lens, points, pixels)
-        rasterise(shapes, points, pixels, lens, light.near, seen.inverse[i], seen.face[i])
-        if seen.image.shape[1]:
-            shade(surface, points, lens, light.headlight, seen.face[i], seen.image[i])
+        rasterise(shapes, points, pixels, lens, settings.near, inverse, nearest)
+        resolve(packed.label, inverse, nearest, fine.depth, fine.alpha, fine.label)
+        if len(fine.image):
+            shade(surface, points, lens, settings.headlight, nearest, fine.image)
+        planes = (out.depth[i], out.expected_depth[i], out.alpha[i], out.label[i])
+        pool((fine.depth, fine.alpha, fine.label, fine.image), n, planes, out.image[i])

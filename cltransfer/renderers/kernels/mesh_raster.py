@@ -137,3 +137,23 @@ def rasterise(
                         continue
                 inverse[y, x] = f32(total)
                 nearest[y, x] = f
+
+
+@njit(**CACHED)
+def resolve(label: Array, inverse: Array, nearest: Array, depth: Array, alpha: Array, member: Array) -> None:
+    """Buffers of the faces seen.
+
+    Args:
+        label: of each face, (F,) float32.
+        inverse: of :func:`rasterise`, (H, W).
+        nearest: of :func:`rasterise`, (H, W).
+        depth: (H, W) float32, written; NaN where nothing is seen.
+        alpha: (H, W) float32, written.
+        member: label of the face seen, (H, W) float32, written.
+    """
+    for y in range(nearest.shape[0]):
+        for x in range(nearest.shape[1]):
+            f = nearest[y, x]
+            depth[y, x] = f32(1) / inverse[y, x] if f >= 0 else f32(np.nan)
+            alpha[y, x] = f32(1) if f >= 0 else f32(0)
+            member[y, x] = label[f] if f >= 0 else f32(0)
