@@ -12,6 +12,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from . import __version__
+from .bench.verbs import app as bench_app
 from .errors import CltransferError, UsageError
 from .files import check_out
 
@@ -29,7 +30,6 @@ Anything in a config can be set as key=value: `generations=20 losses.framing=nul
 app = typer.Typer(
     help=HELP, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_enable=False, add_completion=True
 )
-bench_app = typer.Typer(help="Measure: every figure in docs/benchmarks.md is made here.", no_args_is_help=True)
 plugins_app = typer.Typer(help="Components: what there is, and their options.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
@@ -43,7 +43,7 @@ Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")]
-SceneArg = Annotated[str, typer.Argument(help="Gaussian-splat .ply, or builtin:courtyard, builtin:plaza.")]
+SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:courtyard, builtin:plaza.")]
 Overrides = Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
@@ -104,8 +104,8 @@ def transfer(
         list[str] | None,
         typer.Argument(
             metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
-            help="Scene: a splat .ply or builtin:NAME (default builtin:courtyard). Reference: a video, an image "
-            "folder, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
+            help="Scene: a splat .ply, a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with renderer.mesh={}), a "
+            ".yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an image folder, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
         ),
     ] = None,
     out: Out = None,
@@ -231,27 +231,6 @@ def lift(
     with progress(quiet) as report:
         found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
     _show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
-
-
-@bench_app.command("speed")
-def bench_speed(
-    scene: Annotated[
-        list[Path] | None, typer.Argument(help="Splat .ply files to time beside the synthetic rooms.")
-    ] = None,
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
-    quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose speed section is rewritten.")
-    ] = None,
-) -> None:
-    """Splat rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
-    from .bench.speed import run_speed, write_benchmarks
-
-    rows = run_speed(seed or [0, 1, 2], scene or [], quick)
-    for row in rows:
-        print(row)
-    if out is not None:
-        write_benchmarks(rows, out)
 
 
 @plugins_app.command("list")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -15,13 +13,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from .. import __version__
 from ..camera import Camera
-from ..files import write_text
 from ..renderers.gaussian_splats import GaussianSplats
 from ..renderers.kernels.splats import count_visible, make_view
 from ..scenes import Scene
 from ..scenes.load import load_scene
+from .section import machine, quartiles, table, write_section
 from .synthetic_room import room_cameras, synthetic_room
 
 ALL = GaussianSplats.provides
@@ -29,7 +26,7 @@ GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180), (640, 360))
 FRAMES = 4  # cameras a call
 Posed = tuple[Scene, Camera]
-BEGIN, END = "<!-- splat rendering: begin -->", "<!-- splat rendering: end -->"
+SECTION = "Splat rendering"
 
 _FIRST_FRAME = """
 import time
@@ -135,11 +132,6 @@ def _time(renderer: GaussianSplats, posed: Posed, buffers: frozenset[str]) -> fl
     return (time.perf_counter() - start) / len(posed[1]) * 1e3
 
 
-def _quartiles(times: Sequence[float]) -> tuple[float, float, float]:
-    low, median, high = statistics.quantiles(times, n=4, method="inclusive")
-    return low, median, high
-
-
 def _against_oracle(posed: list[Posed], repeats: int) -> list[SpeedRow]:
     """Kernels and oracle in turn on one thread each, and how far their images are apart."""
     fast, plain = GaussianSplats(threads=1), GaussianSplats(backend="torch")
@@ -178,7 +170,7 @@ def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> Sp
     settings = GaussianSplats().settings
     views = [make_view(w2c, K, cameras.size, settings) for w2c, K in zip(cameras.w2c.numpy(), cameras.K.numpy())]
     visible = round(statistics.mean(count_visible(scene.geometry.packed, view) for view in views))
-    return SpeedRow(scene.name, cameras.size, setting, threads, len(scene.geometry), visible, _quartiles(times))
+    return SpeedRow(scene.name, cameras.size, setting, threads, len(scene.geometry), visible, quartiles(times))
 
 
 def _second_process(repeats: int) -> SpeedRow:
@@ -187,49 +179,19 @@ def _second_process(repeats: int) -> SpeedRow:
     answers = [
         subprocess.run(run, capture_output=True, text=True, check=True).stdout.split() for _ in range(repeats + 1)
     ]
-    times = _quartiles([1e3 * float(seconds) for seconds, _ in answers[1:]])  # the first may compile
+    times = quartiles([1e3 * float(seconds) for seconds, _ in answers[1:]])  # the first may compile
     visible = int(answers[0][1])
     return SpeedRow("second process", SIZES[0], "numba, import and first frame", 1, 10_000, visible, times)
 
 
 def write_benchmarks(rows: Sequence[SpeedRow], path: Path) -> None:
-    """Put the rows into the Markdown file ``path``, between two marker comments that it gets where it has none."""
-    header = SpeedRow.HEADER.split(" | ")
-    table = [header, ["---"] * len(header), *(row.cells() for row in rows)]
+    """Put the rows into the section of the Markdown file ``path`` that is theirs."""
     lines = [
-        BEGIN,
         "Made by `cltransfer bench speed SCENE.ply --out docs/benchmarks.md`. Wall time, four cameras a call,",
         "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
         "Two threads gain only where a second core is free, which the load average tells.",
-        f"Machine: {_cpu()}, {os.cpu_count()} logical cores, load average {os.getloadavg()[1]:.1f} while measured;",
-        f"torch {torch.__version__}; commit {_commit()}.",
+        *machine(),
         "",
-        *("| " + " | ".join(cells) + " |" for cells in table),
-        END,
+        *table(SpeedRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    section = "\n".join(lines)
-    text = path.read_text(encoding="utf-8") if path.exists() else "# Benchmarks\n"
-    if BEGIN in text and END in text:
-        head, _, rest = text.partition(BEGIN)
-        text = head + section + rest.partition(END)[2]
-    else:
-        text = f"{text.rstrip()}\n\n## Splat rendering\n\n{section}\n"
-    write_text(path, text)
-
-
-def _cpu() -> str:
-    """The processor's name, where the system tells it."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
-def _commit() -> str:
-    """Commit of the checkout this runs from, else the version of the package."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
-    try:
-        answer = subprocess.run(command, capture_output=True, text=True, check=False)
-    except FileNotFoundError:
-        return f"cltransfer {__version__}"
-    return answer.stdout.strip() or f"cltransfer {__version__}"
+    write_section(path, SECTION, lines)

@@ -1,0 +1,74 @@
+"""Benchmarks in a Markdown page: each bench rewrites its own section and leaves the others."""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from .. import __version__
+from ..files import write_text
+
+
+def quartiles(times: Sequence[float]) -> tuple[float, float, float]:
+    """Lower quartile, median and upper quartile."""
+    low, median, high = statistics.quantiles(times, n=4, method="inclusive")
+    return low, median, high
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table."""
+    return ["| " + " | ".join(cells) + " |" for cells in [header, ["---"] * len(header), *rows]]
+
+
+def machine() -> list[str]:
+    """Lines that say what was measured on, and by which commit."""
+    return [
+        f"Machine: {_cpu()}, {os.cpu_count()} logical cores, load average {os.getloadavg()[1]:.1f} while measured;",
+        f"torch {torch.__version__}; commit {_commit()}.",
+    ]
+
+
+def markers(title: str) -> tuple[str, str]:
+    """The comments that a section stands between.
+
+    >>> markers("Mesh rendering")
+    ('<!-- mesh rendering: begin -->', '<!-- mesh rendering: end -->')
+    """
+    return f"<!-- {title.lower()}: begin -->", f"<!-- {title.lower()}: end -->"
+
+
+def write_section(path: Path, title: str, lines: Sequence[str]) -> None:
+    """Put ``lines`` into the Markdown file ``path``, between two marker comments that it gets where it has none."""
+    begin, end = markers(title)
+    section = "\n".join([begin, *lines, end])
+    text = path.read_text(encoding="utf-8") if path.exists() else "# Benchmarks\n"
+    if begin in text and end in text:
+        head, _, rest = text.partition(begin)
+        text = head + section + rest.partition(end)[2]
+    else:
+        text = f"{text.rstrip()}\n\n## {title}\n\n{section}\n"
+    write_text(path, text)
+
+
+def _cpu() -> str:
+    """The processor's name, where the system tells it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _commit() -> str:
+    """Commit of the checkout this runs from, else the version of the package."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return f"cltransfer {__version__}"
+    return answer.stdout.strip() or f"cltransfer {__version__}"

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import pytest
+import torch
+
+from cltransfer.bench.mesh_speed import SECTION, MeshRow, run_mesh_speed, synthetic_mesh, write_benchmarks
+from cltransfer.bench.section import markers
+
+ROW = MeshRow("room", (160, 90), "numba, all", 1, 10_000, (1.0, 2.0, 3.0), 28.4, 0.99996)
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenes") / "stage.obj"
+    path.write_text("v -1 0 0\nv 1 0 0\nv 0 2 0\nv 0 1 1\nf 1 2 3\nf 1 2 4\n")
+    threads = torch.get_num_threads()
+    rows = run_mesh_speed([0], [path], quick=True)
+    assert torch.get_num_threads() == threads
+    return rows
+
+
+def test_every_row_states_what_was_measured(rows):
+    assert [row.scene for row in rows] == ["room 2k"] * 5 + ["stage"] * 3
+    for row in rows:
+        low, median, high = row.milliseconds
+        assert 0 < low <= median <= high
+    assert rows[-1].faces == 2
+
+
+def test_speed_and_accuracy_against_the_oracle_stand_in_one_row(rows):
+    (row,) = [row for row in rows if row.speedup is not None]
+    assert row.agreement >= 0.999
+    assert row.speedup == pytest.approx(rows[0].milliseconds[1] / row.milliseconds[1])
+    assert row.speedup > 3  # far below what is measured: other programs may be running
+
+
+def test_the_room_has_about_as_many_faces_as_asked_for():
+    for count in (2_000, 20_000):
+        assert 0.5 * count < len(synthetic_mesh(count)) < 2.5 * count
+    assert 0 < synthetic_mesh(2_000).label.mean() < 0.5
+
+
+def test_the_section_is_rewritten_beside_others(tmp_path):
+    page = tmp_path / "benchmarks.md"
+    page.write_text("# Benchmarks\n\n## Losses\n\ntable\n")
+    write_benchmarks([ROW, ROW], page)
+    write_benchmarks([ROW], page)
+    text = page.read_text()
+    begin, end = markers(SECTION)
+    assert text.startswith("# Benchmarks\n\n## Losses\n\ntable\n\n## Mesh rendering\n\n" + begin)
+    assert text.count(begin) == text.count(end) == 1
+    assert "| room | 160x90 | numba, all | 1 | 10,000 | 2.0 (1.0-3.0) | 28x | 100.00 % |" in text
