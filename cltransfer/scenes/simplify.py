@@ -28,6 +28,7 @@ CELL_BITS = 18  # of a cell's index along one axis
 FINEST = 2.0 ** (1 - CELL_BITS)  # smallest voxel, as a share of the distance to the origin of the cells
 MIN_VARIANCE = 1e-18  # squared scene units
 PARTS = ("means", "scales", "quats", "opacity", "sh", "label")
+STACKED = 0.3  # 0: voxels' members lie side by side, holes open; 1: all in one place, outlines grow
 STEPS = 32  # of the integral of a stack's coverage
 
 
@@ -119,7 +120,7 @@ def stacked(opacity: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
 
     A pile of n equal layers of peak a has the profile 1 - (1 - a G)^n, which is wider than its peak times G. Layers
     in one place need the area to grow by the whole ratio of the two integrals, layers side by side not at all;
-    members of a voxel are between, and take its square root.
+    members of a voxel are between, and take it to the power STACKED.
 
     Args:
         opacity: peak of one layer, (M,) in (0, 1).
@@ -132,7 +133,7 @@ def stacked(opacity: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
     peak = 1 - torch.exp(-depth)
     steps = (torch.arange(STEPS, dtype=torch.float64) + 0.5) / STEPS * opacity[:, None]
     covered = ((1 - (1 - steps) ** layers[:, None]) / steps).mean(1) * opacity
-    return peak.clamp(max=MAX_ALPHA), (covered / peak).clamp_min(1) ** 0.25
+    return peak.clamp(max=MAX_ALPHA), (covered / peak).clamp_min(1) ** (STACKED / 2)
 
 
 def face_area(scales: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from cltransfer.renderers._splats_torch import render_one
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.kernels.splats import make_view
 from cltransfer.scenes import Scene
-from cltransfer.scenes.simplify import face_area, importance, merged, pixel_width, stacked, subset, working_set
+from cltransfer.scenes.simplify import STACKED, face_area, importance, merged, pixel_width, stacked, subset, working_set
 from cltransfer.scenes.splats import Splats
 
 SETTINGS = GaussianSplats().settings
@@ -86,7 +86,7 @@ def test_a_pile_covers_what_its_layers_cover() -> None:
     profile = torch.exp(-(radius**2) / 2)
     for k in range(3):  # the integral over a disc, by summing rings
         pile = torch.trapezoid((1 - (1 - opacity[k] * profile) ** 3) * radius, radius)
-        assert float(growth[k] ** 4) == pytest.approx(float(pile / (1 - (1 - opacity[k]) ** 3)), rel=5e-3)
+        assert float(growth[k] ** (2 / STACKED)) == pytest.approx(float(pile / (1 - (1 - opacity[k]) ** 3)), rel=5e-3)
 
 
 def test_the_same_scene_gives_the_same_bits_and_larger_k_fewer_gaussians() -> None:
@@ -115,7 +115,7 @@ def test_a_working_set_looks_like_its_scene_and_keeps_its_person() -> None:
     assert len(small.geometry) < 0.9 * len(scene.geometry)
     full, few = (renderer.render(s, cameras, renderer.provides) for s in (scene, small))
     psnr = -10 * (full.require("image") - few.require("image")).square().mean((1, 2, 3)).log10()
-    assert float(psnr.min()) > 38
+    assert float(psnr.min()) > 36
     area = few.require("label").sum((1, 2)) / full.require("label").sum((1, 2))
     torch.testing.assert_close(area, torch.ones(4), rtol=0, atol=0.02)
 
