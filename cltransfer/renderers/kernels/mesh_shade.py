@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import floor, sqrt
 
 from numba import njit
 
@@ -12,16 +12,24 @@ _BYTE = 1 / 255
 
 
 @njit(**INLINE)
-def _weights(corners: Array, points: Array, x: float, y: float, out: Array) -> float:
-    """Write the corners' weights where the ray (x, y, 1) meets the face; the cosine between ray and normal."""
-    a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
+def _weights(corners: Array, points: Array, x: float, y: float, out: Array) -> None:
+    """Write the corners' weights where the ray (x, y, 1) meets the face."""
     total = 0.0
     for k in range(3):
-        p, q = points[corners[(k + 1) % 3]], points[corners[(k + 2) % 3]]
-        out[k] = x * (p[1] * q[2] - p[2] * q[1]) + y * (p[2] * q[0] - p[0] * q[2]) + p[0] * q[1] - p[1] * q[0]
+        i, j = corners[(k + 1) % 3], corners[(k + 2) % 3]
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        qx, qy, qz = points[j, 0], points[j, 1], points[j, 2]
+        out[k] = x * (py * qz - pz * qy) + y * (pz * qx - px * qz) + px * qy - py * qx
         total += out[k]
+    inverse = 1 / total
     for k in range(3):
-        out[k] /= total
+        out[k] *= inverse
+
+
+@njit(**INLINE)
+def _facing(corners: Array, points: Array, x: float, y: float) -> float:
+    """Cosine between the ray (x, y, 1) and the face's normal, without its sign."""
+    a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -31,9 +39,19 @@ def _weights(corners: Array, points: Array, x: float, y: float, out: Array) -> f
 @njit(**INLINE)
 def _wrapped(place: float, count: int) -> tuple[int, int, float]:
     """The two texels about ``place`` (1 is the whole width) and the share of the second."""
-    at = (place - place // 1) * count - 0.5
-    low = int(at // 1)
-    return (low + count) % count, (low + 1) % count, at - low
+    at = (place - floor(place)) * count - 0.5
+    low = floor(at)
+    high = low + 1
+    return low if low >= 0 else count - 1, high if high < count else 0, at - low
+
+
+@njit(**INLINE)
+def _between(texels: Array, rows: tuple[int, int], columns: tuple[int, int, float], down: float, channel: int) -> float:
+    """Bilinear value of one channel, in [0, 1]."""
+    left, right, share = columns
+    upper = texels[rows[0] + left, channel] * (1 - share) + texels[rows[0] + right, channel] * share
+    lower = texels[rows[1] + left, channel] * (1 - share) + texels[rows[1] + right, channel] * share
+    return (upper * (1 - down) + lower * down) * _BYTE
 
 
 @njit(**CACHED)
@@ -58,24 +76,23 @@ def shade(mesh: tuple[Array, ...], points: Array, lens: Array, headlight: float,
                 continue
             corners = faces[f]
             x, y = (column + 0.5 - lens[2]) / lens[0], (row + 0.5 - lens[3]) / lens[1]
-            facing = _weights(corners, points, x, y, weight)
-            light = 1 - headlight + headlight * facing if shaded[f] else 1.0
-            u = v = 0.0
-            for k in range(3):
-                u += weight[k] * uv[corners[k], 0]
-                v += weight[k] * uv[corners[k], 1]
+            _weights(corners, points, x, y, weight)
+            light = 1 - headlight + headlight * _facing(corners, points, x, y) if shaded[f] else 1.0
+            rows, columns, down = (0, 0), (0, 0, 0.0), 0.0
+            textured = texture[f] >= 0
+            if textured:
+                u = weight[0] * uv[corners[0], 0] + weight[1] * uv[corners[1], 0] + weight[2] * uv[corners[2], 0]
+                v = weight[0] * uv[corners[0], 1] + weight[1] * uv[corners[1], 1] + weight[2] * uv[corners[2], 1]
+                start, width, height = images[texture[f], 0], images[texture[f], 1], images[texture[f], 2]
+                columns = _wrapped(u, width)
+                above, below, down = _wrapped(v, height)
+                rows = (start + above * width, start + below * width)
             for channel in range(3):
                 value = light * (
                     weight[0] * colors[corners[0], channel]
                     + weight[1] * colors[corners[1], channel]
                     + weight[2] * colors[corners[2], channel]
                 )
-                if texture[f] >= 0:
-                    start, width, height = images[texture[f], 0], images[texture[f], 1], images[texture[f], 2]
-                    x0, x1, right = _wrapped(u, width)
-                    y0, y1, down = _wrapped(v, height)
-                    above, below = start + y0 * width, start + y1 * width
-                    upper = texels[above + x0, channel] * (1 - right) + texels[above + x1, channel] * right
-                    lower = texels[below + x0, channel] * (1 - right) + texels[below + x1, channel] * right
-                    value *= (upper * (1 - down) + lower * down) * _BYTE
+                if textured:
+                    value *= _between(texels, rows, columns, down, channel)
                 image[channel, row, column] = min(max(value, 0.0), 1.0)
