@@ -13,6 +13,7 @@ import typer
 
 from . import __version__
 from .bench.verbs import app as bench_app
+from .cli_scenes import bake, simplify
 from .errors import CltransferError, UsageError
 from .files import check_out
 
@@ -33,6 +34,8 @@ app = typer.Typer(
 plugins_app = typer.Typer(help="Components: what there is, and their options.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
+app.command()(simplify)
+app.command()(bake)
 
 Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
 Allow = Annotated[

@@ -48,3 +48,28 @@ def bench_mesh(
         print(row)
     if out is not None:
         write_benchmarks(rows, out)
+
+
+@app.command("lod")
+def bench_lod(
+    scene: Annotated[list[Path] | None, typer.Argument(help="Splat .ply files beside the synthetic room.")] = None,
+    members: Annotated[
+        int, typer.Option(help="So many first Gaussians of each file are its subject, as in scenes put together.")
+    ] = 0,
+    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the candidates (repeatable).")] = None,
+    count: Annotated[int, typer.Option(help="Gaussians of the synthetic room.")] = 500_000,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for lod.csv, lod.svg and benchmarks.md.")
+    ] = None,
+) -> None:
+    """Level of detail: what merging gains in speed and costs in images, depth and the ranking of candidates."""
+    from .lod import labelled_scene, room_scene, run_lod
+    from .lod_chart import write_lod
+
+    scenes = [room_scene(count), *(labelled_scene(path, members) for path in scene or [])]
+    rows = []
+    for row in run_lod(scenes, seed or [0, 1, 2]):
+        print(row)
+        rows.append(row)
+    if out is not None:
+        write_lod(rows, out)

@@ -1,0 +1,83 @@
+"""Verbs that make one scene file of another: simplify and bake."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .errors import UsageError
+from .files import check_out
+
+Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
+
+
+def simplify(
+    scene: Annotated[str, typer.Argument(help="Gaussian-splat .ply or .splat.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .ply to write.")],
+    view: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Where it will be seen from: a trajectory file, SET:INDEX or a posed image SET (repeatable)."
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="k=2 (px), prune=0 (share of a pixel), side=160 (px)."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Merge the Gaussians of SCENE that no view can tell apart, and leave out those that no view shows.
+
+    `transfer` does the first by itself while searching: lod=2.
+    """
+    from .scenes.convert import Simplification, simplify_file
+
+    options: Simplification = _options(Simplification, overrides or [])
+    found = simplify_file(scene, out, view or [], options)
+    text = f"{found['before']:,} Gaussians, {found['pruned']:,} after pruning, {found['after']:,} merged: {out}"
+    print(json.dumps(found, indent=2) if as_json else text)
+
+
+def bake(
+    mesh: Annotated[str, typer.Argument(help="Mesh (.glb, .gltf, .obj, .ply) or a .yaml that composes meshes.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scene and its person.")],
+    representation: Annotated[str, typer.Option("--as", help="gaussian_splats or nerf_grid.")] = "gaussian_splats",
+    detail: Annotated[
+        int | None, typer.Option(help="Gaussians in all, or cells along the longest side (up to 512).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Turn MESH into splats or a voxel grid of the same geometry, to compare representations and nothing else.
+
+    Leaves the scene, and subject.json and labels.safetensors where the mesh has a skeleton.
+    """
+    if representation not in ("gaussian_splats", "nerf_grid"):
+        raise UsageError("", "--as", f"expected gaussian_splats or nerf_grid, got {representation!r}")
+    most = 10_000_000 if representation == "gaussian_splats" else 512
+    if detail is not None and not 2 <= detail <= most:
+        raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
+    check_out(out)
+    from .scenes.convert import bake_to_folder
+
+    found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
+    up = ",".join(f"{value:g}" for value in found["up"])
+    text = f"{found['file']}: {found['count']:,} primitives; its up is {up} (--up {up})"
+    print(json.dumps(found, indent=2) if as_json else text)
+
+
+def _options(cls: type[Any], overrides: list[str]) -> Any:
+    """A value of ``cls`` with ``key=value`` on top of its defaults, checked by its own fields."""
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    for item in overrides:
+        if "=" not in item or "${" in item:
+            raise UsageError("", item, "expected key=value")
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(cls), OmegaConf.from_dotlist(overrides)))
+    except (OmegaConfBaseException, ValueError) as error:
+        key = str(getattr(error, "full_key", "") or "")
+        raise UsageError("", key, str(error).strip().splitlines()[0]) from None

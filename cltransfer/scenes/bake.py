@@ -1,0 +1,177 @@
+"""One geometry in three representations: the surface of a mesh as flat Gaussians, or as a shell in a voxel grid.
+
+With the geometry held fixed, the representation is the only thing that differs between two runs. Colour is what the
+mesh is painted with; light that a renderer would add is not baked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from kornia.geometry.conversions import rotation_matrix_to_quaternion
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from .mesh import Mesh
+from .nerf_grid import NerfGrid
+from .ply import SH0
+from .splats import Splats
+
+SPREAD = 0.65  # standard deviation of a Gaussian, in distances between samples: less shows holes, more blurs edges
+FLATNESS = 0.1  # thickness over width
+OPACITY = 0.8
+SHELL_DEPTH = 6.0  # optical depth of the shell, seen along its normal
+INSET = 0.5  # voxels by which the shell lies inside the surface, so that its outline and its front do not grow
+MARGIN = 2  # empty cells around the shell
+PER_CELL = 3.0  # samples along a cell's edge
+_PLASTIC = 1.32471795724474602596  # its powers give the most even sequence of points in a triangle
+
+
+@dataclass(frozen=True)
+class Samples:
+    """N points spread evenly over a surface.
+
+    Args:
+        points: in the world, (N, 3) float64.
+        normals: unit, to the side from which the corners of a face go counter-clockwise, (N, 3).
+        colors: RGB in [0, 1], (N, 3).
+        label: membership in the subject, (N,).
+        area: of the surface that one point stands for, squared scene units.
+    """
+
+    points: Tensor  # (N, 3)
+    normals: Tensor  # (N, 3)
+    colors: Tensor  # (N, 3)
+    label: Tensor  # (N,)
+    area: float
+
+
+def sample_surface(mesh: Mesh, count: int) -> Samples:
+    """About ``count`` points of a mesh, as many in each face as its area is due; holes of a texture have none.
+
+    Without random numbers: points are evenly spaced along the area of the faces, and by a low-discrepancy sequence
+    inside them.
+
+    Raises:
+        ValueError: ``count`` is not positive, or the mesh has no area.
+    """
+    corners = mesh.vertices[mesh.faces.long()].double()  # (F, 3, 3)
+    across = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = across.norm(dim=1) / 2
+    total = float(areas.sum())
+    if count < 1 or not total > 0:
+        raise ValueError(f"expected a positive count and area, got {count} and {total}")
+    index = torch.arange(count, dtype=torch.float64)
+    face = torch.searchsorted(areas.cumsum(0), (index + 0.5) / count * total).clamp(max=len(areas) - 1)
+    weights = _barycentric(index)
+    points = (corners[face] * weights[..., None]).sum(1)
+    colors, solid = _painted(mesh, face, weights)
+    normals = normalize(across[face], dim=1)
+    return Samples(points[solid], normals[solid], colors[solid], mesh.label[face][solid], total / count)
+
+
+def _barycentric(index: Tensor) -> Tensor:
+    """Weights of three corners (N, 3) that fill a triangle evenly."""
+    a, b = (index / _PLASTIC + 0.5).frac(), (index / _PLASTIC**2 + 0.5).frac()
+    folded = a + b > 1
+    a, b = torch.where(folded, 1 - a, a), torch.where(folded, 1 - b, b)
+    return torch.stack([1 - a - b, a, b], dim=1)
+
+
+def _painted(mesh: Mesh, face: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Colour (N, 3) of points in faces, and whether there is anything, (N,) bool."""
+    corner = mesh.faces.long()[face]
+    colors = (mesh.colors[corner] * weights[..., None]).sum(1)
+    solid = torch.ones(len(face), dtype=torch.bool)
+    uv = (mesh.uv[corner] * weights[..., None]).sum(1).frac()
+    uv = torch.where(uv < 0, uv + 1, uv)  # repeated beyond its edges
+    texture = mesh.texture[face]
+    for number, image in enumerate(mesh.textures):
+        of_it = texture == number
+        height, width = image.shape[:2]
+        column = (uv[of_it, 0] * width).long().clamp(max=width - 1)
+        row = (uv[of_it, 1] * height).long().clamp(max=height - 1)
+        texel = image[row, column].double() / 255
+        colors[of_it] *= texel[:, :3]
+        solid[of_it] = texel[:, 3] >= 0.5
+    return colors, solid
+
+
+def bake_splats(mesh: Mesh, count: int = 100_000) -> Splats:
+    """The surface of ``mesh`` as about ``count`` flat Gaussians of one size.
+
+    Raises:
+        ValueError: ``count`` is not positive, or the mesh has no area.
+    """
+    samples = sample_surface(mesh, count)
+    width = SPREAD * samples.area**0.5
+    n = len(samples.points)
+    return Splats(
+        samples.points.float(),
+        torch.tensor([width, width, FLATNESS * width]).repeat(n, 1),
+        rotation_matrix_to_quaternion(_frames(samples.normals)).float(),
+        torch.full((n,), OPACITY),
+        ((samples.colors - 0.5) / SH0).float()[:, None],
+        samples.label.float(),
+    )
+
+
+def _frames(normals: Tensor) -> Tensor:
+    """Rotations (N, 3, 3) whose third column is along ``normals``."""
+    axes = torch.eye(3, dtype=normals.dtype)
+    helper = torch.where((normals[:, 2:].abs() < 0.9), axes[2], axes[0])
+    first = normalize(torch.linalg.cross(helper, normals), dim=1)
+    return torch.stack([first, torch.linalg.cross(normals, first), normals], dim=2).contiguous()
+
+
+def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
+    """The surface of ``mesh`` as a shell of density, one voxel thick, in a grid of ``cells`` along its longest side.
+
+    Raises:
+        ValueError: there are less than 2 cells, or the mesh has no area.
+    """
+    if cells < 2:
+        raise ValueError(f"cells must be at least 2, got {cells}")
+    used = mesh.vertices[mesh.faces.long().unique()].double()
+    low, high = used.amin(0), used.amax(0)
+    voxel = float((high - low).max()) / cells
+    origin = low - MARGIN * voxel
+    shape = ((high - origin) / voxel).ceil().long() + MARGIN + 1  # vertices along x, y, z
+    corners = mesh.vertices[mesh.faces.long()].double()
+    across = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    count = int(float(across.norm(dim=1).sum()) / 2 * (PER_CELL / voxel) ** 2) + 1
+    samples = sample_surface(mesh, count)
+    values = torch.cat([torch.ones(len(samples.points), 1), samples.colors, samples.label[:, None]], dim=1)
+    inside = samples.points - INSET * voxel * samples.normals
+    sums = _gathered((inside - origin) / voxel, values.double(), shape)
+    mass, known = sums[..., :1], sums[..., :1] > 0
+    paint = _spread_out(torch.where(known, sums[..., 1:] / mass.clamp_min(1e-12), 0.0), known)
+    aabb = torch.stack([origin, origin + (shape - 1) * voxel])
+    density = SHELL_DEPTH * samples.area / voxel**3 * mass[..., 0]
+    sh = ((paint[..., :3] - 0.5) / SH0)[..., None, :]
+    return NerfGrid(density.float(), sh.float(), paint[..., 3].clamp(0, 1).float(), aabb)
+
+
+def _gathered(places: Tensor, values: Tensor, shape: Tensor) -> Tensor:
+    """Values (N, C) shared out to the eight vertices around places (N, 3) [cells], summed up, (Z, Y, X, C)."""
+    nx, ny, nz = shape.tolist()
+    base = places.floor().long()
+    inside = places - base
+    out = np.zeros((nz * ny * nx, values.shape[1]))
+    for corner in torch.cartesian_prod(*[torch.arange(2)] * 3):
+        share = torch.where(corner.bool(), inside, 1 - inside).prod(1)
+        x, y, z = (base + corner).unbind(1)
+        row = ((z * ny + y) * nx + x).numpy()
+        for channel in range(values.shape[1]):
+            out[:, channel] += np.bincount(row, (share * values[:, channel]).numpy(), len(out))
+    return torch.from_numpy(out).reshape(nz, ny, nx, -1)
+
+
+def _spread_out(paint: Tensor, known: Tensor) -> Tensor:
+    """Paint (Z, Y, X, C) carried on to unknown vertices beside known ones: colour is interpolated across a cell."""
+    planes = torch.cat([paint * known, known.double()], dim=-1).permute(3, 0, 1, 2)[None]
+    near = torch.nn.functional.avg_pool3d(planes, 3, stride=1, padding=1)[0].permute(1, 2, 3, 0)
+    around = near[..., :-1] / near[..., -1:].clamp_min(1e-12)
+    return torch.where(known, paint, around)

@@ -1,0 +1,156 @@
+"""From a scene file to another: `cltransfer simplify` and `cltransfer bake`, with what a person reads of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera, concatenate, resized
+from ..errors import InputError, UsageError
+from ..files import atomic
+from ..renderers.gaussian_splats import GaussianSplats
+from ..renderers.kernels.splats import make_view
+from ..subject import Subject
+from ..trajectory import Trajectory
+from .bake import bake_grid, bake_splats
+from .lifted import LABELS, SUBJECT
+from .load import load_scene
+from .mesh import Mesh
+from .nerf_grid import write_grid
+from .ply import write_splats
+from .posed import read_posed
+from .simplify import importance, merged, subset
+from .splats import Splats
+
+Representation = Literal["gaussian_splats", "nerf_grid"]
+VIEW_LIMIT = 64  # evenly taken from the views that are given
+
+
+@dataclass(frozen=True)
+class Simplification:
+    """How far a scene is simplified.
+
+    Args:
+        k: voxels whose Gaussians are merged, in pixels of the nearest view; 0 merges nothing.
+        prune: Gaussians that have a smaller share of every pixel of every view are left out, in [0, 1].
+        side: longer side of the frames that the scene is to be seen at [px].
+
+    Raises:
+        ValueError: an option is out of range.
+    """
+
+    k: float = 2.0
+    prune: float = 0.0
+    side: int = 160
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.k <= 64:
+            raise ValueError(f"k must be in [0, 64], got {self.k}")
+        if not 0 <= self.prune <= 1:
+            raise ValueError(f"prune must be in [0, 1], got {self.prune}")
+        if not 16 <= self.side <= 4096:
+            raise ValueError(f"side must be in [16, 4096], got {self.side}")
+
+
+def given_views(sources: Sequence[str], side: int) -> Camera:
+    """Views (B) of trajectory files and posed image sets (``SET:INDEX``, or ``SET`` for all), at one size.
+
+    Raises:
+        InputError: one of them cannot be read.
+        UsageError: there is none, or a set has no such camera.
+    """
+    if not sources:
+        raise UsageError("", "--view", "expected at least one", "a trajectory.json, SET:INDEX, or SET")
+    cameras = [_views(source) for source in sources]
+    width, height = cameras[0].size
+    scale = side / max(width, height)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    all_views = concatenate([resized(camera, size) for camera in cameras])
+    count = min(len(all_views), VIEW_LIMIT)
+    return all_views[torch.linspace(0, len(all_views) - 1, count).round().long()]
+
+
+def _views(source: str) -> Camera:
+    name, colon, index = source.rpartition(":")
+    if colon and index.isdecimal():
+        posed = read_posed(name)
+        if int(index) >= len(posed):
+            raise UsageError(name, "--view", f"expected 0 to {len(posed) - 1}, got {index}")
+        return posed.camera[int(index)]
+    if Path(source).is_file() and Path(source).name not in ("transforms.json", "cameras.json"):
+        return Trajectory.load(Path(source)).camera
+    return read_posed(source).camera
+
+
+def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplification) -> Mapping[str, Any]:
+    """Write the Gaussians of ``source`` that ``views`` need to ``out``; returns how many there were and are.
+
+    Raises:
+        UsageError: the scene is not made of splats, or ``out`` is no .ply.
+    """
+    if out.suffix.lower() != ".ply":
+        raise UsageError(out, "--out", "expected a .ply file")
+    cameras = given_views(views, options.side)
+    scene = load_scene(source)
+    if not isinstance(scene.geometry, Splats):
+        kind = type(scene.geometry).__name__
+        raise UsageError(source, "scene", f"expected Gaussian splats, got {kind}", "only these can be simplified")
+    splats: Splats = scene.geometry
+    if options.prune > 0:
+        settings = GaussianSplats().settings
+        matrices = zip(cameras.w2c.numpy(), cameras.K.numpy())
+        splats = subset(
+            splats,
+            importance(splats, [make_view(w2c, K, cameras.size, settings) for w2c, K in matrices]) >= options.prune,
+        )
+    pruned = len(splats)
+    if options.k > 0 and pruned:
+        splats = merged(splats, cameras, options.k)
+    if len(splats) == 0:
+        raise InputError(source, "prune", "leaves no Gaussian", "is the scene in the views?")
+    write_splats(out, splats)
+    return {"file": str(out), "before": len(scene.geometry), "pruned": pruned, "after": len(splats)}
+
+
+def bake_to_folder(source: str, out: Path, representation: Representation, detail: int | None) -> Mapping[str, Any]:
+    """Bake the mesh ``source`` into ``out``: the scene, and its person's subject.json and labels where known.
+
+    Args:
+        source: a mesh, or a composition of meshes.
+        out: folder.
+        representation: what to make of it.
+        detail: Gaussians in all, or cells along the longest side; None is what the representation usually needs.
+
+    Raises:
+        UsageError: the scene is not a mesh.
+        InputError: it cannot be read.
+    """
+    scene = load_scene(source)
+    if not isinstance(scene.geometry, Mesh):
+        kind = type(scene.geometry).__name__
+        raise UsageError(source, "scene", f"expected a mesh, got {kind}", "only meshes can be baked")
+    mesh: Mesh = scene.geometry
+    if representation == "gaussian_splats":
+        splats = bake_splats(mesh, *([] if detail is None else [detail]))
+        file, count, label = out / f"{scene.name}.ply", len(splats), splats.label
+        write_splats(file, splats)
+    else:
+        grid = bake_grid(mesh, *([] if detail is None else [detail]))
+        file, count, label = out / f"{scene.name}.safetensors", len(grid), grid.label[tuple(grid.filled.T)]
+        write_grid(file, grid)
+    if scene.subject is not None:
+        _write_person(out, scene.subject, label)
+    return {"file": str(file), "count": count, "up": scene.up.tolist(), "subject": scene.subject is not None}
+
+
+def _write_person(folder: Path, subject: Subject, label: Tensor) -> None:
+    from safetensors.torch import save_file
+
+    subject.save(folder / SUBJECT)
+    with atomic(folder / LABELS) as temporary:
+        save_file({"label": (label > 0.5).to(torch.uint8)}, temporary)

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+import trimesh
+
+from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
+from cltransfer.errors import InputError, UsageError
+from cltransfer.scenes.convert import Simplification, bake_to_folder, given_views, simplify_file
+from cltransfer.scenes.lifted import load_person
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.ply import write_splats
+from cltransfer.trajectory import Trajectory
+
+MAN = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> tuple[str, str]:
+    """A scene file and a view file."""
+    write_splats(tmp_path / "room.ply", synthetic_room(20_000))
+    view = Trajectory(room_cameras(2, (640, 360)), torch.tensor([0.0, 1.0], dtype=torch.float64))
+    view.save(tmp_path / "view.json")
+    return str(tmp_path / "room.ply"), str(tmp_path / "view.json")
+
+
+def test_a_simplified_scene_is_a_scene_with_fewer_gaussians(room: tuple[str, str], tmp_path: Path) -> None:
+    found = simplify_file(room[0], tmp_path / "few.ply", [room[1]], Simplification(k=6, prune=0.005))
+    assert found["before"] == 20_000 > found["pruned"] > found["after"] == len(load_scene(found["file"]).geometry)
+    merged_only = simplify_file(room[0], tmp_path / "few.ply", [room[1]], Simplification(k=6))
+    assert merged_only["pruned"] == 20_000
+    larger = simplify_file(room[0], tmp_path / "few.ply", [room[1]], Simplification(k=6, side=640))
+    assert larger["after"] > merged_only["after"]  # seen larger, it needs more
+
+
+def test_views_come_from_trajectories_and_posed_sets_at_one_size(room: tuple[str, str], tmp_path: Path) -> None:
+    cameras = room_cameras(3, (64, 36))
+    frames = [{"file_path": f"{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(cameras.to_opengl())]
+    (tmp_path / "set").mkdir()
+    data = {"w": 64, "h": 36, "fl_x": float(cameras.focal[0]), "frames": frames}
+    (tmp_path / "set" / "transforms.json").write_text(json.dumps(data))
+    views = given_views([room[1], f"{tmp_path / 'set'}:2", str(tmp_path / "set" / "transforms.json")], 160)
+    assert len(views) == 2 + 1 + 3
+    assert views.size == (160, 90)
+    torch.testing.assert_close(views.center[2], cameras.center[2])
+
+
+def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--view: expected at least one"):
+        simplify_file(room[0], tmp_path / "few.ply", [], Simplification())
+    with pytest.raises(UsageError, match=r"--out: expected a \.ply file"):
+        simplify_file(room[0], tmp_path / "few.obj", [room[1]], Simplification())
+    with pytest.raises(InputError, match="prune: leaves no Gaussian"):
+        simplify_file(room[0], tmp_path / "few.ply", [room[1]], Simplification(prune=1.0))
+    assert not (tmp_path / "few.ply").exists()
+    trimesh.creation.box().export(tmp_path / "box.obj")
+    with pytest.raises(UsageError, match="expected Gaussian splats, got Mesh"):
+        simplify_file(str(tmp_path / "box.obj"), tmp_path / "few.ply", [room[1]], Simplification())
+
+
+@pytest.mark.parametrize(("name", "value"), [("k", -1.0), ("prune", 2.0), ("side", 0)])
+def test_an_option_out_of_range_is_named(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} must be in"):
+        Simplification(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("representation", "detail", "kind"), [("gaussian_splats", 500, "Splats"), ("nerf_grid", 16, "NerfGrid")]
+)
+def test_a_mesh_is_baked_into_a_folder(tmp_path: Path, representation: str, detail: int, kind: str) -> None:
+    trimesh.creation.box().export(tmp_path / "box.obj")
+    found = bake_to_folder(str(tmp_path / "box.obj"), tmp_path / "out", representation, detail)  # type: ignore[arg-type]
+    scene = load_scene(found["file"], up=tuple(found["up"]))
+    assert type(scene.geometry).__name__ == kind
+    assert len(scene.geometry) == found["count"]
+    assert found["up"] == [0, 1, 0]
+    assert not found["subject"]
+    with pytest.raises(UsageError, match="expected a mesh"):
+        bake_to_folder(found["file"], tmp_path / "again", representation, detail)  # type: ignore[arg-type]
+
+
+@pytest.mark.skipif(not MAN.is_file(), reason=f"the textured man is not here: {MAN}")
+@pytest.mark.parametrize(("representation", "detail"), [("gaussian_splats", 5_000), ("nerf_grid", 48)])
+def test_the_person_of_a_skeleton_goes_along_with_its_labels(tmp_path: Path, representation: str, detail: int) -> None:
+    found = bake_to_folder(str(MAN), tmp_path, representation, detail)  # type: ignore[arg-type]
+    scene = load_person(load_scene(found["file"], up=tuple(found["up"])), tmp_path / "subject.json")
+    original = load_scene(MAN).subject
+    assert scene.subject is not None
+    assert original is not None
+    torch.testing.assert_close(scene.subject.joints, original.joints, equal_nan=True)
+    assert float((scene.geometry.label > 0.5).float().sum()) > 0.9 * len(scene.geometry)
