@@ -17,11 +17,21 @@ Report = Callable[[str, int, int], None]
 class Fitter(Protocol):
     """What ``cltransfer fit`` needs of a fitter; a frozen dataclass whose fields are its options."""
 
+    side: int
+    """Of the images, the longer one at most [px]."""
+
+    def require(self) -> None:
+        """Look, before anything is read, whether the computer has what this fitter needs.
+
+        Raises:
+            ModelError: the line says what is missing.
+        """
+        ...
+
     def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
         """Fit a scene, leave it in ``folder``, and return what each level of detail reached.
 
         Raises:
-            ModelError: the computer lacks what this fitter needs.
             UsageError: the folder holds a fit with other options or views.
         """
         ...

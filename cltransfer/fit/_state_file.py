@@ -83,4 +83,3 @@ def _unfold(tree: Any, tensors: dict[str, Tensor]) -> Any:
         values = [_unfold(value, tensors) for value in content]
         return values if kind == "list" else tuple(values)
     raise ValueError(f"unknown kind {kind!r}")
-

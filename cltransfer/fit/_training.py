@@ -19,18 +19,15 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from ..renderers._nerf_grid_torch import Rays, camera_rays
-from ..renderers.nerf_grid import NerfGridRenderer
-from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
 from . import Report
 from ._rays import colors, distance_to_cells
 from ._state_file import read_state, write_state
-from ._views import Views
+from ._views import Views, psnr
 
 if TYPE_CHECKING:
     from .nerf_grid import NerfGridFit
 
-IMAGE = frozenset({"image"})
 STILL = 1e-6  # slope of the loss below which Adam makes no full step: noise would fill empty space with fog
 
 
@@ -122,14 +119,6 @@ class Teller(Callback):
 def roughness(values: Tensor) -> Tensor:
     """Mean squared difference of neighbours of (Z, Y, X, C), summed over the axes and channels."""
     return sum((values.diff(dim=axis) ** 2).mean((0, 1, 2)).sum() for axis in range(3))  # type: ignore[return-value]
-
-
-def psnr(grid: NerfGrid, views: Views, renderer: NerfGridRenderer) -> float:
-    """Mean over the views of the PSNR of each [dB]."""
-    scene = Scene(grid, None, torch.tensor([0.0, 0.0, 1.0]), "fit", "")
-    drawn = renderer.render(scene, views.camera, IMAGE).require("image")
-    error = ((drawn - views.image / 255) ** 2).flatten(1).mean(1)
-    return float((-10 * error.clamp(min=1e-10).log10()).mean())
 
 
 def train(module: GridModule, checkpoint: Path, report: Report) -> int:

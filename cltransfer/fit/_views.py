@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..camera import Camera
 from ..errors import InputError
+from ..renderers import Renderer
+from ..scenes import Scene
 from ..scenes.posed import PosedImages
 
 POINT_SHARE = 0.005  # of the points left out on either side of an axis: reconstructions have strays
@@ -77,3 +80,11 @@ def box_around(points: Tensor) -> Tensor:
     low, high = torch.quantile(points.double(), torch.tensor([POINT_SHARE, 1 - POINT_SHARE]).double(), dim=0)
     margin = MARGIN * (high - low).max()
     return torch.stack([low - margin, high + margin])
+
+
+def psnr(geometry: Any, views: Views, renderer: Renderer) -> float:
+    """Mean over the views of the PSNR of each [dB], as ``renderer`` draws ``geometry``; an exact view counts 100."""
+    scene = Scene(geometry, None, torch.tensor([0.0, 0.0, 1.0]), "fit", "")
+    drawn = renderer.render(scene, views.camera, frozenset({"image"})).require("image")
+    error = ((drawn - views.image / 255) ** 2).flatten(1).mean(1)
+    return float((-10 * error.clamp(min=1e-10).log10()).mean())

@@ -18,7 +18,7 @@ from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes.nerf_grid import NerfGrid, read_grid, write_grid
 from . import Report
 from ._curve import Level, write_curve
-from ._views import Views
+from ._views import Views, psnr
 
 GRID, STATE = "grid.safetensors", "fit.json"
 START = 0.01  # optical thickness of a voxel before anything is known
@@ -67,7 +67,7 @@ class NerfGridFit:
     patience: int = 2
     rays: int = 2048
     rate: float = 0.05
-    smooth: float = 1e-4
+    smooth: float = 1e-3
     step: float = 0.5
     near: float = 0.1
     seed: int = 0
@@ -93,6 +93,9 @@ class NerfGridFit:
     def renderer(self) -> NerfGridRenderer:
         """What held-out views are scored with."""
         return NerfGridRenderer(step=self.step, near=self.near)
+
+    def require(self) -> None:
+        """Nothing: it runs on any computer."""
 
     def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
         """Fit a grid into ``folder``: grid.safetensors, fit.json, curve.csv and curve.svg; an unfinished fit goes on.
@@ -134,11 +137,9 @@ class NerfGridFit:
             raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")
         return [Level(**level) for level in state["levels"]]
 
-    def _level(
-        self, number: int, cells: int, views: Views, folder: Path, report: Report
-    ) -> tuple[Level, NerfGrid]:
+    def _level(self, number: int, cells: int, views: Views, folder: Path, report: Report) -> tuple[Level, NerfGrid]:
         """Train one level, from the grid of the one before where there is one."""
-        from ._training import GridModule, psnr, train
+        from ._training import GridModule, train
 
         shape = grid_shape(views.aabb, cells)
         coarse = read_grid(folder / GRID) if number else None

@@ -62,7 +62,8 @@ class NerfGridRenderer:
         """
         check_request("nerf_grid", scene, cameras, buffers, self.provides)
         draw = self._numba if self.backend == "numba" else self._torch
-        drawn = draw(scene.geometry, cameras, buffers)
+        grid: Any = scene.geometry  # checked: a NerfGrid
+        drawn = draw(grid, cameras, buffers)
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     @property

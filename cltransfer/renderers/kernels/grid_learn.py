@@ -11,7 +11,19 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array, f32
-from .grid_march import LOOSE, MIN_TRANSMITTANCE, MOST_TERMS, Span, Triple, cross, interpolate, leave, set_basis, shade, slope_along  # fmt: skip
+from .grid_march import (
+    LOOSE,
+    MIN_TRANSMITTANCE,
+    MOST_TERMS,
+    Span,
+    Triple,
+    cross,
+    interpolate,
+    leave,
+    set_basis,
+    shade,
+    slope_along,
+)
 from .grid_pack import BRICK
 
 _ZERO, _HALF, _ONE = f32(0), f32(0.5), f32(1)
@@ -34,12 +46,12 @@ class Field(NamedTuple):
 def _walk(field: Field, eye: Triple, slope: Triple, span: Span, basis: Array, log: tuple[Array, Array]) -> int:
     """March one ray and log what it meets: cells z, y, x, and optical thickness, light before, colour, part."""
     cells, values = log
-    shape = field.cells.shape
+    last_z, last_y, last_x = field.cells.shape[0] - 1, field.cells.shape[1] - 1, field.cells.shape[2] - 1
     left, met, sample = _ONE, 0, 0
     while sample < span.steps and left >= _MIN_TRANSMITTANCE:
         t = span.start + (f32(sample) + _HALF) * span.step
         u, v, w = eye[0] + t * slope[0], eye[1] + t * slope[1], eye[2] + t * slope[2]
-        i, j, k = min(max(int(u), 0), shape[2] - 1), min(max(int(v), 0), shape[1] - 1), min(max(int(w), 0), shape[0] - 1)
+        i, j, k = min(max(int(u), 0), last_x), min(max(int(v), 0), last_y), min(max(int(w), 0), last_z)
         brick = (i // BRICK, j // BRICK, k // BRICK)
         away = np.int64(field.bricks[brick[2], brick[1], brick[0]])
         if away > 0:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
+import pytest
 import torch
 from torch import Tensor
 
@@ -14,6 +16,21 @@ from cltransfer.renderers._nerf_grid_torch import camera_rays
 BOX = torch.tensor([[-1.1, -1.1, -0.9], [1.1, 1.1, 0.8]], dtype=torch.float64)
 RADIUS, DISC, HEIGHT = 0.6, 1.0, -0.7
 OVERSAMPLE = 3
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Small operations on many threads wait for each other where cores are shared."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="session")
+def views() -> Views:
+    """25 views of the scene."""
+    return analytic_views(25, (48, 48))
 
 
 def analytic_views(count: int, size: tuple[int, int], seed: int = 0) -> Views:

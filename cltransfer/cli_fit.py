@@ -1,0 +1,54 @@
+"""The verb that makes a scene of photographs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .errors import UsageError
+from .files import check_out
+
+
+def fit(
+    posed: Annotated[
+        Path, typer.Argument(help="Posed image set: COLMAP, transforms.json, cameras.json, LLFF or EasyMocap.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scene; an unfinished fit there goes on.")],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="Options, e.g. budget=200000 degree=2 side=400."),
+    ] = None,
+    representation: Annotated[str, typer.Option("--as", help="nerf_grid or gaussian_splats.")] = "nerf_grid",
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")] = False,
+) -> None:
+    """Fit a scene to the images of POSED; every eighth is held out and scored on.
+
+    Cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply), and curve.csv
+    and curve.svg: what each level of detail reached.
+    """
+    from omegaconf import OmegaConf
+
+    from .registry import FITTERS
+
+    if odd := [item for item in overrides or [] if "=" not in item]:
+        raise UsageError("", odd[0], "expected KEY=VALUE")
+    fitter = FITTERS.build(representation, {str(k): v for k, v in OmegaConf.from_dotlist(overrides or []).items()})
+    fitter.require()
+    check_out(out)
+    from .fit._views import views_of
+    from .progress import progress
+    from .scenes.posed import read_posed
+    from .threads import set_threads, thread_count
+
+    set_threads(thread_count())
+    views = views_of(read_posed(posed), fitter.side)
+    with progress(quiet) as report:
+        levels = fitter.fit(views, out, report)
+    rows = [asdict(level) for level in levels]
+    lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
+    print(json.dumps({"folder": str(out), "levels": rows}, indent=2) if as_json else "\n".join([*lines, str(out)]))
