@@ -127,7 +127,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
     schedule = make_schedule(config, stage.objective, wanted)
     if view is None:
-        homes = best_of_orbit(stage, wanted[0], output, schedule.free_lens)
+        homes = best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens)
     else:
         homes = resized(view, output)
     clock.lap("initial view")
@@ -191,6 +191,14 @@ def given_scene(inputs: Inputs) -> Scene:
     """The scene, with its person where that is given or known."""
     scene = load_scene(inputs.scene, inputs.up)
     return scene if inputs.subject is None else load_person(scene, inputs.subject)
+
+
+def first_seen(features: Features) -> Features:
+    """The first frame that shows a person; the first of all where joints were not read."""
+    if not features.has("keypoints"):
+        return features[0]
+    seen = torch.isfinite(features.require("keypoints")[..., 0]).any(1)  # (N,)
+    return features[int(seen.int().argmax())]
 
 
 def with_lift(scene: Scene, parts: Components, progress: Progress = silent) -> Scene:

@@ -1,0 +1,53 @@
+"""Frames of the reference without a person: named, never invented, and the frames around them hold."""
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.errors import InputError
+from cltransfer.run_folder import open_run, write_run
+from cltransfer.transfer import Inputs
+
+PERSON = ("shot_size", "framing", "camera_angle")
+
+
+@pytest.mark.parametrize("gone", [[2, 3], [5], [0]], ids=["middle", "last", "first"])
+def test_frames_without_a_person_are_undefined_and_the_rest_is_found(
+    filmed, solve, edited, blanked, sound, gone
+) -> None:
+    reference, _ = filmed("push_in", frames=6)
+    found = solve(edited(reference, blanked(gone)))
+    sound(found)
+    for name in PERSON:
+        values = found.verified.term(name).values
+        assert torch.isnan(values[gone]).all(), name
+        kept = [i for i in range(6) if i not in gone]
+        assert torch.isfinite(values[kept]).all(), name
+    kept = torch.tensor([i for i in range(6) if i not in gone])
+    assert float(found.verified.term("framing").values[kept].max()) < 0.02
+    assert float(found.verified.term("shot_size").values[kept].max()) < 0.02
+
+
+def test_a_run_with_gaps_is_written_without_a_nan(filmed, solve, edited, blanked, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    reference, _ = filmed("push_in", frames=4)
+    source = edited(reference, blanked([1]))
+    inputs = Inputs("builtin:courtyard", source)
+    folder = open_run(tmp_path / "run")
+    write_run(folder, solve(source), inputs, load_config(), [])
+    written = json.loads((folder / "metrics.json").read_text(), parse_constant=pytest.fail)
+    framing = written["metrics"]["framing"]
+    assert (framing["values"][1], framing["defined"], framing["frames"]) == (None, 3, 4)
+    assert framing["reason"]
+    assert any(flag["frame"] == 1 for flag in written["flags"])
+    assert "nan" not in (folder / "metrics.csv").read_text().lower()
+    json.loads((folder / "trajectory.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_no_person_at_all_is_refused(filmed, solve, edited, blanked) -> None:
+    reference, _ = filmed("push_in", frames=3)
+    with pytest.raises(InputError, match=r"person: none found in 3 frames"):
+        solve(edited(reference, blanked([0, 1, 2])))

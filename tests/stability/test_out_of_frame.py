@@ -1,0 +1,39 @@
+"""The person leaves the frame, is cut by it, or fills it."""
+
+import pytest
+import torch
+
+from cltransfer.losses.shot_size import degenerate
+
+
+@pytest.mark.parametrize("offset", [(0.45, 0.0), (0.0, 0.4)], ids=["right", "down"])
+def test_a_person_cut_by_the_edge_stays_cut_by_the_edge(filmed, solve, sound, offset: tuple[float, float]) -> None:
+    reference, _ = filmed("push_in", frames=3, offset=offset)
+    found = solve(reference)
+    sound(found)
+    assert float(found.verified.term("framing").values.max()) < 0.03
+
+
+def test_a_person_who_leaves_the_frame_leaves_the_search_sound(filmed, solve, sound) -> None:
+    reference, _ = filmed("pan", frames=5, coverage=1.6, offset=(0.3, 0.0))
+    found = solve(reference)
+    sound(found)
+    seen = found.reference.features.require("subject").flatten(1).any(1)
+    assert not bool(seen.all())  # the shot does what it is here for
+    assert bool(seen.any())
+
+
+def test_a_close_up_with_less_than_two_joints_is_flagged(filmed, solve, sound) -> None:
+    reference, _ = filmed("static", frames=2, coverage=9.0)
+    found = solve(reference)
+    sound(found)
+    assert bool(degenerate(found.reference.features).all())
+    assert torch.isfinite(found.verified.term("shot_size").values).all()  # by the mask
+
+
+def test_a_close_up_has_no_size_in_the_words_of_the_paper(filmed, solve, sound) -> None:
+    reference, _ = filmed("static", frames=2, coverage=9.0)
+    found = solve(reference, "losses.shot_size.mode=faithful")
+    sound(found)
+    assert found.verified.term("shot_size").defined == 0
+    assert found.verified.term("shot_size").reason

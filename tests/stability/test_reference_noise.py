@@ -1,0 +1,60 @@
+"""A reference that is read wrongly: shaken joints, an orientation that flips front to back."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+
+
+def shaken(share: float, seed: int):
+    """Joints moved by a normal error of ``share`` of the frame width."""
+
+    def change(features: Features) -> Features:
+        generator = torch.Generator().manual_seed(seed)
+        joints = features.require("keypoints").clone()
+        noise = torch.randn(joints[..., :2].shape, generator=generator, dtype=joints.dtype)
+        joints[..., :2] += share * features.size[0] * noise
+        return replace(features, keypoints=joints)
+
+    return change
+
+
+def turned_round(frames: list[int]):
+    """An orientation estimator that takes the back for the front in ``frames``."""
+
+    def change(features: Features) -> Features:
+        orientation = features.require("orientation").clone()
+        orientation[frames, 0] = torch.remainder(orientation[frames, 0] + 2 * math.pi, 2 * math.pi) - math.pi
+        return replace(features, orientation=orientation)
+
+    return change
+
+
+@pytest.mark.parametrize(("share", "position", "rotation"), [(0.01, 0.5, 4.0), (0.03, 1.5, 12.0)])
+def test_noise_on_joints_moves_the_camera_a_little(
+    filmed, solve, edited, errors_of, sound, share: float, position: float, rotation: float
+) -> None:
+    reference, truth = filmed("dolly_zoom")
+    found = solve(edited(reference, shaken(share, 0)))
+    sound(found)
+    off = errors_of(found, truth)
+    assert off[0] < position  # subject heights
+    assert off[1] < rotation  # degrees
+
+
+def test_a_flipped_frame_leaves_the_cameras_sound(filmed, solve, edited, sound) -> None:
+    reference, _ = filmed("push_in")
+    sound(solve(edited(reference, turned_round([2]))))
+
+
+@pytest.mark.parametrize("frames", [[0], [2], [2, 3, 4]], ids=["first", "one", "the rest"])
+def test_a_flip_of_the_orientation_does_not_move_the_camera_behind_the_person(
+    filmed, solve, edited, errors_of, frames: list[int]
+) -> None:
+    reference, truth = filmed("push_in")
+    found = solve(edited(reference, turned_round(frames)))
+    _, rotation, _ = errors_of(found, truth)
+    assert rotation < 45
