@@ -50,11 +50,10 @@ def test_a_flipped_frame_leaves_the_cameras_sound(filmed, solve, edited, sound) 
     sound(solve(edited(reference, turned_round([2]))))
 
 
-@pytest.mark.parametrize("frames", [[0], [2], [2, 3, 4]], ids=["first", "one", "the rest"])
-def test_a_flip_of_the_orientation_does_not_move_the_camera_behind_the_person(
+@pytest.mark.parametrize("frames", [[0], [2], [3, 4]], ids=["first", "middle", "end"])
+def test_a_minority_of_flipped_frames_does_not_move_the_camera_behind_the_person(
     filmed, solve, edited, errors_of, frames: list[int]
 ) -> None:
     reference, truth = filmed("push_in")
-    found = solve(edited(reference, turned_round(frames)))
-    _, rotation, _ = errors_of(found, truth)
-    assert rotation < 45
+    _, rotation, _ = errors_of(solve(edited(reference, turned_round(frames))), truth)
+    assert rotation < 2  # degrees
