@@ -13,6 +13,7 @@ import typer
 
 from . import __version__
 from .bench.verbs import app as bench_app
+from .cli_fit import fit
 from .cli_scenes import bake, simplify
 from .errors import CltransferError, UsageError
 from .files import check_out
@@ -34,6 +35,7 @@ app = typer.Typer(
 plugins_app = typer.Typer(help="Components: what there is, and their options.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
+app.command()(fit)
 app.command()(simplify)
 app.command()(bake)
 
@@ -108,7 +110,8 @@ def transfer(
         typer.Argument(
             metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
             help="Scene: a splat .ply, a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with renderer.mesh={}), a "
-            ".yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an image folder, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
+            ".yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an image folder, a "
+            ".safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
         ),
     ] = None,
     out: Out = None,
