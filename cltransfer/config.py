@@ -30,10 +30,17 @@ ONE_EACH = ("renderer", "search")
 
 @dataclass
 class ExtractConfig:
-    """Which family reads the renders: ``inner`` inside the search, ``verify`` adds networks at the end."""
+    """Which extractors read the renders.
+
+    Args:
+        inner: inside the search, geometric (scene extractors) or image (networks).
+        verify: read the result of a clip's transfer with the networks that read the clip.
+        corrections: rounds in which the networks' bias is measured on the result and aimed off in a new search.
+    """
 
     inner: Literal["geometric", "image"] = "geometric"
     verify: bool = True
+    corrections: int = 0
 
 
 @dataclass

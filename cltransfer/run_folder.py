@@ -24,6 +24,7 @@ from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
 from .files import check_out, read_json, write_json, write_text
 from .losses.shot_size import degenerate
+from .readback import render_frames
 from .reference import Components, Progress
 from .report.data import Flag, ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
@@ -33,7 +34,7 @@ from .scenes.load import load_scene
 from .scenes.named import recall, remember
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
-from .transfer import Inputs, Result, fit, render_frames
+from .transfer import Inputs, Result, fit
 
 MANIFEST, CONFIG, DONE = "manifest.json", "config.yaml", "DONE"
 
@@ -89,10 +90,12 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
     spent["evaluations_per_frame"] = round(result.spent.evaluations / len(result.trajectory), 1)
     spent |= {f"seconds, {step}": round(seconds, 2) for step, seconds in result.seconds.items()}
     spent["seconds"] = round(sum(result.seconds.values()), 2)
-    stops = Counter(minimum.stop for minimum in result.found.frames)
+    stops = Counter(minimum.stop for minimum in result.kept.found.frames)
     spent["stopped by"] = ", ".join(f"{reason} {count}" for reason, count in sorted(stops.items()))
     spent["engine"] = result.schedule.engine
-    spent["path"] = result.path
+    spent["path"] = result.kept.path
+    totals = [round(float(attempt.shown.scores.totals.mean()), 4) for attempt in result.attempts]
+    spent["total by round"] = ", ".join(map(str, totals)) + (f" (kept {result.best + 1})" if len(totals) > 1 else "")
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
     spent["total in the search"] = round(float(result.searched.totals.mean()), 4)
     command = shlex.join(

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -30,7 +32,7 @@ def cleaned(features: Features, frames: float) -> Features:
     """
     if frames <= 0 or len(features) < 3:
         return features
-    new = {}
+    new: dict[str, Any] = {}
     if features.has("orientation"):
         new["orientation"] = _steady_angles(features.require("orientation"), frames)
     if features.has("keypoints"):
@@ -54,7 +56,7 @@ def repair_flips(yaw: Tensor) -> Tensor:
     both = torch.stack([yaw[known], yaw[known] + math.pi], dim=1)  # (M, 2)
     cost = torch.tensor([0.0, FLIP_COST], dtype=yaw.dtype)
     pay, back = cost.clone(), []
-    for before, now in zip(both[:-1], both[1:]):
+    for before, now in pairwise(both):
         turn = _wrap(now[:, None] - before[None]).abs()  # (now, before)
         best = (pay[None] + turn).min(1)
         back.append(best.indices)
@@ -92,11 +94,11 @@ def _steady_angles(orientation: Tensor, frames: float) -> Tensor:
         return angles
     unwrapped = _unwrap(angles[known])
     steady = angles.clone()
-    steady[known] = _wrap(along(_median(unwrapped), frames))
+    steady[known] = _wrap(along(running_median(unwrapped), frames))
     return steady
 
 
-def _median(x: Tensor) -> Tensor:
+def running_median(x: Tensor) -> Tensor:
     """Running median of x (N, D) over up to MEDIAN frames, fewer at the ends."""
     reach = MEDIAN // 2
     rows = [x[max(0, i - min(reach, i, len(x) - 1 - i)) : i + min(reach, i, len(x) - 1 - i) + 1] for i in range(len(x))]
@@ -117,4 +119,4 @@ def _stretches(visible: Tensor) -> list[tuple[int, int]]:
     """First and last + 1 of the runs in which the visible set (N, 5) stays the same."""
     changes = (visible[1:] != visible[:-1]).any(1).nonzero()[:, 0] + 1
     edges = [0, *changes.tolist(), len(visible)]
-    return list(zip(edges[:-1], edges[1:]))
+    return list(pairwise(edges))

@@ -3,42 +3,34 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-import torch
 from torch import Tensor
 
 from .camera import Camera, resized
 from .config import RunConfig
+from .correct import corrected, measure_bias
 from .driver.follow import Path as FoundPath
-from .driver.follow import follow, smoothed, still
+from .driver.follow import filtered, follow
+from .driver.frame import Solved
 from .driver.initial_view import best_of_orbit, given_view
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Spent, Stage
-from .features import Features
 from .graph import Family
 from .objective import Objective
-from .reference import (
-    Components,
-    Progress,
-    Reading,
-    Reference,
-    clip_features,
-    quantised,
-    read_reference,
-    silent,
-)
+from .readback import Readback, read_back, read_held, read_path
+from .reference import Components, Progress, Reading, Reference, read_reference, silent
 from .scenes import Scene
-from .scenes.lifted import cached_lift, lift_scene, load_person, save_lift
+from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
-from .scores import Scores, score, tabulate
+from .scores import Scores, tabulate
 from .threads import set_threads, thread_count
 from .tracks import cleaned
 from .trajectory import Trajectory
 
-SMOOTH_WORTH = 1.25  # a filtered path may cost this much more total loss, and a tenth of a tolerance
-RENDER_BATCH = 8  # frames of the final video rendered together
+BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 
 
 @dataclass(frozen=True)
@@ -61,21 +53,35 @@ class Inputs:
 
 
 @dataclass(frozen=True)
+class Attempt:
+    """One round of search and reading back.
+
+    Args:
+        found: each frame's minimum.
+        cameras: N, after filtering, at the output size.
+        path: smooth or exact, whichever was kept.
+        shown: its frames, read and scored.
+    """
+
+    found: FoundPath
+    cameras: Camera
+    path: str
+    shown: Readback
+
+
+@dataclass(frozen=True)
 class Result:
     """What a transfer found.
 
     Args:
         scene, reference: what it was given, read.
         trajectory: N cameras at the output size.
-        home: the initial view.
-        image: the rendered frames, (N, 3, H, W) uint8.
+        attempts: every round; the first is uncorrected.
+        best: index of the round with the lowest total, the one that is kept.
         searched: the score in the search, by the inner extractors at the search size, of the cleaned reference.
-        verified: the score of the rendered frames as they are kept; it is what the run reports.
-        held: the same for the first view held still.
+        held: the score of the first view held still.
         schedule: how frames were searched.
         read_by: image (networks on both sides) or geometry (a scene taught a scene).
-        path: smooth or exact, whichever was kept.
-        found: each frame's minimum.
         spent: what it cost.
         seconds: by step.
     """
@@ -83,17 +89,29 @@ class Result:
     scene: Scene
     reference: Reference
     trajectory: Trajectory
-    home: Camera
-    image: Tensor  # (N, 3, H, W) uint8
+    attempts: tuple[Attempt, ...]
+    best: int
     searched: Scores
-    verified: Scores
     held: Scores
     schedule: Schedule
     read_by: str
-    path: str
-    found: FoundPath
     spent: Spent
     seconds: dict[str, float]
+
+    @property
+    def kept(self) -> Attempt:
+        """The round that is kept."""
+        return self.attempts[self.best]
+
+    @property
+    def verified(self) -> Scores:
+        """The score of the rendered frames as they are kept; it is what the run reports."""
+        return self.kept.shown.scores
+
+    @property
+    def image(self) -> Tensor:
+        """The rendered frames, (N, 3, H, W) uint8."""
+        return self.kept.shown.image
 
 
 def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> Result:
@@ -118,8 +136,8 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
         parts.plan("image").load_networks()
     wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
     clock.lap("reference")
-    if scene.subject is None and (family == "scene" or search.needs_subject or view is None):
-        scene = with_lift(scene, parts, progress)
+    if family == "scene" or search.needs_subject or view is None:
+        scene = lifted_scene(scene, parts.renderer, parts.extractors, lambda step: progress(step, 0, 0))
         clock.lap("lift")
 
     plan = parts.plan(family, shared=reference.features.names())
@@ -131,33 +149,37 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
     else:
         homes = resized(view, output)
     clock.lap("initial view")
-    count, searching = len(reference), stage.reduced(homes[0], config.lod)
-    found = follow(
-        searching, search, wanted, homes, schedule, lambda i, _: progress("frames", i + 1, count)
-    )
-    cameras, kind = _smooth(stage, search, wanted, homes[0], found, config.smooth)
-    clock.lap("search")
 
-    trajectory = Trajectory(cameras, reference.times)
-    image = render_frames(scene, parts, trajectory.camera, progress)
-    clock.lap("render")
-    terms = stage.path_terms(wanted, cameras)
-    searched = tabulate(stage.objective, wanted, terms, reference.missing)
-    verified, held, read_by = _verify(stage, parts, reference, trajectory, image, config)
-    clock.lap("verification")
+    by_networks = reference.family == "image" and config.extract.verify
+    rounds = config.extract.corrections if by_networks and family == "scene" else 0
+    target, attempts = wanted, list[Attempt]()
+    for number in range(rounds + 1):
+        searching = stage.reduced(homes[0], config.lod)
+        report = _counting(progress, f"frames, round {number + 1}" if rounds else "frames", len(reference))
+        found = follow(searching, search, target, homes, schedule, report)
+        cameras, kind = filtered(stage, search, target, homes[0], found, config.smooth)
+        clock.lap("search")
+        shown = read_back(stage, parts, reference, cameras, by_networks, progress)
+        attempts.append(Attempt(found, cameras, kind, shown))
+        clock.lap("reading back")
+        if number < rounds:
+            bias = measure_bias(shown.features, read_path(stage, cameras), BIAS_WINDOW)
+            target, homes = corrected(wanted, bias), cameras[0]
+    kept = min(range(len(attempts)), key=lambda i: float(attempts[i].shown.scores.totals.mean()))
+    best = attempts[kept]
+    terms = stage.path_terms(wanted, best.cameras)
+    held = read_held(stage, parts, reference, best.shown, best.cameras)
+    clock.lap("comparison")
     return Result(
         scene=scene,
         reference=reference,
-        trajectory=trajectory,
-        home=homes[0],
-        image=image,
-        searched=searched,
-        verified=verified,
+        trajectory=Trajectory(best.cameras, reference.times),
+        attempts=tuple(attempts),
+        best=kept,
+        searched=tabulate(stage.objective, wanted, terms, reference.missing),
         held=held,
         schedule=schedule,
-        read_by=read_by,
-        path=kind,
-        found=found,
+        read_by="image" if by_networks or family == "image" else "geometry",
         spent=stage.spent,
         seconds=clock.seconds,
     )
@@ -173,7 +195,7 @@ class Clock:
     def lap(self, step: str) -> None:
         """Everything since the last lap was ``step``."""
         now = time.perf_counter()
-        self.seconds[step] = now - self._last
+        self.seconds[step] = self.seconds.get(step, 0.0) + now - self._last
         self._last = now
 
 
@@ -193,72 +215,8 @@ def given_scene(inputs: Inputs) -> Scene:
     return scene if inputs.subject is None else load_person(scene, inputs.subject)
 
 
-def first_seen(features: Features) -> Features:
-    """The first frame that shows a person; the first of all where joints were not read."""
-    if not features.has("keypoints"):
-        return features[0]
-    seen = torch.isfinite(features.require("keypoints")[..., 0]).any(1)  # (N,)
-    return features[int(seen.int().argmax())]
+def _counting(progress: Progress, step: str, count: int) -> Callable[[int, Solved], None]:
+    def report(frame: int, solved: Solved) -> None:
+        progress(step, frame + 1, count)
 
-
-def with_lift(scene: Scene, parts: Components, progress: Progress = silent) -> Scene:
-    """The scene with its person from the cache by content, or lifted now (and cached)."""
-    cached = cached_lift(scene, parts.extractors)
-    if not cached.is_file():
-        found = lift_scene(scene, parts.renderer, parts.extractors, progress=lambda step: progress(step, 0, 0))
-        save_lift(cached.parent, found)
-    return load_person(scene, cached)
-
-
-def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Progress = silent) -> Tensor:
-    """Frames (N, 3, H, W) uint8 of N cameras."""
-    frames = []
-    for start in range(0, len(cameras), RENDER_BATCH):
-        part = parts.renderer.render(scene, cameras[start : start + RENDER_BATCH], frozenset({"image"}))
-        frames.append(quantised(part.image))
-        progress("rendering", min(start + RENDER_BATCH, len(cameras)), len(cameras))
-    return torch.cat(frames)
-
-
-def _smooth(
-    stage: Stage, search: object, reference: Features, home: Camera, found: FoundPath, frames: float
-) -> tuple[Camera, str]:
-    """The filtered path where it costs little more than the one found, else the one found."""
-    if frames <= 0:
-        return found.camera, "exact"
-    cameras = search.cameras(smoothed(found.x, frames), home, stage.scene.subject)  # type: ignore[attr-defined]
-    defined = stage.objective.defined(reference)
-    exact, smooth = (
-        float(stage.objective.totals(stage.path_terms(reference, path), defined).mean())
-        for path in (found.camera, cameras)
-    )
-    return (cameras, "smooth") if smooth <= SMOOTH_WORTH * exact + 0.1 else (found.camera, "exact")
-
-
-def _verify(
-    stage: Stage, parts: Components, reference: Reference, trajectory: Trajectory, image: Tensor, config: RunConfig
-) -> tuple[Scores, Scores, str]:
-    """Scores of the result and of its first view held still, by what the reference was read with."""
-    plan = parts.plan(reference.family)
-    if reference.family == "image" and config.extract.verify:
-        rendered = clip_features(image, plan)
-        twice = clip_features(image[[0, 0]], plan)
-        held = twice[[0] + [1] * (len(image) - 1)]
-        stage.spent.network_passes += (len(image) + 2) * plan.passes
-        read_by = "image"
-    else:
-        full = replace(stage, size=trajectory.camera.size)
-        rendered = _read_path(full, trajectory.camera)
-        held = _read_path(full, still(trajectory.camera, len(trajectory)))
-        read_by = "image" if reference.family == "image" and config.extract.inner == "image" else "geometry"
-    scores = [score(stage.objective, reference.features, f, reference.missing) for f in (rendered, held)]
-    return scores[0], scores[1], read_by
-
-
-def _read_path(stage: Stage, cameras: Camera) -> Features:
-    """Features of a path, each frame with the one before it."""
-    frames, before = [], None
-    for i in range(len(cameras)):
-        before = stage.features(cameras[i], before)
-        frames.append(replace(before, image=None))
-    return Features.concatenate(frames)
+    return report

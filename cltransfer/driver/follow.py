@@ -15,6 +15,8 @@ from ..features import Features
 from .frame import Memory, Problem, Schedule, Solved, predictions, solve
 from .stage import Stage
 
+SMOOTH_WORTH = 1.25  # a filtered path may cost this much more total loss, and a tenth of a tolerance
+
 
 @dataclass(frozen=True)
 class Path:
@@ -92,6 +94,21 @@ def smoothed(x: Tensor, frames: float) -> Tensor:
     tail = 2 * x[-1:] - x[-radius - 1 : -1].flip(0)
     windows = torch.cat([head, x, tail]).unfold(0, 2 * radius + 1, 1)  # (N, D, 2 radius + 1)
     return windows @ kernel
+
+
+def filtered(
+    stage: Stage, search: Any, reference: Features, home: Camera, found: Path, frames: float
+) -> tuple[Camera, str]:
+    """The smoothed path and "smooth" where it costs little more than the one found, else that one and "exact"."""
+    if frames <= 0:
+        return found.camera, "exact"
+    cameras = search.cameras(smoothed(found.x, frames), home, stage.scene.subject)
+    defined = stage.objective.defined(reference)
+    exact, smooth = (
+        float(stage.objective.totals(stage.path_terms(reference, path), defined).mean())
+        for path in (found.camera, cameras)
+    )
+    return (cameras, "smooth") if smooth <= SMOOTH_WORTH * exact + 0.1 else (found.camera, "exact")
 
 
 def still(camera: Camera, count: int) -> Camera:

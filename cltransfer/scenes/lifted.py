@@ -104,6 +104,18 @@ def load_person(scene: Scene, subject_file: Path) -> Scene:
     return with_person(scene, subject, label.float())
 
 
+def lifted_scene(
+    scene: Scene, renderer: Any, extractors: Mapping[str, Any], progress: Callable[[str], None] = lambda step: None
+) -> Scene:
+    """The scene with its person: its own, that of the cache by content, or lifted now (and cached)."""
+    if scene.subject is not None:
+        return scene
+    cached = cached_lift(scene, extractors)
+    if not cached.is_file():
+        save_lift(cached.parent, lift_scene(scene, renderer, extractors, progress=progress))
+    return load_person(scene, cached)
+
+
 def cached_lift(scene: Scene, extractors: Mapping[str, Any]) -> Path:
     """Where the cache keeps the person of this scene, read with these extractors."""
     used = {n: asdict(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}

@@ -1,0 +1,76 @@
+"""The networks' bias: measured robustly, aimed off, and not invented where little is known."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.correct import corrected, measure_bias
+from cltransfer.features import Features
+
+N = 24
+
+
+def clip(size: tuple[int, int], joints: Tensor, angles: Tensor, confidence: float = 1.0) -> Features:
+    """Features of joints (N, 14, 2) [frame] and angles (N, 3)."""
+    pixels = joints * torch.tensor(size, dtype=torch.float64)
+    keypoints = torch.cat([pixels, torch.full((N, 14, 1), confidence, dtype=torch.float64)], dim=2)
+    return Features(size, keypoints=keypoints, orientation=angles)
+
+
+def scene() -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    joints = 0.3 + 0.4 * torch.rand(1, 14, 2, generator=generator, dtype=torch.float64).expand(N, -1, -1)
+    drift = torch.linspace(0, 0.1, N, dtype=torch.float64)
+    return joints + drift[:, None, None], drift[:, None].expand(-1, 3)
+
+
+def test_a_steady_bias_is_found_whatever_the_sizes_of_the_frames() -> None:
+    joints, angles = scene()
+    network = clip((480, 908), joints + 0.02, angles + 0.2)
+    bias = measure_bias(network, clip((85, 160), joints, angles), 4.0)
+    torch.testing.assert_close(bias.joints, torch.full((N, 14, 2), 0.02, dtype=torch.float64))
+    torch.testing.assert_close(bias.angles, torch.full((N, 3), 0.2, dtype=torch.float64))
+
+
+def test_outliers_and_noise_hardly_move_it() -> None:
+    joints, angles = scene()
+    generator = torch.Generator().manual_seed(1)
+    noise = 0.005 * torch.randn(N, 14, 2, generator=generator, dtype=torch.float64)
+    read = joints + 0.02 + noise
+    read[::5, 3] += 0.3  # a joint that is read elsewhere in every fifth frame
+    turned = angles + 0.2
+    turned[3, 0] += math.pi  # a flip
+    bias = measure_bias(clip((480, 908), read, turned), clip((85, 160), joints, angles), 4.0)
+    assert float((bias.joints - 0.02).abs().max()) < 0.008
+    torch.testing.assert_close(bias.angles, torch.full((N, 3), 0.2, dtype=torch.float64))
+    assert 0.001 < bias.noise[0] < 0.006
+
+
+def test_what_is_not_seen_is_not_corrected() -> None:
+    joints, angles = scene()
+    unsure = clip((480, 908), joints + 0.02, angles, confidence=0.3)
+    assert float(measure_bias(unsure, clip((85, 160), joints, angles), 4.0).joints.abs().max()) == 0
+
+
+def test_aiming_off_the_bias_makes_the_networks_read_what_was_wanted() -> None:
+    joints, angles = scene()
+    wanted = clip((480, 908), joints, angles)
+    network = clip((480, 908), joints + 0.02, angles + 0.2)  # read on a result that geometry calls perfect
+    target = corrected(wanted, measure_bias(network, clip((85, 160), joints, angles), 4.0))
+    size = torch.tensor([480, 908], dtype=torch.float64)
+    torch.testing.assert_close(target.require("keypoints")[..., :2] / size + 0.02, joints)
+    torch.testing.assert_close(target.require("orientation") + 0.2, angles)
+    assert torch.equal(target.require("keypoints")[..., 2], wanted.require("keypoints")[..., 2])
+
+
+@pytest.mark.parametrize("lost", [0, 10, 23])
+def test_frames_without_a_person_take_the_bias_of_their_neighbours(lost: int) -> None:
+    joints, angles = scene()
+    read = joints + 0.02
+    read[lost] = math.nan
+    bias = measure_bias(clip((480, 908), read, angles), clip((85, 160), joints, angles), 4.0)
+    torch.testing.assert_close(bias.joints[lost], torch.full((14, 2), 0.02, dtype=torch.float64))
