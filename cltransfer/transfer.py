@@ -15,7 +15,7 @@ from .correct import corrected, measure_bias
 from .driver.follow import Path as FoundPath
 from .driver.follow import filtered, follow
 from .driver.frame import Solved
-from .driver.initial_view import best_of_orbit, given_view
+from .driver.initial_view import best_of_orbit, first_seen, given_view
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Spent, Stage
 from .graph import Family

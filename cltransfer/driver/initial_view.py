@@ -86,6 +86,14 @@ def _stands(first: Features) -> Tensor:
     return torch.cat([grid, torch.zeros(len(grid), 1, dtype=torch.float64)], dim=1)
 
 
+def first_seen(features: Features) -> Features:
+    """The first frame that shows a person; the first of all where joints were not read."""
+    if not features.has("keypoints"):
+        return features[0]
+    seen = torch.isfinite(features.require("keypoints")[..., 0]).any(1)  # (N,)
+    return features[int(seen.int().argmax())]
+
+
 def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_lens: bool) -> Camera:
     """Views of the orbit, the nearest to the first reference frame by the losses that need no motion first.
 
