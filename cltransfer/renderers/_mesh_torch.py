@@ -42,7 +42,7 @@ def _pooled(name: str, plane: Tensor, n: int) -> Tensor:
 def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
     """Face (H, W) int64 (-1: none) and depth (H, W) float32 (NaN: none)."""
     width, height = camera.size
-    parts = [_hits(mesh, corners, camera, near, *chunk) for chunk in _chunks(corners, camera, near)]
+    parts = [_hits(mesh, corners, camera, near, chunk) for chunk in _chunks(corners, camera, near)]
     pixel, face, inverse = (torch.cat(column) for column in zip(*parts))
     nearest = torch.zeros(height * width, dtype=torch.float64).scatter_reduce(0, pixel, inverse, "amax")
     front = inverse == nearest[pixel]
@@ -96,9 +96,10 @@ def _weights(corners: Tensor, rays: Tensor) -> Tensor:
 
 
 def _hits(
-    mesh: Mesh, corners: Tensor, camera: Camera, near: float, index: Tensor, first: Tensor, side: int
+    mesh: Mesh, corners: Tensor, camera: Camera, near: float, chunk: tuple[Tensor, Tensor, int]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Pixel, face and 1 / depth (N,) wherever one of the faces ``index`` covers a pixel of its square."""
+    """Pixel, face and 1 / depth (N,) wherever a face of the chunk covers a pixel of its square."""
+    index, first, side = chunk
     width, height = camera.size
     steps = create_meshgrid(side, side, normalized_coordinates=False, dtype=torch.float64).reshape(1, -1, 2).long()
     pixels = first[:, None] + steps  # (M, P, 2)

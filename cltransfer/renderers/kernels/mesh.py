@@ -99,7 +99,7 @@ def _work(indices: Iterator[int], packed: Packed, views: Views, settings: Settin
     for i in indices:
         lens = n * views.lens[i]
         to_camera(packed.vertices, views.w2c[i, :3], lens, points, pixels)
-        rasterise(shapes, points, pixels, lens, settings.near, inverse, nearest)
+        rasterise(shapes, points, pixels, lens, settings.near, (inverse, nearest))
         resolve(packed.label, inverse, nearest, fine.depth, fine.alpha, fine.label)
         if len(fine.image):
             shade(surface, points, lens, settings.headlight, nearest, fine.image)

@@ -89,7 +89,7 @@ def _is_hole(u: float, v: float, image: Array, texels: Array) -> bool:
 
 @njit(**CACHED)
 def rasterise(
-    mesh: tuple[Array, ...], points: Array, pixels: Array, lens: Array, near: float, inverse: Array, nearest: Array
+    mesh: tuple[Array, ...], points: Array, pixels: Array, lens: Array, near: float, seen: tuple[Array, Array]
 ) -> None:
     """Nearest face of each pixel.
 
@@ -99,10 +99,10 @@ def rasterise(
         pixels: of :func:`to_camera`, (V, 2).
         lens: (4,) float64 [px].
         near: nothing nearer is drawn.
-        inverse: 1 / depth, (H, W) float32, 0 where nothing is seen; written.
-        nearest: face, (H, W) int32, -1 where nothing is seen; written.
+        seen: 1 / depth, (H, W) float32, 0 where nothing is seen, and the face, (H, W) int32, -1 there; written.
     """
     faces, uv, texture, texels, images = mesh
+    inverse, nearest = seen
     height, width = nearest.shape
     inverse[:] = 0
     nearest[:] = -1
@@ -145,8 +145,8 @@ def resolve(label: Array, inverse: Array, nearest: Array, depth: Array, alpha: A
 
     Args:
         label: of each face, (F,) float32.
-        inverse: of :func:`rasterise`, (H, W).
-        nearest: of :func:`rasterise`, (H, W).
+        inverse: 1 / depth, of :func:`rasterise`, (H, W).
+        nearest: face, of :func:`rasterise`, (H, W).
         depth: (H, W) float32, written; NaN where nothing is seen.
         alpha: (H, W) float32, written.
         member: label of the face seen, (H, W) float32, written.
