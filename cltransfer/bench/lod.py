@@ -159,7 +159,7 @@ def _row(scene: Scene, k: float, crowds: list[list[Camera]], full: list[list[Fea
     seen = crowds[0][0][:8]
     times, full_times = _in_turn(small, scene, seen)
     few, whole = _render(small, seen), full[0][0][:8]
-    error = (few.require("image") - whole.require("image")).square().mean((1, 2, 3)).clamp_min(1e-12)
+    error = (few.require("image") - whole.require("image")).square().mean((1, 2, 3))
     depth = 100 * (few.require("expected_depth") / whole.require("expected_depth") - 1).abs()
     depth = depth[depth.isfinite()]
     area = composition(few)[1] / composition(whole)[1]
