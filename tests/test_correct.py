@@ -45,7 +45,9 @@ def test_outliers_and_noise_hardly_move_it() -> None:
     turned = angles + 0.2
     turned[3, 0] += math.pi  # a flip
     bias = measure_bias(clip((480, 908), read, turned), clip((85, 160), joints, angles), 4.0)
-    assert float((bias.joints - 0.02).abs().max()) < 0.008
+    error = (bias.joints - 0.02).abs()
+    assert float(error.mean()) < 0.002  # noise of 0.005, outliers of 0.3
+    assert float(error.max()) < 0.015
     torch.testing.assert_close(bias.angles, torch.full((N, 3), 0.2, dtype=torch.float64))
     assert 0.001 < bias.noise[0] < 0.006
 
