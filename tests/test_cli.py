@@ -22,6 +22,7 @@ VERBS = (
     "bench",
     "bench speed",
     "bench lod",
+    "fit",
     "simplify",
     "bake",
     "plugins",

@@ -127,9 +127,11 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> int:
     ``checkpoint``, a name that ends in .safetensors, is resumed where it exists, and rewritten at every look.
     """
     options = module.options
-    keep = ModelCheckpoint(checkpoint.parent, checkpoint.stem, save_top_k=1, enable_version_counter=False)
+    keep = ModelCheckpoint(
+        checkpoint.parent, checkpoint.stem, save_top_k=1, save_on_train_epoch_end=True, enable_version_counter=False
+    )
     keep.FILE_EXTENSION = checkpoint.suffix
-    stop = EarlyStopping("psnr", options.gain, options.patience, mode="max", verbose=False)
+    stop = EarlyStopping("psnr", options.gain, options.patience, mode="max", check_on_train_epoch_end=False)
     with _quiet():
         trainer = pl.Trainer(
             accelerator="cpu",
