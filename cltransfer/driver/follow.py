@@ -73,7 +73,9 @@ def follow(
         stage.spent.generations += solved.generations
         memory = solved.memory
         found.append(solved)
-        before = stage.features(problem.cameras(solved.x[None]), before)
+        camera = problem.cameras(solved.x[None])
+        stage = stage.about(camera)
+        before = stage.features(camera, before)
         progress(i, solved)
     x = torch.stack([solved.x for solved in found])
     return Path(x, search.cameras(x, home, subject), tuple(found))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import pytest
 import torch
@@ -68,3 +69,19 @@ def test_a_transfer_searches_in_the_working_set_and_is_rendered_in_full(k: float
 def test_a_negative_level_of_detail_is_refused() -> None:
     with pytest.raises(UsageError, match=r"lod: expected 0(.0)? to 16(.0)?, got -1"):
         load_config(None, ["lod=-1"])
+
+
+def test_the_working_set_is_built_anew_along_a_long_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    built = []
+    build = WorkingSet.scene.func  # type: ignore[attr-defined]
+
+    def counted(self: WorkingSet) -> Scene:
+        built.append(self)
+        return build(self)
+
+    replacement = cached_property(counted)
+    replacement.__set_name__(WorkingSet, "scene")
+    monkeypatch.setattr(WorkingSet, "scene", replacement)
+    budget = ["frames=3", "generations=4", "popsize=4", "search_side=64", "output_side=64", "extract.verify=false"]
+    transfer(Inputs("builtin:courtyard", "builtin:dolly_zoom"), load_config(None, [*budget, "lod=2"]))
+    assert len(built) > 1
