@@ -11,7 +11,7 @@ from torch import Tensor
 from ..camera import Camera
 from ..errors import InputError, UsageError
 from ..features import Features
-from ..scenes.posed import read_posed
+from ..scenes.posed import named_camera
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -36,13 +36,8 @@ def given_view(source: str) -> Camera:
         InputError: the file is no trajectory, or the set cannot be read.
         UsageError: the set has no such camera.
     """
-    name, colon, index = source.rpartition(":")
-    if not (colon and index.isdecimal()):
-        return Trajectory.load(Path(source)).camera[0]
-    posed = read_posed(name)
-    if int(index) >= len(posed):
-        raise UsageError(name, "--init", f"expected 0 to {len(posed) - 1}, got {index}")
-    return posed.camera[int(index)]
+    camera = named_camera(source, "--init")
+    return Trajectory.load(Path(source)).camera[0] if camera is None else camera
 
 
 def orbit(subject: Subject, size: tuple[int, int], first: Features, free_lens: bool) -> Camera:

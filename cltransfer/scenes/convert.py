@@ -23,7 +23,7 @@ from .load import load_scene
 from .mesh import Mesh
 from .nerf_grid import write_grid
 from .ply import write_splats
-from .posed import read_posed
+from .posed import named_camera, read_posed
 from .simplify import importance, merged, subset
 from .splats import Splats
 
@@ -76,12 +76,9 @@ def given_views(sources: Sequence[str], side: int) -> Camera:
 
 
 def _views(source: str) -> Camera:
-    name, colon, index = source.rpartition(":")
-    if colon and index.isdecimal():
-        posed = read_posed(name)
-        if int(index) >= len(posed):
-            raise UsageError(name, "--view", f"expected 0 to {len(posed) - 1}, got {index}")
-        return posed.camera[int(index)]
+    camera = named_camera(source, "--view")
+    if camera is not None:
+        return camera
     if Path(source).is_file() and Path(source).name not in ("transforms.json", "cameras.json"):
         return Trajectory.load(Path(source)).camera
     return read_posed(source).camera

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ...camera import Camera
 from ...decoding import decode
-from ...errors import InputError
+from ...errors import InputError, UsageError
 from .lens import Lens, straighten
 
 SIZE_SLACK = 2  # [px], how far an image's shape may be from its camera's: reduced sizes are rounded
@@ -100,3 +100,19 @@ def read_posed(path: str | Path) -> PosedImages:
     from . import formats
 
     return formats.read(Path(path))
+
+
+def named_camera(source: str, option: str) -> Camera | None:
+    """The camera ``SET:INDEX`` of a posed image set, (1), counted from 0; None where ``source`` ends in no index.
+
+    Raises:
+        InputError: the set cannot be read.
+        UsageError: it has no such camera; ``option`` names where ``source`` was given.
+    """
+    name, colon, index = source.rpartition(":")
+    if not (colon and index.isdecimal()):
+        return None
+    posed = read_posed(name)
+    if int(index) >= len(posed):
+        raise UsageError(name, option, f"expected 0 to {len(posed) - 1}, got {index}")
+    return posed.camera[int(index)]
