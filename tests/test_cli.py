@@ -21,6 +21,7 @@ VERBS = (
     "lift",
     "bench",
     "bench speed",
+    "bench grid",
     "bench lod",
     "fit",
     "simplify",

@@ -50,6 +50,24 @@ def bench_mesh(
         write_benchmarks(rows, out)
 
 
+@app.command("grid")
+def bench_grid(
+    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
+    quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose voxel grid section is rewritten.")
+    ] = None,
+) -> None:
+    """Voxel grid rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
+    from .grid_speed import run_grid_speed, write_benchmarks
+
+    rows = run_grid_speed(seed or [0, 1, 2], quick)
+    for row in rows:
+        print(row)
+    if out is not None:
+        write_benchmarks(rows, out)
+
+
 @app.command("lod")
 def bench_lod(
     scene: Annotated[list[Path] | None, typer.Argument(help="Splat .ply files beside the synthetic room.")] = None,
@@ -73,3 +91,29 @@ def bench_lod(
         rows.append(row)
     if out is not None:
         write_lod(rows, out)
+
+
+@app.command("driver")
+def bench_driver(
+    seed: Annotated[list[int] | None, typer.Option(help="Seeds of where the shots stand (repeatable).")] = None,
+    preset: Annotated[list[str] | None, typer.Option(help="Presets to compare (repeatable).")] = None,
+    shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
+    paper_shots: Annotated[int, typer.Option(help="Shots on which the paper's setting runs too; it is slow.")] = 0,
+    frames: Annotated[int, typer.Option(help="Frames of each clip.")] = 24,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose driver section is rewritten.")
+    ] = None,
+) -> None:
+    """The driver on canonical shots: loss, pose error, evaluations and seconds by preset."""
+    import shlex
+    import sys
+
+    from ..shots import SHOTS
+    from .driver import HEADER, Bench, run_driver, summary, write_driver
+    from .section import table
+
+    bench = Bench(tuple(seed or [0]), tuple(preset or ["fast", "balanced"]), tuple(shot or SHOTS), paper_shots, frames)
+    clips = run_driver(bench, lambda clip: print(clip, file=sys.stderr))
+    print("\n".join(table(HEADER, summary(clips))))
+    if out is not None:
+        write_driver(clips, out, shlex.join(["cltransfer", *sys.argv[1:]]))
