@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+
+from cltransfer.errors import InputError
+from cltransfer.fit._views import Views, box_around, psnr, views_of
+from cltransfer.renderers.nerf_grid import NerfGridRenderer
+from cltransfer.scenes.nerf_grid import NerfGrid
+from cltransfer.scenes.posed import PosedImages
+from cltransfer.scenes.posed.lens import Lens
+
+
+def test_every_eighth_view_is_held_out_and_none_is_in_both(views):
+    learn, held_out = views.split(8)
+    assert (len(learn), len(held_out)) == (21, 4)
+    assert torch.equal(held_out.image, views.image[::8])
+    assert torch.equal(held_out.camera.w2c, views.camera.w2c[::8])
+    both = torch.cat([learn.camera.center, held_out.camera.center])
+    assert len(both.unique(dim=0)) == 25
+
+
+def test_the_digest_follows_images_cameras_and_box(views):
+    changed = views.image.clone()
+    changed[0, 0, 0, 0] += 1
+    assert views.digest == dataclasses.replace(views).digest
+    assert views.digest != dataclasses.replace(views, image=changed).digest
+    assert views.digest != dataclasses.replace(views, aabb=views.aabb * 2).digest
+
+
+def test_images_must_be_as_large_as_their_cameras_say(views):
+    with pytest.raises(ValueError, match=r"image must be \(25, 3, 48, 48\)"):
+        Views(views.camera, views.image[:, :, :40], views.aabb)
+
+
+def test_the_box_leaves_strays_out():
+    random = torch.Generator().manual_seed(0)
+    points = torch.rand(1000, 3, generator=random)
+    points[0], points[1] = 500.0, -500.0
+    low, high = box_around(points)
+    assert ((low > -0.2) & (low < 0)).all()
+    assert ((high > 1) & (high < 1.2)).all()
+
+
+def test_a_set_with_two_images_is_refused(views, tmp_path):
+    lens = Lens((48, 48), (50.0, 50.0), (24.0, 24.0))
+    posed = PosedImages(tmp_path, views.camera[range(2)], (lens, lens), ("a", "b"), (tmp_path / "a.png", None))
+    with pytest.raises(InputError, match="images: expected at least 3, got 1"):
+        views_of(posed, 100)
+
+
+def test_psnr_of_black_is_that_of_the_images_power(views):
+    nothing = NerfGrid(torch.zeros(2, 2, 2), torch.zeros(2, 2, 2, 1, 3), torch.zeros(2, 2, 2), views.aabb)
+    power = ((views.image / 255) ** 2).flatten(1).mean(1)
+    expected = float((-10 * power.log10()).mean())
+    assert psnr(nothing, views, NerfGridRenderer()) == pytest.approx(expected, abs=1e-4)
