@@ -19,7 +19,7 @@ import pytest
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.scenes.ply import write_splats
 
-SPLAT = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
+SPLAT: tuple[str, ...] = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
 SPLAT += ("rot_0", "rot_1", "rot_2", "rot_3")
 SHORT = ("frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
 SECONDS = 2.0  # of a processor, for anything that has nothing to render
@@ -71,7 +71,9 @@ SCENES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("kind", SCENES)
 @pytest.mark.parametrize("verb", ["transfer", "lift"])
-def test_a_scene_that_cannot_be_used_is_named(command, tmp_path: Path, kind: str, verb: str) -> None:
+def test_a_scene_that_cannot_be_used_is_named(
+    command: Callable[..., Any], tmp_path: Path, kind: str, verb: str
+) -> None:
     make, word = SCENES[kind]
     scene, out = tmp_path / "scene.ply", tmp_path / "out"
     make(scene)
@@ -89,7 +91,7 @@ CLIPS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("kind", CLIPS)
-def test_a_clip_that_cannot_be_used_is_named(command, tmp_path: Path, kind: str) -> None:
+def test_a_clip_that_cannot_be_used_is_named(command: Callable[..., Any], tmp_path: Path, kind: str) -> None:
     make, word = CLIPS[kind]
     clip = tmp_path / "clip.mp4"
     make(clip)
@@ -98,13 +100,15 @@ def test_a_clip_that_cannot_be_used_is_named(command, tmp_path: Path, kind: str)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_truncated_clip_is_no_shorter_clip(command, tiny_run: Path, tmp_path: Path) -> None:
+def test_a_truncated_clip_is_no_shorter_clip(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
     whole = (tiny_run / "video" / "render.mp4").read_bytes()
     (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
     refused(command("evaluate", tmp_path / "cut.mp4", tmp_path / "cut.mp4"), 3, "cut.mp4", "video")
 
 
-def test_a_missing_network_is_told_before_anything_is_rendered(command, tiny_run: Path, tmp_path, monkeypatch) -> None:
+def test_a_missing_network_is_told_before_anything_is_rendered(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("CLTRANSFER_MODELS", raising=False)
     clip, words = tiny_run / "video" / "render.mp4", ("yolox_nano.onnx", "sha256", "put it in", "models")
     refused(command("transfer", "builtin:courtyard", clip, "--out", tmp_path / "out"), 4, *words)
@@ -113,7 +117,9 @@ def test_a_missing_network_is_told_before_anything_is_rendered(command, tiny_run
     assert not (tmp_path / "out").exists()
 
 
-def test_a_clip_without_a_person_is_refused(command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clip_without_a_person_is_refused(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if not (DATA / "models" / "yolox_nano.onnx").is_file():
         pytest.skip("needs the networks of shared/data")
     monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
@@ -149,7 +155,9 @@ USAGE = {
 
 
 @pytest.mark.parametrize("argument", USAGE)
-def test_a_command_that_cannot_be_meant_is_usage(command, argument: str, tmp_path: Path, monkeypatch) -> None:
+def test_a_command_that_cannot_be_meant_is_usage(
+    command: Callable[..., Any], argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOME", "/not/to/be/told")
     answer = command("transfer", argument, "--out", tmp_path / "out")
     refused(answer, 2, USAGE[argument])
@@ -176,7 +184,9 @@ CONFIGS = {
 
 
 @pytest.mark.parametrize("text", CONFIGS, ids=range(len(CONFIGS)))
-def test_a_config_file_that_cannot_be_meant_is_named(command, tmp_path: Path, text: str, monkeypatch) -> None:
+def test_a_config_file_that_cannot_be_meant_is_named(
+    command: Callable[..., Any], tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.yaml").write_text(text)
     answer = command("transfer", "--config", tmp_path / "bad.yaml")
@@ -185,11 +195,11 @@ def test_a_config_file_that_cannot_be_meant_is_named(command, tmp_path: Path, te
     assert not (tmp_path / "pwned").exists()
 
 
-def test_a_missing_config_is_usage(command, tmp_path: Path) -> None:
+def test_a_missing_config_is_usage(command: Callable[..., Any], tmp_path: Path) -> None:
     refused(command("transfer", "--config", tmp_path / "nope.yaml"), 2, "nope.yaml", "no such file")
 
 
-def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(command) -> None:
+def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(command: Callable[..., Any]) -> None:
     refused(command("transfer", "builtin:nowhere"), 2, "nowhere", "courtyard")
     refused(command("transfer", "builtin:courtyard", "builtin:nowhere"), 2, "nowhere", "push_in")
     refused(command("plugins", "show", "framng"), 2, "framng", "did you mean 'framing'")
@@ -197,14 +207,14 @@ def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(
 
 
 @pytest.mark.parametrize("verb", ["transfer", "lift", "evaluate"])
-def test_out_that_is_a_file_is_refused_and_kept(command, tmp_path: Path, verb: str) -> None:
+def test_out_that_is_a_file_is_refused_and_kept(command: Callable[..., Any], tmp_path: Path, verb: str) -> None:
     (tmp_path / "mine").write_text("mine")
     arguments = {"transfer": [], "lift": ["builtin:courtyard"], "evaluate": ["a.mp4", "b.mp4"]}[verb]
     refused(command(verb, *arguments, "--out", tmp_path / "mine"), 2, "mine", "--out")
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_out_that_holds_something_else_is_refused_and_kept(command, tmp_path: Path) -> None:
+def test_out_that_holds_something_else_is_refused_and_kept(command: Callable[..., Any], tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("mine")
     refused(command("transfer", "--out", tmp_path), 2, str(tmp_path), "--out", "name another folder")
     assert [p.name for p in tmp_path.iterdir()] == ["mine"]
@@ -215,14 +225,14 @@ VALUES = ("", "[1]", '"x"', "{}", "{", "\x00", "[" * 100_000)
 
 @pytest.mark.parametrize("text", VALUES, ids=range(len(VALUES)))
 @pytest.mark.parametrize("option", ["--subject", "--init"])
-def test_a_damaged_value_file_is_named(command, tmp_path: Path, option: str, text: str) -> None:
+def test_a_damaged_value_file_is_named(command: Callable[..., Any], tmp_path: Path, option: str, text: str) -> None:
     (tmp_path / "value.json").write_text(text)
     answer = command("transfer", option, tmp_path / "value.json", "--out", tmp_path / "out", *SHORT)
     refused(answer, 3, "value.json")
     assert not (tmp_path / "out").exists()
 
 
-FIELDS = {
+FIELDS: dict[tuple[str, str], list[Any]] = {
     ("subject.json", "joints"): [{}, [], 3, {"head_top": [1]}],
     ("subject.json", "height"): [-1, None, "tall", [1]],
     ("subject.json", "facing"): [[0, 0, 0], [1, 0], "x", None],
@@ -234,7 +244,9 @@ FIELDS = {
 @pytest.mark.parametrize(
     ("file", "field", "value"), [(*key, value) for key, values in FIELDS.items() for value in values]
 )
-def test_a_field_of_the_wrong_kind_is_named(command, tiny_run, tmp_path, file: str, field: str, value: object) -> None:
+def test_a_field_of_the_wrong_kind_is_named(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, file: str, field: str, value: object
+) -> None:
     good = json.loads((tiny_run / file).read_text())
     (tmp_path / file).write_text(json.dumps({**good, field: value}))
     option = "--subject" if file == "subject.json" else "--init"
@@ -243,7 +255,9 @@ def test_a_field_of_the_wrong_kind_is_named(command, tiny_run, tmp_path, file: s
 
 @pytest.mark.parametrize("text", ["", "[1]", "\x00", None], ids=["empty", "list", "binary", "missing"])
 @pytest.mark.parametrize("file", ["manifest.json", "trajectory.json", "config.yaml"])
-def test_a_damaged_run_is_not_rendered(command, tiny_run, tmp_path, file: str, text: str | None) -> None:
+def test_a_damaged_run_is_not_rendered(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, file: str, text: str | None
+) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     before = (run / "video" / "render.mp4").read_bytes()
     if text is None:
@@ -255,7 +269,9 @@ def test_a_damaged_run_is_not_rendered(command, tiny_run, tmp_path, file: str, t
     assert (run / "video" / "render.mp4").read_bytes() == before
 
 
-def test_render_refuses_what_is_no_run_and_what_is_another_scene(command, tiny_run: Path, tmp_path: Path) -> None:
+def test_render_refuses_what_is_no_run_and_what_is_another_scene(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
     refused(command("render", tmp_path), 3, "manifest.json")
     refused(command("render", tiny_run, "--scene", "missing.ply"), 3, "missing.ply")
     assert command("render", tiny_run, "--scene", "builtin:plaza").code in (2, 3)
@@ -275,14 +291,14 @@ FRESH = {
 
 
 @pytest.mark.parametrize("code", FRESH)
-def test_a_fresh_process_refuses_within_two_seconds(fresh, tmp_path: Path, code: int) -> None:
+def test_a_fresh_process_refuses_within_two_seconds(fresh: Callable[..., Any], tmp_path: Path, code: int) -> None:
     answer = fresh(*FRESH[code])
     refused(answer, code)
     assert answer.seconds < SECONDS
     assert not list(tmp_path.iterdir())
 
 
-def test_a_disk_that_cannot_be_written_is_code_5(command, tiny_run: Path, tmp_path: Path) -> None:
+def test_a_disk_that_cannot_be_written_is_code_5(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     answer = command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / "file" / "x.mp4")
     refused(answer, 5, "x.mp4")

@@ -1,6 +1,8 @@
 """Depth that says nothing: flat, without foreground, without background, without either."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -51,7 +53,13 @@ def test_without_the_person_depth_ratios_are_undefined(mode: str) -> None:
 
 
 @pytest.mark.parametrize("layer", [0, 1, 2])
-def test_a_reference_without_a_layer_can_be_followed(filmed, solve, edited, sound, layer: int) -> None:
+def test_a_reference_without_a_layer_can_be_followed(
+    filmed: Callable[..., Any],
+    solve: Callable[..., Any],
+    edited: Callable[..., str],
+    sound: Callable[..., None],
+    layer: int,
+) -> None:
     reference, _ = filmed("push_in", frames=3)
     found = solve(edited(reference, lambda features: without(features, layer)))
     sound(found)

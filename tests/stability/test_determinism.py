@@ -4,7 +4,9 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -14,7 +16,7 @@ SHORT = ("frames=2", "generations=2", "search_side=48", "output_side=96")
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_second_run_in_one_process_gives_the_same_bits(solve, engine: str) -> None:
+def test_a_second_run_in_one_process_gives_the_same_bits(solve: Callable[..., Any], engine: str) -> None:
     first, second = (solve("builtin:push_in", engine, *SHORT) for _ in range(2))
     assert torch.equal(first.trajectory.camera.w2c, second.trajectory.camera.w2c)
     assert torch.equal(first.trajectory.camera.K, second.trajectory.camera.K)
@@ -23,13 +25,13 @@ def test_a_second_run_in_one_process_gives_the_same_bits(solve, engine: str) -> 
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_two_threads_give_the_bits_of_one(solve, engine: str) -> None:
+def test_two_threads_give_the_bits_of_one(solve: Callable[..., Any], engine: str) -> None:
     one, two = (solve("builtin:push_in", engine, *SHORT, f"threads={threads}") for threads in (1, 2))
     assert torch.equal(one.trajectory.camera.w2c, two.trajectory.camera.w2c)
     assert torch.equal(one.image, two.image)
 
 
-def test_a_global_seed_changes_nothing_and_is_not_changed(solve) -> None:
+def test_a_global_seed_changes_nothing_and_is_not_changed(solve: Callable[..., Any]) -> None:
     torch.manual_seed(1)
     first = solve("builtin:push_in", "engine=cma", *SHORT)
     torch.manual_seed(2)

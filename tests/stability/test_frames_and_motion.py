@@ -1,9 +1,14 @@
 """A portrait reference, and motion as fast as it gets."""
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 
 
-def test_a_portrait_reference_gives_a_portrait_shot(filmed, solve, errors_of, sound) -> None:
+def test_a_portrait_reference_gives_a_portrait_shot(
+    filmed: Callable[..., Any], solve: Callable[..., Any], errors_of: Callable[..., Any], sound: Callable[..., None]
+) -> None:
     reference, truth = filmed("push_in", frames=3, size=(90, 160), coverage=0.4)
     found = solve(reference)
     sound(found)
@@ -14,14 +19,18 @@ def test_a_portrait_reference_gives_a_portrait_shot(filmed, solve, errors_of, so
 
 
 @pytest.mark.parametrize("name", ["crash_zoom", "dutch", "boom", "truck", "tilt", "handheld"])
-def test_every_move_ends_sound_and_framed(filmed, solve, sound, name: str) -> None:
+def test_every_move_ends_sound_and_framed(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None], name: str
+) -> None:
     reference, _ = filmed(name, frames=5)
     found = solve(reference)
     sound(found)
     assert float(found.verified.term("framing").values.mean()) < 0.03
 
 
-def test_a_crash_zoom_keeps_the_size_of_the_person_in_every_frame(filmed, solve) -> None:
+def test_a_crash_zoom_keeps_the_size_of_the_person_in_every_frame(
+    filmed: Callable[..., Any], solve: Callable[..., Any]
+) -> None:
     reference, _ = filmed("crash_zoom", frames=24)
     assert float(solve(reference).verified.term("shot_size").values.max()) < 0.01  # measured 0.0015
 
@@ -31,7 +40,9 @@ def test_a_crash_zoom_keeps_the_size_of_the_person_in_every_frame(filmed, solve)
     reason="the first frame, a small figure, stops at a total of 1 and 2 heights too near: focal length for distance; "
     "a first frame that is rescued until its tolerance would be searched on",
 )
-def test_a_crash_zoom_is_not_taken_for_another_distance(filmed, solve, errors_of) -> None:
+def test_a_crash_zoom_is_not_taken_for_another_distance(
+    filmed: Callable[..., Any], solve: Callable[..., Any], errors_of: Callable[..., Any]
+) -> None:
     reference, truth = filmed("crash_zoom", frames=5)
     position, _, focal = errors_of(solve(reference), truth)
     assert position < 0.3

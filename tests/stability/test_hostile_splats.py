@@ -1,7 +1,9 @@
 """Scenes that a person would not film: one Gaussian, an occluder before the person, values that are not finite."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -31,7 +33,7 @@ def spoiled(splats: Splats, field: str, count: int, value: float) -> Splats:
     return replace(splats, **{field: values})
 
 
-def rendered(scene: Scene, splats: Splats) -> torch.Tensor:
+def rendered(scene: Scene, splats: Splats) -> Any:
     assert scene.subject is not None
     camera = shot("static", scene.subject, (96, 54), 1).camera
     names = frozenset({"image", "depth", "alpha", "label"})
@@ -40,7 +42,9 @@ def rendered(scene: Scene, splats: Splats) -> torch.Tensor:
 
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_one_percent_that_is_not_finite_is_dropped_and_counted(courtyard, tmp_path: Path, field, value) -> None:
+def test_one_percent_that_is_not_finite_is_dropped_and_counted(
+    courtyard: Scene, tmp_path: Path, field: str, value: float
+) -> None:
     some = take(courtyard.geometry, torch.arange(len(courtyard.geometry)) % 20 == 0)
     count = len(some) // 100
     write_splats(tmp_path / "some.ply", spoiled(some, field, count, value))
@@ -94,6 +98,8 @@ def test_an_occluder_before_the_person_hides_it_and_never_pays(courtyard: Scene)
     assert float(seen) < 0.7 * float(reference.require("subject").float().mean())
 
 
-def test_the_other_side_of_a_scene_is_searched_past_what_stands_there(filmed, solve, sound) -> None:
+def test_the_other_side_of_a_scene_is_searched_past_what_stands_there(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
+) -> None:
     reference, _ = filmed("orbit", frames=3, azimuth=-1.2, distance=4.0, coverage=0.5)
     sound(solve(reference, scene="builtin:plaza"))

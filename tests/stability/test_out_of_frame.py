@@ -1,5 +1,8 @@
 """The person leaves the frame, is cut by it, or fills it."""
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 import torch
 
@@ -7,14 +10,18 @@ from cltransfer.losses.shot_size import degenerate
 
 
 @pytest.mark.parametrize("offset", [(0.45, 0.0), (0.0, 0.4)], ids=["right", "down"])
-def test_a_person_cut_by_the_edge_stays_cut_by_the_edge(filmed, solve, sound, offset: tuple[float, float]) -> None:
+def test_a_person_cut_by_the_edge_stays_cut_by_the_edge(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None], offset: tuple[float, float]
+) -> None:
     reference, _ = filmed("push_in", frames=3, offset=offset)
     found = solve(reference)
     sound(found)
     assert float(found.verified.term("framing").values.max()) < 0.03
 
 
-def test_a_person_who_leaves_the_frame_leaves_the_search_sound(filmed, solve, sound) -> None:
+def test_a_person_who_leaves_the_frame_leaves_the_search_sound(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
+) -> None:
     reference, _ = filmed("pan", frames=5, coverage=1.6, offset=(0.3, 0.0))
     found = solve(reference)
     sound(found)
@@ -23,7 +30,9 @@ def test_a_person_who_leaves_the_frame_leaves_the_search_sound(filmed, solve, so
     assert bool(seen.any())
 
 
-def test_a_close_up_with_less_than_two_joints_is_flagged(filmed, solve, sound) -> None:
+def test_a_close_up_with_less_than_two_joints_is_flagged(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
+) -> None:
     reference, _ = filmed("static", frames=2, coverage=9.0)
     found = solve(reference)
     sound(found)
@@ -31,7 +40,9 @@ def test_a_close_up_with_less_than_two_joints_is_flagged(filmed, solve, sound) -
     assert torch.isfinite(found.verified.term("shot_size").values).all()  # by the mask
 
 
-def test_a_close_up_has_no_size_in_the_words_of_the_paper(filmed, solve, sound) -> None:
+def test_a_close_up_has_no_size_in_the_words_of_the_paper(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
+) -> None:
     reference, _ = filmed("static", frames=2, coverage=9.0)
     found = solve(reference, "losses.shot_size.mode=faithful")
     sound(found)

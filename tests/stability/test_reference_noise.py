@@ -1,7 +1,9 @@
 """A reference that is read wrongly: shaken joints, an orientation that flips front to back."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -9,7 +11,7 @@ import torch
 from cltransfer.features import Features
 
 
-def shaken(share: float, seed: int):
+def shaken(share: float, seed: int) -> Callable[[Features], Features]:
     """Joints moved by a normal error of ``share`` of the frame width."""
 
     def change(features: Features) -> Features:
@@ -22,7 +24,7 @@ def shaken(share: float, seed: int):
     return change
 
 
-def turned_round(frames: list[int]):
+def turned_round(frames: list[int]) -> Callable[[Features], Features]:
     """An orientation estimator that takes the back for the front in ``frames``."""
 
     def change(features: Features) -> Features:
@@ -35,7 +37,14 @@ def turned_round(frames: list[int]):
 
 @pytest.mark.parametrize(("share", "position", "rotation"), [(0.01, 0.5, 4.0), (0.03, 1.5, 12.0)])
 def test_noise_on_joints_moves_the_camera_a_little(
-    filmed, solve, edited, errors_of, sound, share: float, position: float, rotation: float
+    filmed: Callable[..., Any],
+    solve: Callable[..., Any],
+    edited: Callable[..., str],
+    errors_of: Callable[..., Any],
+    sound: Callable[..., None],
+    share: float,
+    position: float,
+    rotation: float,
 ) -> None:
     reference, truth = filmed("dolly_zoom")
     found = solve(edited(reference, shaken(share, 0)))
@@ -45,14 +54,20 @@ def test_noise_on_joints_moves_the_camera_a_little(
     assert off[1] < rotation  # degrees
 
 
-def test_a_flipped_frame_leaves_the_cameras_sound(filmed, solve, edited, sound) -> None:
+def test_a_flipped_frame_leaves_the_cameras_sound(
+    filmed: Callable[..., Any], solve: Callable[..., Any], edited: Callable[..., str], sound: Callable[..., None]
+) -> None:
     reference, _ = filmed("push_in")
     sound(solve(edited(reference, turned_round([2]))))
 
 
 @pytest.mark.parametrize("frames", [[0], [2], [3, 4]], ids=["first", "middle", "end"])
 def test_a_minority_of_flipped_frames_does_not_move_the_camera_behind_the_person(
-    filmed, solve, edited, errors_of, frames: list[int]
+    filmed: Callable[..., Any],
+    solve: Callable[..., Any],
+    edited: Callable[..., str],
+    errors_of: Callable[..., Any],
+    frames: list[int],
 ) -> None:
     reference, truth = filmed("push_in")
     _, rotation, _ = errors_of(solve(edited(reference, turned_round(frames))), truth)

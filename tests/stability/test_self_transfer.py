@@ -1,10 +1,19 @@
 """A scene taught by its own shot: the camera that shot it is known, and found."""
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 
 
 @pytest.mark.parametrize("name", ["static", "push_in", "orbit", "dolly_zoom", "pan"])
-def test_the_camera_that_shot_the_reference_is_recovered(filmed, solve, errors_of, sound, name: str) -> None:
+def test_the_camera_that_shot_the_reference_is_recovered(
+    filmed: Callable[..., Any],
+    solve: Callable[..., Any],
+    errors_of: Callable[..., Any],
+    sound: Callable[..., None],
+    name: str,
+) -> None:
     reference, truth = filmed(name)
     found = solve(reference)
     sound(found)
@@ -16,7 +25,9 @@ def test_the_camera_that_shot_the_reference_is_recovered(filmed, solve, errors_o
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_another_seed_finds_the_same_camera(filmed, solve, errors_of, seed: int) -> None:
+def test_another_seed_finds_the_same_camera(
+    filmed: Callable[..., Any], solve: Callable[..., Any], errors_of: Callable[..., Any], seed: int
+) -> None:
     reference, truth = filmed("dolly_zoom")
     position, rotation, focal = errors_of(solve(reference, f"seed={seed}"), truth)
     assert position < 0.1
@@ -24,7 +35,9 @@ def test_another_seed_finds_the_same_camera(filmed, solve, errors_of, seed: int)
     assert focal < 5.0
 
 
-def test_cma_es_alone_finds_it_too(filmed, solve, errors_of) -> None:
+def test_cma_es_alone_finds_it_too(
+    filmed: Callable[..., Any], solve: Callable[..., Any], errors_of: Callable[..., Any]
+) -> None:
     reference, truth = filmed("static", frames=2)
     position, rotation, focal = errors_of(solve(reference, "engine=cma", "generations=40"), truth)
     assert position < 0.3

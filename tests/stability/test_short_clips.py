@@ -1,11 +1,16 @@
 """One frame, two frames, a tenth of a second, nothing that moves."""
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 import torch
 
 
 @pytest.mark.parametrize("frames", [1, 2])
-def test_one_and_two_frames_are_clips(filmed, solve, sound, frames: int) -> None:
+def test_one_and_two_frames_are_clips(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None], frames: int
+) -> None:
     reference, _ = filmed("push_in", frames=2)
     found = solve(reference, f"frames={frames}")
     sound(found)
@@ -15,12 +20,16 @@ def test_one_and_two_frames_are_clips(filmed, solve, sound, frames: int) -> None
 
 
 @pytest.mark.parametrize("smooth", [0, 1, 5])
-def test_smoothing_a_short_clip_keeps_it_sound(filmed, solve, sound, smooth: int) -> None:
+def test_smoothing_a_short_clip_keeps_it_sound(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None], smooth: int
+) -> None:
     reference, _ = filmed("push_in", frames=3)
     sound(solve(reference, f"smooth={smooth}"))
 
 
-def test_a_still_shot_stays_still(filmed, solve, sound) -> None:
+def test_a_still_shot_stays_still(
+    filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
+) -> None:
     reference, _ = filmed("static", frames=4)
     found = solve(reference)
     sound(found)
