@@ -73,7 +73,8 @@ class RunConfig:
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
             are repaired too; 0 takes it as it was read. The scores always use what was read.
-        smooth: standard deviation of the Gaussian that filters the found path along the clip [frames]; 0 leaves it.
+        smooth: standard deviation of the Gaussian that filters the path found for a clip [frames]; 0 leaves it, and so
+            does a reference that is a scene with a trajectory, which has no noise.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.
     """

@@ -157,7 +157,8 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> 
         searching = stage.reduced(homes[0], config.lod)
         report = _counting(progress, f"frames, round {number + 1}" if rounds else "frames", len(reference))
         found = follow(searching, search, target, homes, schedule, report)
-        cameras, kind = filtered(stage, search, target, homes[0], found, config.smooth)
+        jitter = config.smooth if reference.family == "image" else 0.0  # a scene teaches without noise
+        cameras, kind = filtered(stage, search, target, homes[0], found, jitter)
         clock.lap("search")
         shown = read_back(stage, parts, reference, cameras, by_networks, progress)
         attempts.append(Attempt(found, cameras, kind, shown))

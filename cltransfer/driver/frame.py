@@ -17,7 +17,7 @@ from .refine import refine
 from .schedule import Schedule
 from .stage import Stage
 
-RESCUE = Budget(generations=40, patience=12, popsize=10)
+RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
 OUTLIER = 1.5  # a frame this many times worse than the median so far is rescued too
 
