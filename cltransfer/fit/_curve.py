@@ -55,6 +55,8 @@ def _plot(path: Path, levels: Sequence[Level]) -> None:
         for level in levels:
             note = f"{level.psnr:.1f} dB\n{level.seconds:.0f} s"
             axes.annotate(note, (level.cells, level.psnr), (6, -20), textcoords="offset points", fontsize=7)
+        axes.set_xticks([v.cells for v in levels], [f"{v.cells:,}" for v in levels], fontsize=8)
+        axes.minorticks_off()
         axes.set(xlabel="cells", ylabel="held-out PSNR [dB]")
         axes.margins(x=0.15, y=0.25)
         axes.spines[["top", "right"]].set_visible(False)

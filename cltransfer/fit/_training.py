@@ -79,7 +79,8 @@ class GridModule(pl.LightningModule):
         rays = Rays(self.rays.origin[pixel], self.rays.direction[pixel])
         drawn = colors(self.grid(), rays, self.options.renderer.settings, self.filled, self.bricks)
         error = ((drawn - self.colors[pixel] / 255) ** 2).mean()
-        return error + self.options.smooth * (roughness(self.thickness[..., None]) + roughness(self.sh.flatten(3)))
+        rough = roughness(self.thickness[..., None]) + roughness(self.sh.flatten(3))
+        return error + self.options.smooth * rough + self.options.sparse * self.thickness.mean()
 
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
         """Density is never negative: a step that would make it so ends at 0, and may leave it again."""

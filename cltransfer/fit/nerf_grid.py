@@ -46,6 +46,7 @@ class NerfGridFit:
         rays: in a step.
         rate: of Adam.
         smooth: weight of the squared differences between neighbours.
+        sparse: weight of the mean optical thickness, so that no fog stays where nothing is seen to be.
         step: longest step of a ray as a fraction of a voxel edge, in (0, 1].
         near: nothing nearer to a camera is learnt, scene units, > 0.
         seed: of the rays that are drawn.
@@ -67,7 +68,8 @@ class NerfGridFit:
     patience: int = 2
     rays: int = 2048
     rate: float = 0.05
-    smooth: float = 1e-3
+    smooth: float = 3e-3
+    sparse: float = 3e-3
     step: float = 0.5
     near: float = 0.1
     seed: int = 0
@@ -82,7 +84,7 @@ class NerfGridFit:
         for name, least in (("first", 8), ("hold_out", 2), ("steps", 1), ("look", 1), ("patience", 1), ("rays", 1)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
-        for name in ("gain", "smooth"):
+        for name in ("gain", "smooth", "sparse"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
         if not self.rate > 0:
