@@ -64,7 +64,8 @@ class Views:
 def views_of(posed: PosedImages, side: int) -> Views:
     """Views of a posed image set, the longer side of its images at most ``side`` [px].
 
-    The box holds nearly all reconstructed points, or, without any, all camera centres and as much again around.
+    The box holds nearly all reconstructed points, or, without any, it reaches from where the optical axes come closest
+    to each other as far as the farthest camera.
 
     Raises:
         InputError: fewer than three images are there, or one is damaged.
@@ -72,7 +73,7 @@ def views_of(posed: PosedImages, side: int) -> Views:
     if len(posed.present) < FEWEST:
         raise InputError(posed.path, "images", f"expected at least {FEWEST}, got {len(posed.present)}")
     camera, image = posed.images(posed.present, side)
-    return Views(camera, image, box_around(camera.center if posed.points is None else posed.points))
+    return Views(camera, image, box_around_focus(camera) if posed.points is None else box_around(posed.points))
 
 
 def box_around(points: Tensor) -> Tensor:
@@ -80,6 +81,15 @@ def box_around(points: Tensor) -> Tensor:
     low, high = torch.quantile(points.double(), torch.tensor([POINT_SHARE, 1 - POINT_SHARE]).double(), dim=0)
     margin = MARGIN * (high - low).max()
     return torch.stack([low - margin, high + margin])
+
+
+def box_around_focus(camera: Camera) -> Tensor:
+    """Corners (2, 3) of a cube about the point nearest to all optical axes, as far out as the farthest camera."""
+    axis, center = camera.w2c[:, 2, :3], camera.center
+    across = torch.eye(3).to(axis) - axis[:, :, None] * axis[:, None]  # keeps what is at right angles to the axis
+    focus = torch.linalg.pinv(across.sum(0)) @ (across @ center[..., None]).sum(0)[:, 0]
+    reach = (center - focus).norm(dim=1).max()
+    return torch.stack([focus - reach, focus + reach])
 
 
 def psnr(geometry: Any, views: Views, renderer: Renderer) -> float:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from cltransfer.errors import InputError
-from cltransfer.fit._views import Views, box_around, psnr, views_of
+from cltransfer.fit._views import Views, box_around, box_around_focus, psnr, views_of
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes.nerf_grid import NerfGrid
 from cltransfer.scenes.posed import PosedImages
@@ -42,6 +42,11 @@ def test_the_box_leaves_strays_out():
     low, high = box_around(points)
     assert ((low > -0.2) & (low < 0)).all()
     assert ((high > 1) & (high < 1.2)).all()
+
+
+def test_without_points_the_box_is_about_what_the_cameras_look_at(views):
+    expected = torch.tensor([[-3.0] * 3, [3.0] * 3], dtype=torch.float64)
+    torch.testing.assert_close(box_around_focus(views.camera), expected, atol=1e-5, rtol=0)
 
 
 def test_a_set_with_two_images_is_refused(views, tmp_path):

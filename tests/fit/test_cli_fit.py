@@ -1,0 +1,48 @@
+"""The verb, on a posed set that is written here."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import pytest
+from typer.testing import CliRunner
+
+from cltransfer.cli import app
+from cltransfer.errors import UsageError
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.nerf_grid import NerfGrid
+
+
+@pytest.fixture
+def posed(views, tmp_path):
+    """The analytic views as a transforms.json with images."""
+    folder = tmp_path / "set"
+    (folder / "images").mkdir(parents=True)
+    frames = []
+    for index, (c2w, image) in enumerate(zip(views.camera.to_opengl().tolist(), views.image)):
+        name = f"images/{index:03}.png"
+        cv2.imwrite(str(folder / name), image.permute(1, 2, 0).numpy()[..., ::-1])
+        frames.append({"file_path": name, "transform_matrix": c2w})
+    focal = float(views.camera.focal[0])
+    head = {"w": 48, "h": 48, "fl_x": focal, "fl_y": focal, "cx": 24.0, "cy": 24.0}
+    (folder / "transforms.json").write_text(json.dumps({**head, "frames": frames}))
+    return folder
+
+
+def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
+    options = ["first=2000", "most=2000", "steps=40", "look=20", "rays=256", "degree=0"]
+    got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), "--json", "-q", *options])
+    assert got.exit_code == 0, got.output
+    (level,) = json.loads(got.stdout)["levels"]
+    assert level["steps"] == 40
+    assert level["psnr"] > 12
+    assert isinstance(load_scene(tmp_path / "out" / "grid.safetensors").geometry, NerfGrid)
+
+
+def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
+    for words, line in ((["degre=1"], "Did you mean: 'degree'"), (["degree"], "expected KEY=VALUE")):
+        got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), *words])
+        assert isinstance(got.exception, UsageError)
+        assert line in str(got.exception)
+    assert not (tmp_path / "out").exists()
