@@ -64,6 +64,7 @@ class RunConfig:
         steps: of refinement per frame at most.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's.
+        basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too.
         generations: of CMA-ES per frame at most.
         patience: generations without decrease before a frame stops.
@@ -92,6 +93,7 @@ class RunConfig:
     steps: int = 6
     dampings: int = 3
     jacobians: int = 1
+    basin: float = 0.3
     rescue: float = 2.0
     generations: int = 100
     patience: int = 20
@@ -111,7 +113,7 @@ class RunConfig:
         for name, low, high in (
             ("frames", 1, 2000), ("seed", 0, 2**63), ("threads", 0, 1024),
             ("search_side", 16, 4096), ("output_side", 16, 4096),
-            ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("rescue", 0.0, 1e6),
+            ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("basin", 0.0, 1e6), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
             ("clean", 0.0, 100.0), ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),

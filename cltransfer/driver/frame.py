@@ -13,12 +13,13 @@ from ..camera import Camera
 from ..features import Features
 from ..objective import group_norms
 from .cma_es import Budget, Start, minimise
-from .refine import refine
+from .refine import Refined, refine
 from .schedule import Schedule
 from .stage import Stage
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
+BASIN = Budget(generations=60, patience=15, popsize=12)
 OUTLIER = 1.5  # a frame this many times worse than the median so far is rescued too
 
 
@@ -135,12 +136,20 @@ def _by_refinement(
     groups = problem.stage.objective.groups
     if groups is None:
         raise ValueError("refinement needs residuals of every loss; use engine=cma")
-    begin = starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()]
-    found = refine(problem.residuals, begin, groups, schedule.refinement, memory.jacobian)
+
+    def refined(x: Tensor, jacobian: Tensor | None) -> Refined:
+        return refine(problem.residuals, x, groups, schedule.refinement, jacobian)
+
+    if memory.jacobian is None:  # a first frame: every start may lie in another basin
+        found = min((refined(x, None) for x in starts), key=lambda r: r.total)
+        limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
+    else:
+        found = refined(starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()], memory.jacobian)
+        limit, sigma, budget = max(schedule.rescue, OUTLIER * float(np.median(memory.totals))), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
-    if total > max(schedule.rescue, OUTLIER * float(np.median(memory.totals or (0.0,)))):
-        wide = minimise(problem.totals, Start(x, RESCUE_SIGMA), problem.bounds, RESCUE, generator)
-        again = refine(problem.residuals, wide.x, groups, schedule.refinement, None)
+    if total > limit:
+        wide = minimise(problem.totals, Start(x, sigma), problem.bounds, budget, generator)
+        again = refined(wide.x, None)
         generations = wide.generations
         if again.total < total:
             x, total, jacobian, stop = again.x, again.total, again.jacobian, f"rescued, {again.stop}"

@@ -22,7 +22,8 @@ AZIMUTHS = 16  # of a full orbit, where the reference does not say where the per
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
 DISTANCES = tuple(0.5 * 1.4**k for k in range(9))  # subject heights, 0.5 to 7.4
 BATCH = 16  # views rendered together
-KEPT = 3  # views that the first frame may start from
+KEPT = 4  # views that the first frame may start from
+APART = 0.35  # of the distance to the subject, between two of them
 
 
 def given_view(source: str) -> Camera:
@@ -104,4 +105,15 @@ def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_len
     terms = torch.cat([stage.terms(first, views[i : i + BATCH], None) for i in range(0, len(views), BATCH)])
     if not bool(torch.isfinite(terms[:, defined]).any()):
         raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
-    return views[stage.objective.totals(terms, defined).argsort(stable=True)[:KEPT]]
+    order = stage.objective.totals(terms, defined).argsort(stable=True).tolist()
+    return views[_apart(views.center, order, subject.anchor)]
+
+
+def _apart(centers: Tensor, order: list[int], anchor: Tensor) -> list[int]:
+    """The first of ``order`` whose centres (V, 3) are well apart: starts that are alike end alike."""
+    kept: list[int] = []
+    for i in order:
+        near = [(centers[i] - centers[k]).norm() < APART * (centers[k] - anchor).norm() for k in kept]
+        if not any(near) and len(kept) < KEPT:
+            kept.append(i)
+    return kept

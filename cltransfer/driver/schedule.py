@@ -24,6 +24,7 @@ class Schedule:
         sigma: first step size of CMA-ES from the initial view, as a share of the half-range.
         warm_sigma: the same from the frames before.
         warm: start from the frames before; otherwise every frame starts from the initial view.
+        basin: total of the first frame above which CMA-ES looks for a better basin from there.
         rescue: total above which a refined frame is searched by CMA-ES too.
         free_lens: whether the focal length moves.
         seed: of the run.
@@ -36,6 +37,7 @@ class Schedule:
     sigma: float
     warm_sigma: float
     warm: bool
+    basin: float
     rescue: float
     free_lens: bool
     seed: int
@@ -55,6 +57,7 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features) 
         sigma=config.sigma0,
         warm_sigma=config.warm_sigma,
         warm=config.warm_start,
+        basin=config.basin,
         rescue=config.rescue,
         free_lens=free,
         seed=config.seed,

@@ -96,13 +96,14 @@ def _rotate(c2w: tuple[Triple, ...], a: f32, b: f32) -> Triple:
 
 @njit(**INLINE, **LOOSE)
 def slope_along(component: f32, per_unit: f32) -> f32:
+    """Cells per unit of depth along one axis, never 0."""
     slope = component * per_unit
     return slope if abs(slope) > _MIN_SLOPE else _MIN_SLOPE
 
 
 @njit(**INLINE, **LOOSE)
 def cross(eye: Triple, slope: Triple, speed: f32, reach: tuple[f32, f32], density: Array) -> Span:
-    """Equal steps from where the ray enters the box, or the near plane, to where it leaves; ``reach`` is near, delta."""
+    """Equal steps from where the ray enters the box or passes the near plane to where it leaves; reach: near, delta."""
     start, end = reach[0], f32(3e38)
     for axis in range(3):
         low = -eye[axis] / slope[axis]
