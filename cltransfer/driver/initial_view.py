@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from ..camera import Camera
+from ..camera import Camera, concatenate
 from ..errors import InputError, UsageError
 from ..features import Features
 from ..scenes.posed import named_camera
@@ -20,7 +21,8 @@ from .stage import Stage
 VERTICAL_FOV = math.radians(40)  # a normal lens: 33 mm on a 24 mm high gate
 AZIMUTHS = 16  # of a full orbit, where the reference does not say where the person faces
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
-DISTANCES = tuple(0.5 * 1.4**k for k in range(9))  # subject heights, 0.5 to 7.4
+COARSE = 0.5 * 1.4 ** torch.arange(9, dtype=torch.float64)  # subject heights, 0.5 to 7.4
+FINE = 0.5 * 1.07 ** torch.arange(41, dtype=torch.float64)  # the same range again, from the best stand
 BATCH = 16  # views rendered together
 KEPT = 4  # views that the first frame may start from
 APART = 0.35  # of the distance to the subject, between two of them
@@ -41,45 +43,57 @@ def given_view(source: str) -> Camera:
     return Trajectory.load(Path(source)).camera[0] if camera is None else camera
 
 
-def orbit(subject: Subject, size: tuple[int, int], first: Features, free_lens: bool) -> Camera:
-    """Views around the subject, each aimed so that the subject appears as in the first reference frame.
-
-    Where the reference says how the body is seen, the views stand there, and behind it in case front and back were
-    confused; else all around. A free lens follows the size at several distances, a fixed one sets the distance.
+@dataclass(frozen=True)
+class Aim:
+    """What the views of an orbit have in common.
 
     Args:
         subject: to orbit.
         size: (W, H) of the views [px].
-        first: one reference frame.
-        free_lens: whether the focal length may change.
+        first: the reference frame that the subject should appear as in.
+        free_lens: whether the focal length follows the size; if not, the distance does.
     """
-    focal = 1 / (2 * math.tan(VERTICAL_FOV / 2))
-    stands = _stands(first)  # (M, 3) azimuth, elevation, roll
-    distances = torch.tensor(DISTANCES, dtype=torch.float64).log()
-    rows = torch.arange(len(stands)).repeat_interleave(len(distances))
-    distance = distances.repeat(len(stands))
-    middle = torch.zeros(len(rows), 2, dtype=torch.float64)
-    lens = math.log(focal) - distance
-    x = torch.cat([stands[rows], distance[:, None], middle, lens[:, None]], dim=1) / SCALE
-    normal = Camera.look_at(subject.anchor[None] + subject.facing, subject.anchor[None], subject.up, VERTICAL_FOV, size)
-    search = SubjectOrbit()
-    x = x if free_lens else x[:, :-1]
-    if first.has("keypoints"):
-        x = search.aimed(x, normal, subject, first)
-    return search.cameras(x, normal, subject)
+
+    subject: Subject
+    size: tuple[int, int]
+    first: Features
+    free_lens: bool
+
+    def views(self, stands: Tensor, distances: Tensor) -> Camera:
+        """Views from ``stands`` (M, 3) as azimuth, elevation, roll [rad] at ``distances`` (K,) [heights], M * K."""
+        focal = 1 / (2 * math.tan(VERTICAL_FOV / 2))
+        rows = torch.arange(len(stands)).repeat_interleave(len(distances))
+        distance = distances.log().repeat(len(stands))
+        middle = torch.zeros(len(rows), 2, dtype=torch.float64)
+        lens = math.log(focal) - distance
+        x = torch.cat([stands[rows], distance[:, None], middle, lens[:, None]], dim=1) / SCALE
+        anchor = self.subject.anchor[None]
+        normal = Camera.look_at(anchor + self.subject.facing, anchor, self.subject.up, VERTICAL_FOV, self.size)
+        search = SubjectOrbit()
+        x = x if self.free_lens else x[:, :-1]
+        if self.first.has("keypoints"):
+            x = search.aimed(x, normal, self.subject, self.first)
+        return search.cameras(x, normal, self.subject)
 
 
-def _stands(first: Features) -> Tensor:
-    """Azimuth, elevation, roll (M, 3) [rad] to stand at."""
-    if first.has("orientation"):
-        read = first.require("orientation").double()[0]
-        if bool(torch.isfinite(read).all()):
-            yaw, pitch, roll = read.tolist()
-            flat = [[yaw, e, roll] for e in {pitch, *ELEVATIONS}] + [[yaw + math.pi, e, -roll] for e in {pitch, 0.0}]
-            return torch.tensor(sorted(flat), dtype=torch.float64)
-    azimuths = torch.arange(AZIMUTHS, dtype=torch.float64) * (2 * math.pi / AZIMUTHS)
-    grid = torch.cartesian_prod(azimuths, torch.tensor(ELEVATIONS, dtype=torch.float64))
-    return torch.cat([grid, torch.zeros(len(grid), 1, dtype=torch.float64)], dim=1)
+def _read_stand(first: Features) -> Tensor | None:
+    """Azimuth, elevation, roll (3,) [rad] that the reference was read to stand at, None where it was not."""
+    if not first.has("orientation"):
+        return None
+    read = first.require("orientation").double()[0]
+    return read if bool(torch.isfinite(read).all()) else None
+
+
+def _stands(read: Tensor | None) -> Tensor:
+    """Azimuth, elevation, roll (M, 3) [rad] to stand at; as read first, all around where nothing was read."""
+    if read is None:
+        azimuths = torch.arange(AZIMUTHS, dtype=torch.float64) * (2 * math.pi / AZIMUTHS)
+        grid = torch.cartesian_prod(azimuths, torch.tensor(ELEVATIONS, dtype=torch.float64))
+        return torch.cat([grid, torch.zeros(len(grid), 1, dtype=torch.float64)], dim=1)
+    yaw, pitch, roll = read.tolist()
+    front = [[yaw, elevation, roll] for elevation in (pitch, *ELEVATIONS)]
+    back = [[yaw + math.pi, elevation, -roll] for elevation in (pitch, 0.0)]
+    return torch.tensor(front + back, dtype=torch.float64)
 
 
 def first_seen(features: Features) -> Features:
@@ -100,13 +114,24 @@ def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_len
     subject = stage.scene.subject
     if subject is None:
         raise UsageError("", "--init", "auto needs a lifted subject", "give a view: --init view.json")
-    views = orbit(subject, size, first, free_lens)
-    defined = stage.objective.defined(first)[0]
-    terms = torch.cat([stage.terms(first, views[i : i + BATCH], None) for i in range(0, len(views), BATCH)])
+    aim, defined = Aim(subject, size, first, free_lens), stage.objective.defined(first)[0]
+    read = _read_stand(first)
+    stands = _stands(read)
+    views = aim.views(stands, COARSE)
+    terms = _scored(stage, first, views)
     if not bool(torch.isfinite(terms[:, defined]).any()):
         raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
-    order = stage.objective.totals(terms, defined).argsort(stable=True).tolist()
-    return views[_apart(views.center, order, subject.anchor)]
+    totals = stage.objective.totals(terms, defined)
+    if free_lens:  # depth is what the reference tells least directly, and its basin is the narrowest
+        best = 0 if read is not None else int(totals.argmin()) // len(COARSE)
+        fine = aim.views(stands[best][None], FINE)
+        views = concatenate([views, fine])
+        totals = torch.cat([totals, stage.objective.totals(_scored(stage, first, fine), defined)])
+    return views[_apart(views.center, totals.argsort(stable=True).tolist(), subject.anchor)]
+
+
+def _scored(stage: Stage, first: Features, views: Camera) -> Tensor:
+    return torch.cat([stage.terms(first, views[i : i + BATCH], None) for i in range(0, len(views), BATCH)])
 
 
 def _apart(centers: Tensor, order: list[int], anchor: Tensor) -> list[int]:

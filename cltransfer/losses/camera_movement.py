@@ -41,7 +41,9 @@ def camera_movement_loss(reference: Tensor, rendered: Tensor, layers: Tensor) ->
     return layer_endpoint_errors(reference, rendered, layers).nanmean(-1)
 
 
-def movement_residuals(reference: AffineFlow, rendered: AffineFlow, mismatch: float, min_area: float) -> Tensor:
+def movement_residuals(
+    reference: AffineFlow, rendered: AffineFlow, mismatch: float, min_area: float, min_share: float = 0.0
+) -> Tensor:
     """Six residuals a layer whose norms add up to the mean difference of the layers' affine flow.
 
     Args:
@@ -49,11 +51,13 @@ def movement_residuals(reference: AffineFlow, rendered: AffineFlow, mismatch: fl
         rendered: fields of B candidates.
         mismatch: cost of a layer that the reference has and the render lacks, >= 0 [frame widths].
         min_area: a layer with flow on a smaller part of the frame counts as lacking.
+        min_share: so does one of the render with flow on a smaller share of the reference layer's area.
 
     Returns:
         (B, 18) [frame widths]; NaN where the reference has no layer or the render no flow in any.
     """
-    wanted, there = reference.area >= min_area, rendered.area >= min_area  # (R, 3), (B, 3)
+    wanted = reference.area >= min_area  # (R, 3)
+    there = rendered.area >= (min_share * reference.area).clamp_min(min_area)  # (B, 3)
     residuals = affine_flow_residuals(reference, rendered)
     lacking = torch.zeros(6).to(residuals)
     lacking[0] = mismatch
@@ -75,6 +79,8 @@ class CameraMovement:
             affine field to each layer of either side and compares the fields over the reference's pixels.
         mismatch: cost of a layer that only the reference has, >= 0 [frame widths] (robust).
         min_area: smallest layer, in (0, 1] of the frame (robust).
+        min_share: smallest part of a layer's area in the reference that the render must show, in [0, 1] (robust): a
+            field seen through a keyhole says nothing about the frame.
         weight: lambda of Eq. 15; tolerance 0.005 frame widths.
 
     The penalty is a quarter of the frame width in one frame, a whip pan; faithful: that of a frame 1280 wide.
@@ -83,6 +89,7 @@ class CameraMovement:
     mode: Literal["robust", "faithful"] = "robust"
     mismatch: float = 0.02
     min_area: float = 0.005
+    min_share: float = 0.2
     weight: float = 40.0
 
     requires: ClassVar[tuple[str, ...]] = ("flow", "layers")
@@ -95,6 +102,8 @@ class CameraMovement:
             raise ValueError(f"mismatch must be >= 0, got {self.mismatch}")
         if not 0 < self.min_area <= 1:
             raise ValueError(f"min_area must be in (0, 1], got {self.min_area}")
+        if not 0 <= self.min_share <= 1:
+            raise ValueError(f"min_share must be in [0, 1], got {self.min_share}")
         if self.mode == "faithful":
             object.__setattr__(self, "unit", "px")
             object.__setattr__(self, "penalty", 320.0)
@@ -103,7 +112,7 @@ class CameraMovement:
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
         if self.mode == "robust":
-            return movement_residuals(_fit(reference), _fit(rendered), self.mismatch, self.min_area)
+            return movement_residuals(_fit(reference), _fit(rendered), self.mismatch, self.min_area, self.min_share)
         flow, layers = _on_grid_of(reference, rendered)
         layers = layers & reference.require("layers")
         errors = layer_endpoint_errors(reference.require("flow"), flow, layers)

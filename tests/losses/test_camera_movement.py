@@ -102,6 +102,14 @@ def test_layer_missing_in_the_render_costs_the_mismatch_row_7() -> None:
     assert float(CameraMovement(mismatch=0.3)(reference, rendered)) == pytest.approx(0.1)
 
 
+def test_a_layer_seen_through_a_keyhole_counts_as_missing() -> None:
+    reference, rendered = moving(PAN), moving(PUSH)
+    rendered.flow[:, :, :12, 6:] = NAN  # a tenth of the first layer is left, too little to tell its field
+    lacking = float(CameraMovement(min_share=0.2)(reference, rendered))
+    rendered.layers[:, 0] = False
+    assert float(CameraMovement(min_share=0.0)(reference, rendered)) == pytest.approx(lacking)
+
+
 def test_mean_is_over_the_layers_the_reference_has_row_7() -> None:
     reference, rendered = moving(STILL), moving(PAN)
     reference.layers[:, 0] = False
@@ -150,6 +158,8 @@ def test_options_out_of_range_are_refused() -> None:
         CameraMovement(mismatch=-1)
     with pytest.raises(ValueError, match=r"min_area must be in \(0, 1\], got 0"):
         CameraMovement(min_area=0)
+    with pytest.raises(ValueError, match=r"min_share must be in \[0, 1\], got 2"):
+        CameraMovement(min_share=2)
 
 
 def test_fit_takes_less_than_a_millisecond_a_frame() -> None:

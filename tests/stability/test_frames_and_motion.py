@@ -35,11 +35,6 @@ def test_a_crash_zoom_keeps_the_size_of_the_person_in_every_frame(
     assert float(solve(reference).verified.term("shot_size").values.max()) < 0.01  # measured 0.0015
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the first frame, a small figure, stops at a total of 1 and 2 heights too near: focal length for distance; "
-    "a first frame that is rescued until its tolerance would be searched on",
-)
 def test_a_crash_zoom_is_not_taken_for_another_distance(
     filmed: Callable[..., Any], solve: Callable[..., Any], errors_of: Callable[..., Any]
 ) -> None:
