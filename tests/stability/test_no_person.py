@@ -34,7 +34,7 @@ def test_frames_without_a_person_are_undefined_and_the_rest_is_found(
         assert torch.isnan(values[gone]).all(), name
         assert torch.isfinite(values[kept]).all(), name
     assert float(found.verified.term("framing").values[kept].max()) < 0.02
-    assert float(found.verified.term("shot_size").values[kept].max()) < 0.02
+    assert float(found.verified.term("shot_size").values[kept].max()) < 0.03
 
 
 def test_a_run_with_gaps_is_written_without_a_nan(
