@@ -124,6 +124,9 @@ def transfer(
     ] = "auto",
     subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
     up: Up = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="Go on with the run of this folder that was killed; the rest as it was given.")
+    ] = None,
     config: Config = None,
     print_config: Annotated[bool, typer.Option("--print-config", help="Print the merged config and stop.")] = False,
     allow_plugin: Allow = None,
@@ -144,15 +147,18 @@ def transfer(
         [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
     )
     from .progress import progress
-    from .run_folder import default_folder, open_run, summary_lines, summary_values, write_run
-    from .transfer import Inputs
+    from .run_folder import JOURNAL, default_folder, open_run, summary_lines, summary_values, write_run
+    from .transfer import Inputs, Record
     from .transfer import transfer as run
 
     inputs = Inputs(scene, reference, init, subject, _vector(up))
-    folder = open_run(out or default_folder(scene, reference))
-    with progress(quiet) as report:
-        result = run(inputs, settings, report)
-        shown = write_run(folder, result, inputs, settings, allow_plugin or [])
+    folder = open_run(resume or out or default_folder(scene, reference))
+    try:
+        with progress(quiet) as report:
+            result = run(inputs, settings, report, Record(folder / JOURNAL, resume is not None))
+            shown = write_run(folder, result, inputs, settings, allow_plugin or [])
+    except KeyboardInterrupt:
+        _fail(f"interrupted (the same command with --resume {folder} goes on from here)", 130)
     _show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
 
 

@@ -37,6 +37,7 @@ from .trajectory import Trajectory
 from .transfer import Inputs, Result, fit
 
 MANIFEST, CONFIG, DONE = "manifest.json", "config.yaml", "DONE"
+JOURNAL = "journal.bin"
 
 
 def default_folder(scene: str, reference: str) -> Path:
@@ -56,7 +57,8 @@ def open_run(folder: Path) -> Path:
         UsageError: there is something else in it.
     """
     check_out(folder)
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MANIFEST).is_file():
+    known = (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
+    if folder.is_dir() and any(folder.iterdir()) and not known:
         raise UsageError(folder, "--out", "is neither empty nor a run", "name another folder")
     (folder / DONE).unlink(missing_ok=True)
     return folder

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
@@ -16,8 +18,10 @@ from .driver.follow import Path as FoundPath
 from .driver.follow import filtered, follow
 from .driver.frame import Solved
 from .driver.initial_view import best_of_orbit, first_seen, given_view
+from .driver.journal import Journal
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Spent, Stage
+from .features import Features
 from .graph import Family
 from .objective import Objective
 from .readback import Readback, read_back, read_held, read_path
@@ -50,6 +54,19 @@ class Inputs:
     init: str = "auto"
     subject: Path | None = None
     up: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Record:
+    """The journal of a run.
+
+    Args:
+        path: of the file.
+        resume: go on with what is there.
+    """
+
+    path: Path
+    resume: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,78 +131,6 @@ class Result:
         return self.kept.shown.image
 
 
-def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent) -> Result:
-    """Find the cameras that reproduce the reference's camera language in the scene.
-
-    Raises:
-        UsageError: the config asks for what the scene or the reference cannot give.
-        InputError: a file is missing or damaged, or shows no person.
-        ModelError: a network is missing.
-    """
-    clock = Clock()
-    set_threads(config.threads or thread_count())
-    parts = Components.build(config)
-    family: Family = "scene" if config.extract.inner == "geometric" else "image"
-    search = config.build_one("search")
-    scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
-    view = None if inputs.init == "auto" else given_view(inputs.init)
-    clock.lap("scene")
-    reading = Reading(config.frames, config.output_side, family)
-    reference = read_reference(inputs.reference, parts, reading, progress)
-    if reference.family == "image" and (config.extract.verify or family == "image"):
-        parts.plan("image").load_networks()
-    wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
-    clock.lap("reference")
-    if family == "scene" or search.needs_subject or view is None:
-        scene = lifted_scene(scene, parts.renderer, parts.extractors, lambda step: progress(step, 0, 0))
-        clock.lap("lift")
-
-    plan = parts.plan(family, shared=reference.features.names())
-    small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
-    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small)
-    schedule = make_schedule(config, stage.objective, wanted)
-    if view is None:
-        homes = best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens)
-    else:
-        homes = resized(view, output)
-    clock.lap("initial view")
-
-    by_networks = reference.family == "image" and config.extract.verify
-    rounds = config.extract.corrections if by_networks and family == "scene" else 0
-    target, attempts = wanted, list[Attempt]()
-    for number in range(rounds + 1):
-        searching = stage.reduced(homes[0], config.lod)
-        report = _counting(progress, f"frames, round {number + 1}" if rounds else "frames", len(reference))
-        found = follow(searching, search, target, homes, schedule, report)
-        jitter = config.smooth if reference.family == "image" else 0.0  # a scene teaches without noise
-        cameras, kind = filtered(stage, search, target, homes[0], found, jitter)
-        clock.lap("search")
-        shown = read_back(stage, parts, reference, cameras, by_networks, progress)
-        attempts.append(Attempt(found, cameras, kind, shown))
-        clock.lap("reading back")
-        if number < rounds:
-            bias = measure_bias(shown.features, read_path(stage, cameras), BIAS_WINDOW)
-            target, homes = corrected(wanted, bias), cameras[0]
-    kept = min(range(len(attempts)), key=lambda i: float(attempts[i].shown.scores.totals.mean()))
-    best = attempts[kept]
-    terms = stage.path_terms(wanted, best.cameras)
-    held = read_held(stage, parts, reference, best.shown, best.cameras)
-    clock.lap("comparison")
-    return Result(
-        scene=scene,
-        reference=reference,
-        trajectory=Trajectory(best.cameras, reference.times),
-        attempts=tuple(attempts),
-        best=kept,
-        searched=tabulate(stage.objective, wanted, terms, reference.missing),
-        held=held,
-        schedule=schedule,
-        read_by="image" if by_networks or family == "image" else "geometry",
-        spent=stage.spent,
-        seconds=clock.seconds,
-    )
-
-
 class Clock:
     """Seconds by step."""
 
@@ -198,6 +143,120 @@ class Clock:
         now = time.perf_counter()
         self.seconds[step] = self.seconds.get(step, 0.0) + now - self._last
         self._last = now
+
+
+def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, record: Record | None = None) -> Result:
+    """Find the cameras that reproduce the reference's camera language in the scene.
+
+    Args:
+        inputs: scene, reference and initial view.
+        config: everything else.
+        progress: called with a step, frames done, frames in all.
+        record: where every evaluated batch is kept, so that a run that was killed can go on; None keeps nothing.
+
+    Raises:
+        UsageError: the config asks for what the scene or the reference cannot give.
+        InputError: a file is missing or damaged, or shows no person.
+        ModelError: a network is missing.
+    """
+    clock = Clock()
+    job = _prepared(inputs, config, clock, progress, record)
+    attempts = _attempts(job, config, clock, progress)
+    kept = min(range(len(attempts)), key=lambda i: float(attempts[i].shown.scores.totals.mean()))
+    best, stage, reference = attempts[kept], job.stage, job.reference
+    terms = stage.path_terms(job.wanted, best.cameras)
+    held = read_held(stage, job.parts, reference, best.shown, best.cameras)
+    clock.lap("comparison")
+    return Result(
+        scene=stage.scene,
+        reference=reference,
+        trajectory=Trajectory(best.cameras, reference.times),
+        attempts=tuple(attempts),
+        best=kept,
+        searched=tabulate(stage.objective, job.wanted, terms, reference.missing),
+        held=held,
+        schedule=job.schedule,
+        read_by="image" if job.by_networks or config.extract.inner == "image" else "geometry",
+        spent=stage.spent,
+        seconds=clock.seconds,
+    )
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Everything a search starts from."""
+
+    parts: Components
+    search: Any
+    reference: Reference
+    wanted: Features  # the reference, cleaned where it was read from a clip
+    stage: Stage
+    schedule: Schedule
+    homes: Camera  # initial views, the best first
+    by_networks: bool  # whether networks read the result
+
+
+def _prepared(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress, record: Record | None) -> _Job:
+    set_threads(config.threads or thread_count())
+    parts = Components.build(config)
+    family: Family = "scene" if config.extract.inner == "geometric" else "image"
+    search = config.build_one("search")
+    scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
+    view = None if inputs.init == "auto" else given_view(inputs.init)
+    clock.lap("scene")
+    reference = read_reference(inputs.reference, parts, Reading(config.frames, config.output_side, family), progress)
+    by_networks = reference.family == "image" and config.extract.verify
+    if by_networks or family == "image":
+        parts.plan("image").load_networks()
+    wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
+    clock.lap("reference")
+    if family == "scene" or search.needs_subject or view is None:
+        scene = lifted_scene(scene, parts.renderer, parts.extractors, lambda step: progress(step, 0, 0))
+        clock.lap("lift")
+    plan = parts.plan(family, shared=reference.features.names())
+    small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
+    journal = None if record is None else Journal(record.path, _header(config, scene, reference), record.resume)
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), small, journal=journal)
+    schedule = make_schedule(config, stage.objective, wanted)
+    if view is None:
+        homes = best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens)
+    else:
+        homes = resized(view, output)
+    clock.lap("initial view")
+    return _Job(parts, search, reference, wanted, stage, schedule, homes, by_networks)
+
+
+def _header(config: RunConfig, scene: Scene, reference: Reference) -> dict[str, Any]:
+    """What the answers of a run depend on."""
+    return {
+        **{f"config.{key}": value for key, value in asdict(config).items()},
+        "scene": scene.digest,
+        "reference": reference.digest,
+        "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
+        "threads": thread_count(),
+    }
+
+
+def _attempts(job: _Job, config: RunConfig, clock: Clock, progress: Progress) -> list[Attempt]:
+    """Rounds of search and reading back; after the first, aimed off the networks' bias."""
+    corrects = job.by_networks and config.extract.inner == "geometric"
+    rounds = config.extract.corrections if corrects else 0
+    jitter = config.smooth if job.reference.family == "image" else 0.0  # a scene teaches without noise
+    target, homes, attempts = job.wanted, job.homes, list[Attempt]()
+    for number in range(rounds + 1):
+        searching = job.stage.reduced(homes[0], config.lod)
+        step = f"frames, round {number + 1}" if rounds else "frames"
+        report = _counting(progress, step, len(job.reference))
+        found = follow(searching, job.search, target, homes, job.schedule, report)
+        cameras, kind = filtered(job.stage, job.search, target, homes[0], found, jitter)
+        clock.lap("search")
+        shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
+        attempts.append(Attempt(found, cameras, kind, shown))
+        clock.lap("reading back")
+        if number < rounds:
+            bias = measure_bias(shown.features, read_path(job.stage, cameras), BIAS_WINDOW)
+            target, homes = corrected(job.wanted, bias), cameras[0]
+    return attempts
 
 
 def fit(size: tuple[int, int], side: int) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from ..features import Features
 from ..graph import Plan, run
 from ..objective import Objective
 from ..scenes import Scene
+from .journal import Journal
 from .working_set import WorkingSet
 
 
@@ -41,6 +43,7 @@ class Stage:
         size: (W, H) of the renders [px]; cameras of any size are rendered at this one.
         spent: the counter.
         working: what ``scene`` is merged from, where it is merged.
+        journal: answers kept on disk and taken from there, None where a run is not to be gone on with.
     """
 
     scene: Scene
@@ -50,6 +53,7 @@ class Stage:
     size: tuple[int, int]
     spent: Spent = field(default_factory=Spent)
     working: WorkingSet | None = None
+    journal: Journal | None = None
 
     def reduced(self, camera: Camera, k: float) -> Stage:
         """The stage for a search about ``camera`` (1), merged to voxels of ``k`` pixels; all of it where k is 0.
@@ -79,13 +83,17 @@ class Stage:
 
     def terms(self, reference: Features, cameras: Camera, before: Features | None) -> Tensor:
         """Raw terms (B, L) of B candidates for one reference frame."""
-        self.spent.evaluations += len(cameras)
-        return self.objective.terms(reference, self.features(cameras, before))
+        return self._answer(cameras, lambda: self.objective.terms(reference, self.features(cameras, before)))
 
     def residuals(self, reference: Features, cameras: Camera, before: Features | None, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame."""
+        return self._answer(
+            cameras, lambda: self.objective.residuals(reference, self.features(cameras, before), defined)
+        )
+
+    def _answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)
-        return self.objective.residuals(reference, self.features(cameras, before), defined)
+        return compute() if self.journal is None else self.journal.answer(cameras, compute)
 
     def path_terms(self, reference: Features, cameras: Camera) -> Tensor:
         """Raw terms (N, L) of a path, frame by frame against N reference frames."""

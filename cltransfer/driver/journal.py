@@ -1,0 +1,130 @@
+"""The journal: every evaluated batch, appended and synced, so that a run that was killed goes on where it was.
+
+A run is deterministic, so nothing but the answers has to be kept: a resumed run asks the same questions in the same
+order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
+version or thread count; it is refused.
+
+Record: length, crc32, then crc32 of the cameras asked, rows, columns, float64 answers. The first record is the header.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..errors import InputError
+
+_FRAME = struct.Struct("<II")  # length, crc32 of the payload
+_SHAPE = struct.Struct("<III")  # crc32 of the cameras, rows, columns
+RECORD_LIMIT = 2**24  # bytes; a batch of 1,000 candidates with 30 residuals takes 240 kB
+
+
+class Journal:
+    """Answers of a run on disk.
+
+    Args:
+        path: of the file.
+        header: what the answers depend on, as JSON values; a journal of another header is not gone on with.
+        resume: take up the answers that are there; otherwise they are discarded.
+
+    Raises:
+        InputError: the file is no journal, or of another run.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, object], resume: bool) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self._recorded: list[bytes] = []
+        end = 0
+        if resume and path.exists():
+            records, end = _read(path)
+            if records:
+                _compare(path, json.loads(records[0]), header)
+                self._recorded = records[1:]
+        self.replayed = 0
+        self._stream = _open(path, end)
+        if end == 0:
+            self._append(json.dumps(header, sort_keys=True).encode())
+
+    @property
+    def recorded(self) -> int:
+        """Answers taken up from an earlier run."""
+        return len(self._recorded)
+
+    def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
+        """Values (B, C) float64 for B cameras: recorded if this question was asked before, else computed and recorded.
+
+        Raises:
+            InputError: another question was recorded here.
+        """
+        asked = fingerprint(cameras)
+        if self.replayed < len(self._recorded):
+            payload = self._recorded[self.replayed]
+            self.replayed += 1
+            crc, rows, columns = _SHAPE.unpack_from(payload)
+            if crc != asked or len(payload) != _SHAPE.size + 8 * rows * columns:
+                hint = "other machine, version or threads? start over without --resume"
+                raise InputError(self.path, f"record {self.replayed}", "is of another question", hint)
+            values = np.frombuffer(payload, np.float64, offset=_SHAPE.size).reshape(rows, columns)
+            return torch.from_numpy(values.copy())
+        computed = compute().double()
+        self._append(_SHAPE.pack(asked, *computed.shape) + computed.contiguous().numpy().tobytes())
+        return computed
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def _append(self, payload: bytes) -> None:
+        self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+
+
+def fingerprint(cameras: Camera) -> int:
+    """crc32 of the cameras' numbers."""
+    return zlib.crc32(cameras.K.contiguous().numpy().tobytes(), zlib.crc32(cameras.w2c.contiguous().numpy().tobytes()))
+
+
+def _open(path: Path, end: int) -> BinaryIO:
+    """The file for appending behind byte ``end``; a torn tail is cut off."""
+    stream = path.open("r+b" if end else "wb")
+    stream.truncate(end)
+    stream.seek(end)
+    return stream
+
+
+def _read(path: Path) -> tuple[list[bytes], int]:
+    """All whole records, and where the last one ends; whatever follows a torn or flipped one is left out."""
+    records, end = [], 0
+    with path.open("rb") as stream:
+        while len(head := stream.read(_FRAME.size)) == _FRAME.size:
+            length, crc = _FRAME.unpack(head)
+            if not 0 < length <= RECORD_LIMIT:
+                break
+            payload = stream.read(length)
+            if len(payload) < length or zlib.crc32(payload) != crc:
+                break
+            records.append(payload)
+            end = stream.tell()
+    return records, end
+
+
+def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:
+    now = json.loads(json.dumps(header))
+    if not isinstance(recorded, dict):
+        raise InputError(path, "header", "not a journal")
+    for key in sorted({*now, *recorded}):
+        if recorded.get(key) != now.get(key):
+            reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
+            raise InputError(path, key, reason, "start over without --resume")

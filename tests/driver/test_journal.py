@@ -1,0 +1,107 @@
+"""Killed at any byte, a journal answers what it can, and only what was asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.camera import Camera
+from cltransfer.driver.journal import Journal
+from cltransfer.errors import InputError
+from cltransfer.testing.samples import sample_cameras
+
+HEADER = {"seed": 0, "scene": "abc"}
+
+
+def questions() -> list[Camera]:
+    return [sample_cameras(seed, 3) for seed in range(5)]
+
+
+def values(cameras: Camera) -> Tensor:
+    answers = cameras.center.clone()
+    answers[0, 0] = torch.nan
+    return answers
+
+
+def ask_all(path: Path, resume: bool) -> tuple[list[Tensor], int]:
+    """Answers to all questions, and how many had to be computed."""
+    journal, computed = Journal(path, HEADER, resume), 0
+    answers = []
+    for cameras in questions():
+
+        def compute(cameras: Camera = cameras) -> Tensor:
+            nonlocal computed
+            computed += 1
+            return values(cameras)
+
+        answers.append(journal.answer(cameras, compute))
+    journal.close()
+    return answers, computed
+
+
+def same(a: list[Tensor], b: list[Tensor]) -> bool:
+    return all(torch.equal(x.view(torch.int64), y.view(torch.int64)) for x, y in zip(a, b))
+
+
+def test_a_finished_journal_answers_everything_bit_for_bit(tmp_path: Path) -> None:
+    first, computed = ask_all(tmp_path / "j", False)
+    again, none = ask_all(tmp_path / "j", True)
+    assert (computed, none) == (5, 0)
+    assert same(first, again)
+
+
+def test_without_resume_the_answers_are_discarded(tmp_path: Path) -> None:
+    ask_all(tmp_path / "j", False)
+    assert ask_all(tmp_path / "j", False)[1] == 5
+
+
+def test_cut_at_every_byte_at_most_one_batch_is_computed_again(tmp_path: Path) -> None:
+    whole, _ = ask_all(tmp_path / "j", False)
+    data = (tmp_path / "j").read_bytes()
+    record = 8 + 12 + 3 * 3 * 8
+    head = len(data) - 5 * record
+    for size in range(0, len(data) + 1, 7):
+        (tmp_path / "cut").write_bytes(data[:size])
+        answers, computed = ask_all(tmp_path / "cut", True)
+        assert same(whole, answers)
+        assert computed == 5 - max(0, size - head) // record
+        assert (tmp_path / "cut").read_bytes() == data
+
+
+@pytest.mark.parametrize("at", [-3, -100, -200, 60])
+def test_a_flipped_bit_costs_what_follows_it_and_nothing_else(tmp_path: Path, at: int) -> None:
+    whole, _ = ask_all(tmp_path / "j", False)
+    data = bytearray((tmp_path / "j").read_bytes())
+    data[at] ^= 4
+    (tmp_path / "j").write_bytes(bytes(data))
+    answers, computed = ask_all(tmp_path / "j", True)
+    assert same(whole, answers)
+    assert computed >= 1
+
+
+def test_a_tail_of_zeros_is_cut_off(tmp_path: Path) -> None:
+    ask_all(tmp_path / "j", False)
+    with (tmp_path / "j").open("ab") as stream:
+        stream.write(bytes(1000))
+    assert ask_all(tmp_path / "j", True)[1] == 0
+
+
+def test_another_run_is_refused_by_the_key_that_differs(tmp_path: Path) -> None:
+    ask_all(tmp_path / "j", False)
+    with pytest.raises(InputError, match="seed: the run was begun with 0, this is 1"):
+        Journal(tmp_path / "j", {**HEADER, "seed": 1}, True)
+
+
+def test_another_question_is_refused(tmp_path: Path) -> None:
+    ask_all(tmp_path / "j", False)
+    journal = Journal(tmp_path / "j", HEADER, True)
+    with pytest.raises(InputError, match="record 1: is of another question"):
+        journal.answer(sample_cameras(9, 3), lambda: torch.zeros(3, 3))
+
+
+def test_a_length_of_4_gigabytes_is_not_believed(tmp_path: Path) -> None:
+    (tmp_path / "j").write_bytes(b"\xff" * 64)
+    assert ask_all(tmp_path / "j", True)[1] == 5
