@@ -56,17 +56,18 @@ _LOG_SPAN = 30.0  # largest over smallest value from which a chart is drawn on a
 
 
 def term_curves(report: ReportData) -> str:
-    """Each raw term over time, with the first view held still beside it, (SVG)."""
+    """Each raw term that has a value over time, with the first view held still beside it, (SVG)."""
+    shown = [term for term in report.scores.terms if term.defined] or list(report.scores.terms)
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots(len(report.scores.terms), 1, sharex=True, squeeze=False)[:, 0]
-        for ax, term in zip(axes, report.scores.terms):
+        axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, term in zip(axes, shown):
             other = None if report.baseline is None else report.baseline.term(term.name)
             _curves(ax, report.times.numpy(), term, other)
         axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, borderpad=0)
         axes[-1].set_xlabel("time [s]")
 
-    return _svg(draw, (6.4, 1.15 * len(report.scores.terms) + 0.3))
+    return _svg(draw, (6.4, 1.15 * len(shown) + 0.3))
 
 
 def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None) -> None:
