@@ -140,7 +140,7 @@ def _against_oracle(posed: list[Posed], repeats: int) -> list[MeshRow]:
     torch.set_num_threads(1)
     oracle, kernels, agreement = [], [], []
     for pair in posed:
-        a, b = (renderer.render(*pair, GEOMETRY).require("depth") for renderer in (fast, plain))
+        a, b = (renderer.render(*pair, ALL).require("depth") for renderer in (fast, plain))
         agreement.append(float((((a - b).abs() <= CLOSE * b) | (a.isnan() & b.isnan())).float().mean()))
         for _ in range(repeats):
             kernels.append(_time(fast, pair, ALL))
