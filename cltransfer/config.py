@@ -268,7 +268,8 @@ def _check_section(section: str, value: Any, where: Any) -> None:
     registry = SECTIONS[section]
     for name, options in value.items():
         if str(name) not in registry.names():
-            raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", nearest(name, registry.names()))
+            hint = f"{nearest(name, registry.names())}; a plugin needs --allow-plugin"
+            raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", hint)
         if options is None:
             continue
         if not isinstance(options, Mapping):
