@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -14,7 +13,9 @@ import typer
 from . import __version__
 from .bench.verbs import app as bench_app
 from .cli_fit import fit
+from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, simplify
+from .cli_shared import Allow, Json, Quiet, show
 from .errors import CltransferError, UsageError
 from .files import check_out
 
@@ -32,7 +33,6 @@ Anything in a config can be set as key=value: `generations=20 losses.framing=nul
 app = typer.Typer(
     help=HELP, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_enable=False, add_completion=True
 )
-plugins_app = typer.Typer(help="Components: what there is, and their options.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
 app.command()(fit)
@@ -40,12 +40,6 @@ app.command()(simplify)
 app.command()(bake)
 
 Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
-Allow = Annotated[
-    list[str] | None,
-    typer.Option("--allow-plugin", help="Run this plugin's code: an installed plugin's name, a file or a folder."),
-]
-Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")]
 SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:courtyard, builtin:plaza.")]
@@ -159,7 +153,7 @@ def transfer(
             shown = write_run(folder, result, inputs, settings, allow_plugin or [])
     except KeyboardInterrupt:
         _fail(f"interrupted (the same command with --resume {folder} goes on from here)", 130)
-    _show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
+    show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
 
 
 @app.command()
@@ -192,7 +186,7 @@ def evaluate(
     if out is not None:
         write_metrics(out, shown)
         write_report(out, shown)
-    _show(metrics_json(shown), metrics_table(shown), as_json)
+    show(metrics_json(shown), metrics_table(shown), as_json)
 
 
 @app.command()
@@ -242,51 +236,7 @@ def lift(
     wanted = Lifting(scene, _vector(up), tuple(view or ()), views)
     with progress(quiet) as report:
         found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
-    _show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
-
-
-@plugins_app.command("list")
-def plugins_list(as_json: Json = False) -> None:
-    """Every component by kind, and installed plugins (listed, not imported)."""
-    from .config import SECTIONS
-    from .plugins import installed
-
-    values: dict[str, Any] = {section: registry.names() for section, registry in SECTIONS.items()}
-    values["installed plugins"] = [f"{p.name} ({p.distribution} {p.version})" for p in installed()]
-    _show(values, "\n".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in values.items()), as_json)
-
-
-@plugins_app.command("show")
-def plugins_show(
-    name: Annotated[str, typer.Argument(help="Component, e.g. shot_size.")],
-    allow_plugin: Allow = None,
-    as_json: Json = False,
-) -> None:
-    """What a component does, requires and provides, and its options with their defaults."""
-    from .config import SECTIONS
-    from .plugins import allow
-
-    allow(allow_plugin or [])
-    found = [(section, registry) for section, registry in SECTIONS.items() if name in registry.names()]
-    if not found:
-        known = [n for registry in SECTIONS.values() for n in registry.names()]
-        from .config import nearest
-
-        raise UsageError("", name, "no such component", nearest(name, known))
-    section, registry = found[0]
-    cls = registry.get(name)
-    options = {key: repr(value) for key, value in registry.options(name).items()}
-    values: dict[str, Any] = {
-        "section": section,
-        "about": (cls.__doc__ or "").strip(),
-        "requires": sorted(getattr(cls, "requires", ())),
-        "provides": sorted(getattr(cls, "provides", ())),
-        "options": options,
-    }
-    lines = [f"{section}.{name}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
-    lines += [f"provides: {', '.join(values['provides'])}"] if values["provides"] else []
-    lines += [f"  {key} = {value}" for key, value in options.items()]
-    _show(values, "\n".join(lines), as_json)
+    show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
 
 
 @app.command()
@@ -297,7 +247,7 @@ def doctor(as_json: Json = False) -> None:
     findings = examine()
     width = max(len(f.what) for f in findings)
     text = "\n".join(f"{'ok ' if f.ok else 'NO '} {f.what:<{width}}  {f.says}" for f in findings)
-    _show([vars(f) for f in findings], text, as_json)
+    show([vars(f) for f in findings], text, as_json)
     if not healthy(findings):
         raise typer.Exit(4)
 
@@ -331,7 +281,3 @@ def _vector(text: str | None) -> tuple[float, float, float] | None:
     except ValueError:
         raise UsageError("", "--up", f"expected X,Y,Z, got {text!r}") from None
     return x, y, z
-
-
-def _show(values: Any, text: str, as_json: bool) -> None:
-    print(json.dumps(values, indent=2, allow_nan=False) if as_json else text)

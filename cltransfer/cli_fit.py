@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from .cli_shared import Json, Quiet, show
 from .errors import UsageError
 from .files import check_out
 
@@ -23,8 +23,8 @@ def fit(
         typer.Argument(metavar="[KEY=VALUE]...", help="Options, e.g. budget=200000 degree=2 side=400."),
     ] = None,
     representation: Annotated[str, typer.Option("--as", help="nerf_grid or gaussian_splats.")] = "nerf_grid",
-    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Fit a scene to the images of POSED; every eighth is held out and scored on.
 
@@ -51,4 +51,4 @@ def fit(
         levels = fitter.fit(views, out, report)
     rows = [asdict(level) for level in levels]
     lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
-    print(json.dumps({"folder": str(out), "levels": rows}, indent=2) if as_json else "\n".join([*lines, str(out)]))
+    show({"folder": str(out), "levels": rows}, "\n".join([*lines, str(out)]), as_json)

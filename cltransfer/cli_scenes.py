@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from .cli_shared import Json, show
 from .errors import UsageError
 from .files import check_out
-
-Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
 
 
 def simplify(
@@ -38,7 +36,7 @@ def simplify(
     options: Simplification = _options(Simplification, overrides or [])
     found = simplify_file(scene, out, view or [], options)
     text = f"{found['before']:,} Gaussians, {found['pruned']:,} after pruning, {found['after']:,} merged: {out}"
-    print(json.dumps(found, indent=2) if as_json else text)
+    show(found, text, as_json)
 
 
 def bake(
@@ -65,7 +63,7 @@ def bake(
     found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
     up = ",".join(f"{value:g}" for value in found["up"])
     text = f"{found['file']}: {found['count']:,} primitives; its up is {up} (--up {up})"
-    print(json.dumps(found, indent=2) if as_json else text)
+    show(found, text, as_json)
 
 
 def _options(cls: type[Any], overrides: list[str]) -> Any:

@@ -14,18 +14,16 @@ from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any, Literal
 
-from .errors import InputError, UsageError
-from .files import read_text
+from .config_layers import ONE_EACH, merge, parse_overrides, read_yaml
+from .errors import UsageError
 from .registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
 
-YAML_LIMIT = 2**20  # bytes
 SECTIONS: dict[str, Registry[Any]] = {
     "renderer": RENDERERS,
     "extractors": EXTRACTORS,
     "losses": LOSSES,
     "search": SEARCHES,
 }
-ONE_EACH = ("renderer", "search")
 
 
 @dataclass
@@ -155,14 +153,15 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
         UsageError: a file is missing, too large or no YAML; an unknown key, component or option (the nearest is
             named), a value of the wrong type or range.
     """
-    above = _parse_overrides(overrides)
+    above = parse_overrides(overrides)
+    _check(above, "command line")
     file = _read_chain(Path(path)) if path else {}
     preset = above.get("preset", file.get("preset", "balanced"))
     if preset not in presets():
         raise UsageError("", "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
-    merged = _read_yaml(_shipped() / f"{preset}.yaml")
+    merged = _checked(_shipped() / f"{preset}.yaml")
     for layer in (file, above):
-        merged = _merge(merged, layer)
+        merged = merge(merged, layer)
     return _typed({**merged, "preset": preset}, path or "config")
 
 
@@ -173,81 +172,23 @@ def _shipped() -> Any:
 
 def _read_chain(path: Path) -> dict[str, Any]:
     """A file over its ``base``; the base is named beside it and may name no other."""
-    own = _read_yaml(path)
+    own = _checked(path)
     base = own.pop("base", None)
     if base is None:
         return own
     parent_path = path.parent / str(base)
     if not parent_path.resolve().is_relative_to(path.parent.resolve().parent):
         raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
-    parent = _read_yaml(parent_path)
+    parent = _checked(parent_path)
     if "base" in parent:
         raise UsageError(parent_path, "base", "a base names no further base", "merge the two files")
-    return _merge(parent, own)
+    return merge(parent, own)
 
 
-def _read_yaml(path: Any) -> dict[str, Any]:
-    import yaml
-    from omegaconf import OmegaConf
-
-    try:
-        text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
-    except InputError as error:
-        raise UsageError(path, error.field, error.reason) from None
-    if "${" in text:
-        raise UsageError(path, "${", "interpolation is not part of the grammar", "write the value")
-    try:
-        value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
-        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
-    except Exception as error:  # omegaconf has one class per fault and no common base with yaml's
-        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
-    if not isinstance(value, dict):
-        raise UsageError(path, "", "expected a mapping of keys to values")
-    raw = {str(key): entry for key, entry in value.items()}
+def _checked(path: Any) -> dict[str, Any]:
+    raw = read_yaml(path)
     _check(raw, path)
     return raw
-
-
-def _parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
-    import yaml
-
-    nested: dict[str, Any] = {}
-    for item in overrides:
-        key, equals, text = item.partition("=")
-        if not equals or not key:
-            raise UsageError("", item, "expected key=value")
-        if "${" in text:
-            raise UsageError("", key, "interpolation is not part of the grammar", "write the value")
-        try:
-            value = yaml.safe_load(text) if text else None
-        except yaml.YAMLError:
-            raise UsageError("", key, f"not a YAML value: {text}") from None
-        *parents, last = key.split(".")
-        target = nested
-        for parent in parents:
-            below = target.setdefault(parent, {})
-            if not isinstance(below, dict):
-                below = target[parent] = {}
-            target = below
-        target[last] = value
-    _check(nested, "command line")
-    return nested
-
-
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(below)
-    for key, value in above.items():
-        old = merged.get(key)
-        if isinstance(old, Mapping) and isinstance(value, Mapping):
-            merged[key] = _merge(old, value)
-        else:
-            merged[key] = value
-        if key in ONE_EACH and isinstance(value, Mapping):
-            named = [name for name, options in value.items() if options is not None]
-            if len(named) == 1:  # naming another renderer replaces the one below
-                merged[key] = {named[0]: merged[key][named[0]]}
-    return merged
 
 
 def _check(raw: Mapping[str, Any], where: Any) -> None:

@@ -1,0 +1,85 @@
+"""What a config is laid together from: YAML files and key=value, as plain mappings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError, UsageError
+from .files import read_text
+
+YAML_LIMIT = 2**20  # bytes
+ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
+
+
+def read_yaml(path: Any) -> dict[str, Any]:
+    """The mapping in a YAML file, nothing resolved and nothing run.
+
+    Raises:
+        UsageError: it is missing, too large, no YAML, no mapping, or asks for interpolation.
+    """
+    import yaml
+    from omegaconf import OmegaConf
+
+    try:
+        text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
+    except InputError as error:
+        raise UsageError(path, error.field, error.reason) from None
+    if "${" in text:
+        raise UsageError(path, "${", "interpolation is not part of the grammar", "write the value")
+    try:
+        value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
+    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    except Exception as error:  # omegaconf has one class per fault and no common base with yaml's
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    if not isinstance(value, dict):
+        raise UsageError(path, "", "expected a mapping of keys to values")
+    return {str(key): entry for key, entry in value.items()}
+
+
+def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
+    """``section.name.option=value`` as nested mappings; values are YAML, none is null.
+
+    Raises:
+        UsageError: an item is no ``key=value``.
+    """
+    import yaml
+
+    nested: dict[str, Any] = {}
+    for item in overrides:
+        key, equals, text = item.partition("=")
+        if not equals or not key:
+            raise UsageError("", item, "expected key=value")
+        if "${" in text:
+            raise UsageError("", key, "interpolation is not part of the grammar", "write the value")
+        try:
+            value = yaml.safe_load(text) if text else None
+        except yaml.YAMLError:
+            raise UsageError("", key, f"not a YAML value: {text}") from None
+        *parents, last = key.split(".")
+        target = nested
+        for parent in parents:
+            below = target.setdefault(parent, {})
+            if not isinstance(below, dict):
+                below = target[parent] = {}
+            target = below
+        target[last] = value
+    return nested
+
+
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """``above`` over ``below``, key by key; null stays, to be removed when all is merged."""
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        if isinstance(old, Mapping) and isinstance(value, Mapping):
+            merged[key] = merge(old, value)
+        else:
+            merged[key] = value
+        if key in ONE_EACH and isinstance(value, Mapping):
+            named = [name for name, options in value.items() if options is not None]
+            if len(named) == 1:  # naming another renderer replaces the one below
+                merged[key] = {named[0]: merged[key][named[0]]}
+    return merged
