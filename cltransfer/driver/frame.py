@@ -138,7 +138,7 @@ def _by_refinement(
         raise ValueError("refinement needs residuals of every loss; use engine=cma")
 
     def refined(x: Tensor, jacobian: Tensor | None) -> Refined:
-        return refine(problem.residuals, x, groups, schedule.refinement, jacobian)
+        return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds)
 
     if memory.jacobian is None:  # a first frame: every start may lie in another basin
         found = min((refined(x, None) for x in starts), key=lambda r: r.total)

@@ -57,8 +57,16 @@ class Refined:
     stop: str
 
 
+Bounds = tuple[Tensor, Tensor]  # lowest and highest x, (D,) each; infinite where free
+
+
 def refine(
-    evaluate: Callable[[Tensor], Tensor], x: Tensor, groups: Tensor, options: Refinement, jacobian: Tensor | None
+    evaluate: Callable[[Tensor], Tensor],
+    x: Tensor,
+    groups: Tensor,
+    options: Refinement,
+    jacobian: Tensor | None,
+    bounds: Bounds | None = None,
 ) -> Refined:
     """Decrease the sum of group norms of the residuals from ``x``.
 
@@ -68,7 +76,9 @@ def refine(
         groups: group of each residual, (R,).
         options: how far.
         jacobian: of the frame before, (R, D); None computes one.
+        bounds: steps end on them; None is free.
     """
+    x = _inside(x, bounds)
     r = evaluate(x[None])[0]
     total = float(group_norms(r[None], groups).sum())
     evaluations, fresh, made, damping, stop = 1, False, 0, 1.0, "steps"
@@ -77,10 +87,10 @@ def refine(
             stop = "tolerance"
             break
         if jacobian is None:
-            jacobian = _differences(evaluate, x, r)
+            jacobian = _differences(evaluate, x, r, bounds)
             evaluations, fresh, made = evaluations + len(x), True, made + 1
         floor = FLOORS[min(step, len(FLOORS) - 1)]
-        tried = _steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings])
+        tried = _inside(_steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings]), bounds)
         found = evaluate(tried)
         evaluations += len(tried)
         totals = group_norms(found, groups).sum(1)
@@ -99,18 +109,24 @@ def refine(
                 stop = "worth"
                 break
         else:
-            jacobian = _differences(evaluate, x, r)
+            jacobian = _differences(evaluate, x, r, bounds)
             evaluations, fresh, made = evaluations + len(x), True, made + 1
     if jacobian is None:
-        jacobian = _differences(evaluate, x, r)
+        jacobian = _differences(evaluate, x, r, bounds)
         evaluations += len(x)
     return Refined(x, total, jacobian, evaluations, stop)
 
 
-def _differences(evaluate: Callable[[Tensor], Tensor], x: Tensor, r: Tensor) -> Tensor:
-    """Jacobian (R, D) by forward differences, all as one batch."""
-    moved = evaluate(x + STEP * torch.eye(len(x), dtype=x.dtype))
-    return ((moved - r) / STEP).T
+def _inside(x: Tensor, bounds: Bounds | None) -> Tensor:
+    return x if bounds is None else torch.minimum(torch.maximum(x, bounds[0]), bounds[1])
+
+
+def _differences(evaluate: Callable[[Tensor], Tensor], x: Tensor, r: Tensor, bounds: Bounds | None) -> Tensor:
+    """Jacobian (R, D) by one-sided differences, all as one batch; backwards where forwards leaves the box."""
+    step = torch.full_like(x, STEP)
+    if bounds is not None:
+        step = torch.where(x + STEP > bounds[1], -step, step)
+    return ((evaluate(x + torch.diag(step)) - r) / step[:, None]).T
 
 
 def _steps(x: Tensor, r: Tensor, J: Tensor, groups: Tensor, floor: float, dampings: list[float]) -> Tensor:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from ..camera import Camera
@@ -97,8 +98,6 @@ class Stage:
 
     def path_terms(self, reference: Features, cameras: Camera) -> Tensor:
         """Raw terms (N, L) of a path, frame by frame against N reference frames."""
-        import torch
-
         rows, before = [], None
         for i in range(len(cameras)):
             before = self.features(cameras[i], before)

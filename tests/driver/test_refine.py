@@ -72,3 +72,17 @@ def test_steps_bound_the_evaluations() -> None:
     found = refine(bent, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(2, (3e-2,), 0), None)
     assert found.stop == "steps"
     assert found.evaluations == 1 + 3 + 2
+
+
+def test_the_box_is_respected_and_its_edge_is_found() -> None:
+    seen: list[Tensor] = []
+
+    def watched(x: Tensor) -> Tensor:
+        seen.append(x)
+        return bent(x)
+
+    low, high = torch.full((3,), -0.1, dtype=torch.float64), torch.full((3,), 0.15, dtype=torch.float64)
+    found = refine(watched, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(), None, (low, high))
+    asked = torch.cat(seen)
+    assert bool(((asked >= low) & (asked <= high)).all())
+    assert float(found.x[0]) == 0.15 or float(found.x[1]) == -0.1  # the target lies outside
