@@ -17,7 +17,7 @@ from .tensor_file import check_tensor_file
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
-STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "orientation")
+STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confidence", "orientation")
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "layers": (3, None, None),
     "depth": (None, None),
     "flow": (2, None, None),
+    "flow_confidence": (None, None),
     "orientation": (3,),
 }
 

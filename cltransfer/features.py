@@ -35,6 +35,7 @@ class Features:
         subject: the person's pixels, (B, H, W) bool.
         layers: foreground, character, background, (B, 3, H, W) bool, disjoint.
         flow: backward flow, frame i -> i-1, (B, 2, H, W) [px of ``size``]; NaN where undefined (first frame).
+        flow_confidence: how far ``flow`` can be trusted, (B, H, W) in [0, 1] on its pixels; NaN where it is undefined.
         orientation: yaw, pitch, roll of the camera about the subject, (B, 3) [rad]. Yaw is 0 in front of the
             body and grows to its left, pitch is positive from above, roll is positive when the body leans right.
         camera: who looks, where known (a renderer knows, a clip does not).
@@ -53,6 +54,7 @@ class Features:
     subject: Tensor | None = None
     layers: Tensor | None = None
     flow: Tensor | None = None
+    flow_confidence: Tensor | None = None
     orientation: Tensor | None = None
     camera: Camera | None = None
     person: Subject | None = None

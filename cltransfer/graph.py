@@ -47,7 +47,7 @@ class Plan:
     Args:
         steps: extractors in order.
         buffers: what the source has to deliver, a subset of what it has.
-        wanted: features the losses ask for.
+        wanted: features the losses ask for, and those they use that can be had.
         missing: wanted features that this source cannot give, with the reason.
     """
 
@@ -84,6 +84,7 @@ def make_plan(
     source: frozenset[str],
     family: Family,
     shared: frozenset[str] | None = None,
+    uses: frozenset[str] = frozenset(),
 ) -> Plan:
     """Plan for the ``wanted`` features from ``source``.
 
@@ -94,6 +95,7 @@ def make_plan(
         family: image reads with image extractors only; scene prefers scene extractors.
         shared: features the other side of the comparison has, None if this side is read first. An extractor's
             optional inputs are used only when both sides have them, so that both are read by one rule.
+        uses: what the losses take where it can be had; nothing is missing without it.
 
     Raises:
         UsageError: two extractors of one family provide the same feature, or extractors need one another in a circle.
@@ -104,7 +106,8 @@ def make_plan(
         reason = planner.reach(name, ())
         if reason:
             missing[name] = reason
-    return Plan(tuple(planner.steps), frozenset(planner.buffers), wanted, missing)
+    welcome = {name for name in sorted(uses) if not planner.reach(name, ())}
+    return Plan(tuple(planner.steps), frozenset(planner.buffers), wanted | welcome, missing)
 
 
 class _Planner:
@@ -218,11 +221,8 @@ def _needs_before(step: Step) -> bool:
 def _undefined(now: Features, step: Step) -> Features:
     """What a step that compares with the frame before gives a first frame: NaN, of the shape of a flow."""
     for name in step.extractor.provides:
-        if name == "flow":
-            shape: tuple[int, ...] = (len(now), 2, *_map_size(now))
-        else:
-            shape = (len(now), 1)
-        now = _with(now, name, torch.full(shape, float("nan")))
+        shape = {"flow": (2, *_map_size(now)), "flow_confidence": _map_size(now)}.get(name, (1,))
+        now = _with(now, name, torch.full((len(now), *shape), float("nan")))
     return now
 
 

@@ -58,10 +58,12 @@ class Components:
         """
         source = CLIP_SOURCE if family == "image" else frozenset(self.renderer.provides) | SCENE_SOURCE
         wanted: set[str] = set()
+        uses: set[str] = set()
         for loss in self.losses.values():
             if shared is None or shared >= set(loss.requires):
                 wanted.update(loss.requires)
-        return make_plan(frozenset(wanted), self.extractors, source, family, shared)
+                uses.update(getattr(loss, "uses", ()))
+        return make_plan(frozenset(wanted), self.extractors, source, family, shared, frozenset(uses))
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,22 @@ def test_an_optional_input_is_hidden_unless_both_sides_have_it(shared: frozenset
     assert got.has("depth")  # hidden from one step, not lost
 
 
+def test_what_a_loss_merely_uses_is_computed_where_it_can_be_had_and_never_missed() -> None:
+    makers = {"a": Making(("box",)), "f": Making(("flow", "flow_confidence"))}
+    made = plan({"box"}, makers, uses=frozenset({"flow_confidence", "gaze"}))
+    assert made.wanted == {"box", "flow_confidence"}
+    assert [s.name for s in made.steps] == ["a", "f"]
+    assert made.missing == {}
+
+
+def test_a_first_frame_alone_has_maps_of_nan() -> None:
+    made = plan({"flow", "flow_confidence"}, {"f": Making(("flow", "flow_confidence"), needs_before=True)})
+    got = run(made, Features((4, 2), image=torch.zeros(1, 3, 2, 4)), None)
+    assert got.require("flow").shape == (1, 2, 2, 4)
+    assert got.require("flow_confidence").shape == (1, 2, 4)
+    assert bool(got.require("flow_confidence").isnan().all())
+
+
 def test_a_first_frame_has_no_flow_and_the_others_compare_with_the_one_before() -> None:
     image = torch.arange(20.0)[:, None, None, None].expand(20, 3, 2, 2)  # longer than one chunk
     made = plan({"gaze"}, {"f": Making(("gaze",), needs_before=True)})

@@ -17,7 +17,8 @@ class AffineFlow:
     Args:
         coefficients: of both flow components, (B, K, 2, 3) [frame widths]; NaN where the layer has no flow.
         moments: mean of (1, u, v) (1, u, v)^T over the layer's pixels, (B, K, 3, 3), positive definite.
-        area: the layer's pixels that have a flow, as a part of the frame, (B, K) in [0, 1].
+        area: the layer's pixels that have a flow, each as far as it is trusted, as a part of the frame, (B, K) in
+            [0, 1].
     """
 
     coefficients: Tensor  # (B, K, 2, 3)
@@ -25,8 +26,8 @@ class AffineFlow:
     area: Tensor  # (B, K)
 
 
-def fit_affine_flow(flow: Tensor, layers: Tensor, width: float) -> AffineFlow:
-    """Least-squares affine field of each layer's flow.
+def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tensor | None = None) -> AffineFlow:
+    """Least-squares affine field of each layer's flow, weighted by its confidence.
 
     It holds what a mean flow is blind to: push, zoom and roll have no mean but a gradient. Pixels without a
     flow (NaN) are left out. The fit does not depend on the resolution, only on the frame's aspect.
@@ -35,18 +36,23 @@ def fit_affine_flow(flow: Tensor, layers: Tensor, width: float) -> AffineFlow:
         flow: (B, 2, H, W) [px of a frame ``width`` wide].
         layers: (B, K, H, W) bool.
         width: frame width that the flow vectors refer to [px].
+        confidence: weight of each pixel, (B, H, W) in [0, 1]; None trusts all alike.
 
     Returns:
         The fields in frame widths, float64.
 
     Raises:
-        ValueError: flow and layers are not on one grid.
+        ValueError: flow, layers and confidence are not on one grid.
     """
     from ._kernels import flow_sums
 
     if flow.shape != (len(layers), 2, *layers.shape[2:]):
         raise ValueError(f"flow and layers must share a grid, got {tuple(flow.shape)} and {tuple(layers.shape)}")
-    sums = torch.from_numpy(flow_sums(flow.detach().cpu().numpy(), layers.cpu().numpy())).to(flow.device)
+    weight = torch.ones_like(flow[:, 0]) if confidence is None else confidence
+    if weight.shape != flow[:, 0].shape:
+        raise ValueError(f"flow and confidence must share a grid, got {tuple(flow.shape)} and {tuple(weight.shape)}")
+    arrays = (tensor.detach().cpu().numpy() for tensor in (flow, weight, layers))
+    sums = torch.from_numpy(flow_sums(*arrays)).to(flow.device)
     count = sums[..., :1]
     mean = sums / count.clamp_min(1)
     moments = mean[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].unflatten(-1, (3, 3))

@@ -88,11 +88,11 @@ def depth_modes(depth: NDArray, masks: NDArray) -> NDArray:
 
 
 @njit(cache=True, nogil=True)
-def flow_sums(flow: NDArray, layers: NDArray) -> NDArray:
-    """Sums (B, K, 12) over each layer's pixels that have a flow.
+def flow_sums(flow: NDArray, weight: NDArray, layers: NDArray) -> NDArray:
+    """Weighted sums (B, K, 12) over each layer's pixels that have a flow.
 
     Of 1, u, v, uu, uv, vv, then of each flow component times 1, u, v. Coordinates (u, v) run over the frame
-    from -0.5 to 0.5. ``flow`` is (B, 2, H, W), ``layers`` (B, K, H, W) bool.
+    from -0.5 to 0.5. ``flow`` is (B, 2, H, W), ``weight`` (B, H, W) >= 0, ``layers`` (B, K, H, W) bool.
     """
     batch, count, height, width = layers.shape
     sums = np.zeros((batch, count, 12))
@@ -100,23 +100,23 @@ def flow_sums(flow: NDArray, layers: NDArray) -> NDArray:
         for y in range(height):
             v = (y + 0.5) / height - 0.5
             for x in range(width):
-                fx, fy = flow[b, 0, y, x], flow[b, 1, y, x]
-                if not (math.isfinite(fx) and math.isfinite(fy)):
+                w, fx, fy = float(weight[b, y, x]), flow[b, 0, y, x], flow[b, 1, y, x]
+                if not (w > 0 and math.isfinite(fx) and math.isfinite(fy)):  # w may be NaN
                     continue
                 u = (x + 0.5) / width - 0.5
                 for k in range(count):
                     if layers[b, k, y, x]:
                         s = sums[b, k]
-                        s[0] += 1.0
-                        s[1] += u
-                        s[2] += v
-                        s[3] += u * u
-                        s[4] += u * v
-                        s[5] += v * v
-                        s[6] += fx
-                        s[7] += fx * u
-                        s[8] += fx * v
-                        s[9] += fy
-                        s[10] += fy * u
-                        s[11] += fy * v
+                        s[0] += w
+                        s[1] += w * u
+                        s[2] += w * v
+                        s[3] += w * u * u
+                        s[4] += w * u * v
+                        s[5] += w * v * v
+                        s[6] += w * fx
+                        s[7] += w * fx * u
+                        s[8] += w * fx * v
+                        s[9] += w * fy
+                        s[10] += w * fy * u
+                        s[11] += w * fy * v
     return sums

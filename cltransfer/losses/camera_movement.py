@@ -76,7 +76,8 @@ class CameraMovement:
     Args:
         mode: ``faithful`` is the endpoint error in pixels of the reference over the pixels that both sides
             count to a layer; it depends on the resolution and needs overlapping persons. ``robust`` fits an
-            affine field to each layer of either side and compares the fields over the reference's pixels.
+            affine field to each layer of either side, weighted by the flow's confidence where that was extracted,
+            and compares the fields over the reference's pixels.
         mismatch: cost of a layer that only the reference has, >= 0 [frame widths] (robust).
         min_area: smallest layer, in (0, 1] of the frame (robust).
         min_share: smallest part of a layer's area in the reference that the render must show, in [0, 1] (robust): a
@@ -93,6 +94,7 @@ class CameraMovement:
     weight: float = 40.0
 
     requires: ClassVar[tuple[str, ...]] = ("flow", "layers")
+    uses: ClassVar[tuple[str, ...]] = ("flow_confidence",)
     unit: ClassVar[str] = "frame widths"
     penalty: ClassVar[float] = 0.25
     groups: ClassVar[tuple[int, ...]] = (0,) * 6 + (1,) * 6 + (2,) * 6
@@ -106,6 +108,7 @@ class CameraMovement:
             raise ValueError(f"min_share must be in [0, 1], got {self.min_share}")
         if self.mode == "faithful":
             object.__setattr__(self, "unit", "px")
+            object.__setattr__(self, "uses", ())
             object.__setattr__(self, "penalty", 320.0)
             object.__setattr__(self, "groups", (0, 1, 2))
 
@@ -125,7 +128,9 @@ class CameraMovement:
 
 
 def _fit(features: Features) -> AffineFlow:
-    return fit_affine_flow(features.require("flow"), features.require("layers"), features.size[0])
+    return fit_affine_flow(
+        features.require("flow"), features.require("layers"), features.size[0], features.flow_confidence
+    )
 
 
 def _on_grid_of(reference: Features, rendered: Features) -> tuple[Tensor, Tensor]:

@@ -126,6 +126,37 @@ def test_pixels_without_a_flow_are_left_out(mode: str) -> None:
     assert float(CameraMovement(mode=mode)(reference, rendered)) == pytest.approx(whole, rel=1e-4)
 
 
+def test_flow_without_confidence_does_not_count_in_robust_mode() -> None:
+    reference, rendered = moving(PAN), moving(PAN)
+    wrong = torch.zeros(1, 36, 64, dtype=torch.bool)
+    wrong[:, :, 40:] = True
+    rendered.flow[:, 0][wrong] = 20.0
+    assert float(CameraMovement()(reference, rendered)) > 0.02
+    gated = replace(rendered, flow_confidence=(~wrong).float())
+    assert float(CameraMovement()(reference, gated)) == pytest.approx(0, abs=1e-5)
+    faithful = CameraMovement(mode="faithful")
+    assert float(faithful(reference, gated)) == float(faithful(reference, rendered))
+
+
+def test_confidence_weighs_like_repeated_pixels() -> None:
+    random = torch.Generator().manual_seed(3)
+    flow, times = torch.randn(1, 2, 6, 8, generator=random), torch.randint(0, 4, (1, 6, 8), generator=random)
+    v, u = torch.meshgrid((torch.arange(6) + 0.5) / 6 - 0.5, (torch.arange(8) + 0.5) / 8 - 0.5, indexing="ij")
+    basis = torch.stack([torch.ones_like(u), u, v], dim=-1).flatten(0, 1).double()
+    repeated, values = (x.repeat_interleave(times.flatten(), 0) for x in (basis, flow[0].flatten(1).T.double()))
+    fit = fit_affine_flow(flow, torch.ones(1, 1, 6, 8, dtype=torch.bool), 1.0, times / 3)
+    expected = torch.linalg.lstsq(repeated, values).solution.T
+    torch.testing.assert_close(fit.coefficients[0, 0], expected, rtol=1e-4, atol=1e-5)
+    assert float(fit.area) == pytest.approx(float(times.float().mean() / 3))
+
+
+def test_a_layer_that_no_confidence_is_left_in_has_no_field() -> None:
+    frame = moving(PAN)
+    fit = fit_affine_flow(frame.flow, frame.layers, 64, torch.full((1, 36, 64), NAN))
+    assert fit.coefficients.isnan().all()
+    assert not fit.area.any()
+
+
 def test_layers_weigh_the_same_whatever_their_area() -> None:
     reference, rendered = moving(STILL), moving(STILL)
     rendered.layers[:] = False
@@ -151,6 +182,8 @@ def test_faithful_is_in_pixels_and_priced_so() -> None:
 def test_flow_and_layers_on_two_grids_are_refused() -> None:
     with pytest.raises(ValueError, match="flow and layers must share a grid"):
         fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 4, 8, dtype=torch.bool), 8)
+    with pytest.raises(ValueError, match="flow and confidence must share a grid"):
+        fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 8, 8, dtype=torch.bool), 8, torch.ones(1, 4, 8))
 
 
 def test_options_out_of_range_are_refused() -> None:
