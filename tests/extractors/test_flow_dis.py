@@ -39,6 +39,23 @@ def test_vectors_are_in_pixels_of_the_features_size():
     torch.testing.assert_close(inner(flow), torch.tensor([[-8.0, 9.0]]), atol=0.6, rtol=0)
 
 
+def test_where_the_frame_before_has_nothing_to_show_flow_is_not_trusted():
+    now, before = texture(shift=(6.0, 0.0)), texture()
+    got = FlowDis()(features(now), features(before))
+    assert got.flow_confidence.shape == (1, 120, 160)
+    assert (got.flow_confidence[:, :, :4] < 0.1).float().mean() > 0.95  # came into the frame from the left
+    assert (got.flow_confidence[:, 10:-10, 30:-10] > 0.9).float().mean() > 0.95
+
+
+def test_unchecked_flow_is_the_same_without_a_confidence():
+    now, before = features(texture(shift=(4.0, -3.0))), features(texture())
+    plain = FlowDis(check=False)
+    got = plain(now, before)
+    assert plain.provides == ("flow",)
+    assert got.flow_confidence is None
+    assert torch.equal(got.flow, FlowDis()(now, before).flow)
+
+
 def test_one_frame_before_serves_a_batch_and_batch_equals_single():
     now, before = torch.cat([texture(shift=(2.0, 0)), texture(shift=(0, 5.0))]), texture()
     flow = FlowDis()(features(now), features(before)).flow
@@ -48,9 +65,10 @@ def test_one_frame_before_serves_a_batch_and_batch_equals_single():
 
 
 def test_a_frame_without_one_before_is_nan():
-    flow = FlowDis()(features(texture()), None).flow
-    assert flow.shape == (1, 2, 120, 160)
-    assert flow.isnan().all()
+    got = FlowDis()(features(texture()), None)
+    assert got.flow.shape == (1, 2, 120, 160)
+    assert got.flow.isnan().all()
+    assert got.flow_confidence.isnan().all()
 
 
 def test_a_height_without_room_is_refused():
