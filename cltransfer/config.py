@@ -14,6 +14,7 @@ from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any, Literal
 
+from .config_adam import AdamConfig
 from .config_layers import ONE_EACH, merge, parse_overrides, read_yaml
 from .errors import UsageError
 from .registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
@@ -57,8 +58,8 @@ class RunConfig:
         warm_start: start each frame from the frames before it; otherwise from the initial view.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.
-        engine: refine (least squares on geometry, CMA-ES as rescue) or cma (alone). A loss without residuals, or
-            renders read by networks, leave CMA-ES alone whatever is said here.
+        engine: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A loss without
+            residuals, or renders read by networks, turn refine into cma.
         steps: of refinement per frame at most.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's.
@@ -74,6 +75,7 @@ class RunConfig:
             are repaired too; 0 takes it as it was read. The scores always use what was read.
         smooth: standard deviation of the Gaussian that filters the path found for a clip [frames]; 0 leaves it, and so
             does a reference that is a scene with a trajectory, which has no noise.
+        adam: how the engine adam descends.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.
     """
@@ -87,7 +89,7 @@ class RunConfig:
     lod: float = 0.0
     warm_start: bool = True
     zoom: Literal["auto", "free", "fixed"] = "auto"
-    engine: Literal["refine", "cma"] = "cma"
+    engine: Literal["refine", "cma", "adam"] = "cma"
     steps: int = 6
     dampings: int = 3
     jacobians: int = 1
@@ -101,6 +103,7 @@ class RunConfig:
     tolerance: float = 0.0
     clean: float = 0.0
     smooth: float = 0.0
+    adam: AdamConfig = field(default_factory=AdamConfig)
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     renderer: dict[str, Any] = field(default_factory=dict)
     extractors: dict[str, Any] = field(default_factory=dict)

@@ -52,13 +52,17 @@ class Objective:
         return torch.isfinite(self.terms(reference, reference))
 
     def totals(self, terms: Tensor, defined: Tensor) -> Tensor:
-        """Weighted totals (B,) of raw terms (B, L), Eq. 15.
+        """Weighted totals (B,) of raw terms (B, L), Eq. 15: the sum of :meth:`weighted`."""
+        return self.weighted(terms, defined).sum(dim=1)
+
+    def weighted(self, terms: Tensor, defined: Tensor) -> Tensor:
+        """Weighted terms (B, L) of raw terms (B, L).
 
         A term the reference lacks costs nothing, whatever is rendered; a term that only the render lacks costs its
         penalty, so that leaving the frame never pays.
         """
         priced = torch.where(torch.isfinite(terms), terms, self.penalties)
-        return torch.where(defined, priced * self.weights, torch.zeros_like(priced)).sum(dim=1)
+        return torch.where(defined, priced * self.weights, torch.zeros_like(priced))
 
     @property
     def groups(self) -> Tensor | None:

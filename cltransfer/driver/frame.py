@@ -12,6 +12,7 @@ from torch import Tensor
 from ..camera import Camera
 from ..features import Features
 from ..objective import group_norms
+from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .refine import Refined, refine
 from .schedule import Schedule
@@ -62,8 +63,12 @@ class Problem:
 
     def totals(self, x: Tensor) -> Tensor:
         """Totals (B,) of x (B, D)."""
+        return self.weighted(x).sum(dim=1)
+
+    def weighted(self, x: Tensor) -> Tensor:
+        """Weighted terms (B, L) of x (B, D), undefined ones priced; they add up to the totals."""
         terms = self.stage.terms(self.reference, self.cameras(x), self.before)
-        return self.stage.objective.totals(terms, self.defined)
+        return self.stage.objective.weighted(terms, self.defined)
 
     def residuals(self, x: Tensor) -> Tensor:
         """Weighted residuals (B, R) of x (B, D)."""
@@ -98,7 +103,7 @@ class Solved:
     Args:
         x: (D,).
         total: there.
-        generations: of CMA-ES.
+        generations: of CMA-ES, or gradient steps of Adam.
         stop: why it ended.
         memory: for the next frame.
     """
@@ -116,6 +121,8 @@ def solve(
     """Search one frame from ``starts`` (S, D), the first of which may be anywhere."""
     if schedule.engine == "cma":
         return _by_cma(problem, starts, memory, schedule, generator)
+    if schedule.engine == "adam":
+        return _by_adam(problem, starts, memory, schedule, generator)
     return _by_refinement(problem, starts, memory, schedule, generator)
 
 
@@ -128,6 +135,14 @@ def _by_cma(
     found = minimise(problem.totals, start, problem.bounds, schedule.budget, generator)
     learned = Memory(found.shape if schedule.warm else None, None, (*memory.totals, found.total))
     return Solved(found.x, found.total, found.generations, found.stop, learned)
+
+
+def _by_adam(
+    problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
+) -> Solved:
+    x = starts[int(problem.totals(starts).argmin())] if problem.before is None and len(starts) > 1 else starts[0]
+    found = descend(problem, x, schedule.adam, generator)
+    return Solved(found.x, found.total, found.steps, "iterations", Memory(totals=(*memory.totals, found.total)))
 
 
 def _by_refinement(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..config import RunConfig
+from ..config_adam import AdamConfig
 from ..features import Features
 from ..objective import Objective
 from .cma_es import Budget
@@ -18,9 +19,10 @@ class Schedule:
     """How frames are searched.
 
     Args:
-        engine: refine (least squares, rescued by CMA-ES) or cma (alone).
+        engine: refine (least squares, rescued by CMA-ES), cma (alone) or adam.
         budget: of CMA-ES, each frame.
         refinement: of least squares, each frame.
+        adam: of gradient descent, each frame.
         sigma: first step size of CMA-ES from the initial view, as a share of the half-range.
         warm_sigma: the same from the frames before.
         warm: start from the frames before; otherwise every frame starts from the initial view.
@@ -34,6 +36,7 @@ class Schedule:
     engine: str
     budget: Budget
     refinement: Refinement
+    adam: AdamConfig
     sigma: float
     warm_sigma: float
     warm: bool
@@ -54,6 +57,7 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features) 
         engine="cma" if note else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, config.tolerance),
         refinement=Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, config.tolerance),
+        adam=config.adam,
         sigma=config.sigma0,
         warm_sigma=config.warm_sigma,
         warm=config.warm_start,
