@@ -1,0 +1,83 @@
+"""Flow matching as in JAWS: the whole frame's flow, pixel by pixel; a baseline for :mod:`.camera_movement`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from ..features import Features
+from ..registry import LOSSES
+
+SIDE = 224  # [px] of the frames that JAWS reads: squashed to a square, whatever their shape
+
+
+def flow_error(reference: Tensor, rendered: Tensor) -> Tensor:
+    """Mean over pixels and both components of the squared difference, ``EE`` in JAWS.
+
+    Args:
+        reference: (R, 2, H, W), R = 1 or B.
+        rendered: (B, 2, H, W).
+
+    Returns:
+        (B,), >= 0; pixels that lack either flow (NaN) are left out, NaN where none is left.
+    """
+    return (rendered - reference).square().flatten(1).nanmean(1)
+
+
+def flow_angle(reference: Tensor, rendered: Tensor) -> Tensor:
+    """Mean angle between (u, v, 1) of both flows, in half turns, ``AN`` in JAWS; the 1 gives no motion an angle too.
+
+    Args are those of :func:`flow_error`; (B,) in [0, 1], NaN where no pixel has both flows.
+    """
+    a, b = (torch.cat([flow, torch.ones_like(flow[:, :1])], dim=1) for flow in (reference, rendered))
+    a, b = torch.broadcast_tensors(a, b)
+    angle = torch.atan2(torch.linalg.cross(a, b, dim=1).norm(dim=1), (a * b).sum(1))
+    return (angle / torch.pi).flatten(1).nanmean(1)
+
+
+@LOSSES.register("jaws_flow")
+@dataclass(frozen=True)
+class JawsFlow:
+    """Squared difference of the flow and, beside it, its angle: JAWS' inter-frame loss, for comparison.
+
+    JAWS takes the flow forwards; here both sides have it backwards (i -> i-1), which turns every vector about.
+    Undefined on the first frame, which has no flow.
+
+    Args:
+        quirks: vectors are those of frames squashed to 224 x 224 and not scaled back, as in the published code;
+            otherwise they are in pixels of a frame 224 high.
+        angular: weight of the angle, >= 0; 0 leaves it out.
+        weight: of the term; JAWS: 0.7.
+
+    The penalty is that of a quarter of the frame's width in one frame, a whip pan.
+    """
+
+    quirks: bool = False
+    angular: float = 1.0
+    weight: float = 0.7
+
+    requires: ClassVar[tuple[str, ...]] = ("flow",)
+    unit: ClassVar[str] = "px^2 at 224"
+    penalty: ClassVar[float] = 0.5 * (SIDE / 4) ** 2
+
+    def __post_init__(self) -> None:
+        if self.angular < 0:
+            raise ValueError(f"angular must be >= 0, got {self.angular}")
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw loss, (B,) [px^2 at 224, and half turns]; NaN where undefined."""
+        found = self._vectors(rendered)
+        wanted = interpolate(self._vectors(reference), tuple(found.shape[-2:]), mode="nearest-exact")
+        error = flow_error(wanted, found)
+        return error + self.angular * flow_angle(wanted, found) if self.angular else error
+
+    def _vectors(self, features: Features) -> Tensor:
+        """Flow (B, 2, H, W) in pixels of a frame of 224."""
+        flow = features.require("flow")
+        width, height = features.size
+        per_pixel = flow.new_tensor([SIDE / width if self.quirks else SIDE / height, SIDE / height])
+        return flow * per_pixel[:, None, None]

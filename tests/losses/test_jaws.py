@@ -1,0 +1,146 @@
+"""The two losses of JAWS against loops, and what their switches change."""
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+from cltransfer.losses import jaws_pose
+from cltransfer.losses.framing import Framing
+from cltransfer.losses.jaws_flow import JawsFlow, flow_angle, flow_error
+from cltransfer.losses.jaws_pose import JawsPose
+from cltransfer.losses.shot_size import ShotSize
+from cltransfer.testing import LossCase, sample_features
+
+WIDTH, HEIGHT, SPREAD = 30, 20, 1.5
+TEMPERATURE = 12.0  # lower than JAWS' 200, so that every joint has a say
+
+
+def _load() -> ModuleType:
+    path = Path(__file__).resolve().parents[1] / "reference" / "jaws.py"
+    spec = importlib.util.spec_from_file_location("jaws", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+literal = _load()
+
+
+@pytest.fixture
+def small_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Maps that a loop gets through."""
+    for name, value in (("HEIGHT", HEIGHT), ("SPREAD", SPREAD), ("TEMPERATURE", TEMPERATURE)):
+        monkeypatch.setattr(jaws_pose, name, value)
+
+
+def joints(seed: int, count: int = 14) -> Features:
+    """A frame whose joints may be out of it, or hardly be seen."""
+    random = torch.Generator().manual_seed(seed)
+    scale = torch.tensor([1.2 * WIDTH, 1.2 * HEIGHT, 1.0])
+    places = (torch.rand(1, count, 3, generator=random) * scale).double()
+    return Features((WIDTH, HEIGHT), keypoints=places)
+
+
+class TestQuirkyPose(LossCase):
+    component = JawsPose(quirks=True)
+
+
+class TestQuirkyFlow(LossCase):
+    component = JawsFlow(quirks=True, angular=0.0)
+
+
+@pytest.mark.parametrize("quirks", [False, True])
+@pytest.mark.parametrize("seed", range(2))
+def test_pose_is_the_published_formula(small_maps: None, seed: int, quirks: bool) -> None:
+    reference, rendered = joints(2 * seed, 5), joints(2 * seed + 1, 5)
+    lists = [f.keypoints[0].tolist() for f in (reference, rendered)]
+    expected = literal.pose(*lists, WIDTH, HEIGHT, SPREAD, TEMPERATURE, quirks)
+    got = JawsPose(quirks=quirks)(reference, rendered)
+    torch.testing.assert_close(got, torch.tensor([expected], dtype=torch.float64), rtol=1e-5, atol=1e-8)
+
+
+def test_a_joint_the_reference_hardly_shows_hardly_counts() -> None:
+    reference, rendered = sample_features(1, 1), sample_features(2, 1)
+    reference.keypoints[..., 2] = 1.0
+    hidden = reference.keypoints.clone()
+    hidden[:, 5, 2] = 0.0
+    both = jaws_pose.sharpness(torch.cat([reference.keypoints, hidden]), reference.size)
+    assert both[0, 5] > 0.3
+    assert both[1, 5] == 0
+    torch.testing.assert_close(both.sum(1), torch.full((2,), 14.0, dtype=torch.float64))
+    shown = JawsPose()(reference, rendered)
+    assert JawsPose()(replace(reference, keypoints=hidden), rendered) != shown
+
+
+def test_an_arm_that_hangs_otherwise_costs_though_size_and_framing_are_the_same() -> None:
+    """What the paper holds against JAWS (Sec. 4.2.1)."""
+    reference = sample_features(1, 1)
+    moved = reference.keypoints.clone()
+    moved[:, 4:6, 1] -= 10
+    rendered = replace(reference, keypoints=moved)
+    assert float(JawsPose()(reference, rendered)) > 0.5
+    assert float(ShotSize()(reference, rendered)) == float(Framing()(reference, rendered)) == 0
+
+
+def test_pose_has_a_slope_where_maps_do_not_overlap() -> None:
+    """The cumulative sums reach across the frame, so a far joint is drawn near."""
+    reference = sample_features(1, 1)
+    costs = []
+    for shift in (8.0, 16.0, 24.0):
+        away = reference.keypoints + torch.tensor([shift, 0.0, 0.0])
+        costs.append(float(JawsPose()(reference, replace(reference, keypoints=away))))
+    assert costs[0] < costs[1] < costs[2]
+
+
+def test_nobody_in_the_reference_is_undefined() -> None:
+    reference, rendered = sample_features(1, 1), sample_features(2, 1)
+    reference.keypoints[..., 2] = 0
+    assert JawsPose()(reference, rendered).isnan().all()
+
+
+def test_a_person_out_of_the_frame_costs_less_than_the_penalty() -> None:
+    reference, rendered = sample_features(1, 8), sample_features(2, 8)
+    rendered.keypoints[..., 2] = 0
+    assert float(JawsPose()(reference, rendered).max()) < JawsPose.penalty
+
+
+@pytest.mark.parametrize("quirks", [False, True])
+def test_flow_is_the_published_formula(quirks: bool) -> None:
+    reference, rendered = sample_features(1, 1), sample_features(2, 1)
+    rendered = replace(rendered, size=(128, 72))
+    lists = [f.flow[0].flatten(1).T.tolist() for f in (reference, rendered)]
+    expected = literal.flow(lists[0], reference.size, lists[1], rendered.size, quirks, 0.5)
+    got = JawsFlow(quirks=quirks, angular=0.5)(reference, rendered)
+    torch.testing.assert_close(got.double(), torch.tensor([expected], dtype=torch.float64), rtol=1e-4, atol=1e-6)
+
+
+def test_squashed_units_weigh_sideways_motion_by_the_frames_shape() -> None:
+    still = sample_features(1, 1)
+    still = replace(still, flow=torch.zeros_like(still.flow))
+    aside = replace(still, flow=torch.tensor([1.0, 0.0])[None, :, None, None].expand_as(still.flow).clone())
+    plain, squashed = (float(JawsFlow(quirks=q, angular=0.0)(still, aside)) for q in (False, True))
+    assert squashed / plain == pytest.approx((36 / 64) ** 2)
+
+
+def test_pixels_without_a_flow_are_left_out() -> None:
+    a, b = torch.zeros(1, 2, 4, 4), torch.ones(1, 2, 4, 4)
+    b[..., 0] = torch.nan
+    assert float(flow_error(a, b)) == 1
+    assert float(flow_angle(a, b)) == pytest.approx(torch.atan2(torch.tensor(2.0).sqrt(), torch.tensor(1.0)) / torch.pi)
+    assert flow_error(a, torch.full_like(b, torch.nan)).isnan().all()
+
+
+def test_a_first_frame_is_undefined() -> None:
+    first = sample_features(1, 2)
+    first = replace(first, flow=torch.full_like(first.flow, torch.nan))
+    assert JawsFlow()(first, sample_features(2, 2)).isnan().all()
+
+
+def test_negative_angular_weight_is_refused() -> None:
+    with pytest.raises(ValueError, match="angular must be >= 0"):
+        JawsFlow(angular=-1)
