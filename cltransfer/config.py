@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -159,13 +159,24 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
     above = parse_overrides(overrides)
     _check(above, "command line")
     file = _read_chain(Path(path)) if path else {}
-    preset = above.get("preset", file.get("preset", "balanced"))
+    return lay_config([file, above], path or "config")
+
+
+def lay_config(layers: Sequence[Mapping[str, Any]], where: str | Path) -> RunConfig:
+    """Config of ``layers``, the last on top, over the preset that the highest of them names (default: balanced).
+
+    Raises:
+        UsageError: as :func:`load_config`, in the name of ``where``.
+    """
+    for layer in layers:
+        _check(layer, where)
+    preset = next((layer["preset"] for layer in reversed(layers) if "preset" in layer), "balanced")
     if preset not in presets():
         raise UsageError("", "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
     merged = _checked(_shipped() / f"{preset}.yaml")
-    for layer in (file, above):
+    for layer in layers:
         merged = merge(merged, layer)
-    return _typed({**merged, "preset": preset}, path or "config")
+    return _typed({**merged, "preset": preset}, where)
 
 
 def _shipped() -> Any:
