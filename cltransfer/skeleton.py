@@ -68,3 +68,9 @@ def from_coco(keypoints: Tensor) -> Tensor:
 def from_blazepose(keypoints: Tensor) -> Tensor:
     """14 joints (..., 14, C) of BlazePose's 33 or 39 (..., 33, C), confidence last."""
     return _from_parts(keypoints, [11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28], [7, 8])
+
+
+def unseen_outside(joints: Tensor, size: tuple[int, int]) -> Tensor:
+    """Joints (..., J, 3) as x, y [px], confidence, with confidence 0 out of a frame of ``size`` (W, H)."""
+    inside = ((joints[..., :2] >= 0) & (joints[..., :2] <= joints.new_tensor(size))).all(-1)
+    return torch.cat([joints[..., :2], torch.where(inside, joints[..., 2], 0.0)[..., None]], dim=-1)

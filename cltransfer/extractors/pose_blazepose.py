@@ -16,7 +16,7 @@ from ..onnx import Network, find_model
 from ..orientation import orientation_from_axes
 from ..pixels import to_uint8
 from ..registry import EXTRACTORS
-from ..skeleton import from_blazepose
+from ..skeleton import from_blazepose, unseen_outside
 
 SIDE = 256  # of the crop the network sees [px]
 MARGIN = 1.25  # side of the crop over the longer side of the person
@@ -79,14 +79,6 @@ def body_orientation(world: Tensor) -> Tensor:
     return orientation_from_axes(left, shoulders.mean(1) - hips.mean(1), world.new_tensor([0.0, 0.0, -1.0]))
 
 
-def frame_joints(landmarks: Tensor, size: tuple[int, int]) -> Tensor:
-    """The 14 joints (N, 14, 3) of landmarks (N, 39, 3); out of the frame of ``size`` (W, H) none is visible."""
-    joints = from_blazepose(landmarks)
-    limit = joints.new_tensor(size)
-    inside = ((joints[..., :2] >= 0) & (joints[..., :2] <= limit)).all(-1)
-    return torch.cat([joints[..., :2], torch.where(inside, joints[..., 2], 0.0)[..., None]], dim=-1)
-
-
 @EXTRACTORS.register("pose_blazepose")
 @dataclass(frozen=True)
 class PoseBlazepose:
@@ -138,7 +130,7 @@ class PoseBlazepose:
         subject = torch.zeros((count, height, width), dtype=torch.bool)
         if poses is not None:
             landmarks = torch.from_numpy(poses.landmarks * np.append(scale, 1.0)).float()
-            keypoints[rows] = frame_joints(landmarks, now.size)
+            keypoints[rows] = unseen_outside(from_blazepose(landmarks), now.size)
             orientation[rows] = body_orientation(torch.from_numpy(poses.world).float())
             subject[rows] = torch.from_numpy(poses.crops.paste(poses.mask, (width, height), -1.0) > 0)
         return replace(
