@@ -1,0 +1,42 @@
+"""Replay: the reference's camera path, rebuilt up to a similarity, played in another scene (paper Sec. 2.3).
+
+It is what a film's path by structure from motion gives when it is taken as it is: subject distance and the scene's
+size are not asked.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from ..camera import Camera, intrinsics
+
+
+def replayed(path: Camera, home: Camera, scale: float, drift: float = 1.0) -> Camera:
+    """The motion of ``path`` (N) from ``home`` (1), which stays the first camera.
+
+    Args:
+        path: cameras of the reference, in any similarity frame.
+        home: first camera in the target scene.
+        scale: length of one unit of ``path`` in the target's units, > 0; the ratio of the subjects' heights.
+        drift: scale at the last frame as a multiple of that at the first, > 0; it grows evenly from frame to frame,
+            as that of a path rebuilt frame by frame does.
+
+    Returns:
+        N cameras of the size of ``home``; the focal length goes with that of ``path``.
+
+    Raises:
+        ValueError: ``scale`` or ``drift`` is not positive.
+    """
+    if not (scale > 0 and drift > 0):
+        raise ValueError(f"scale and drift must be positive, got {scale} and {drift}")
+    count = len(path)
+    steps = path[0].to_camera(path.center)[0].diff(dim=0)  # (N - 1, 3) in the axes of the first camera
+    growth = torch.linspace(0, 1, count, dtype=torch.float64)[1:, None]
+    moved = torch.cat([steps.new_zeros(1, 3), (scale * drift**growth * steps).cumsum(0)])
+    R_home = home.w2c[0, :3, :3]
+    R = path.w2c[:, :3, :3] @ path.w2c[0, :3, :3].T @ R_home
+    center = home.center + moved @ R_home
+    w2c = torch.eye(4, dtype=torch.float64).repeat(count, 1, 1)
+    w2c[:, :3, :3] = R
+    w2c[:, :3, 3] = -(R @ center[..., None])[..., 0]
+    return Camera(w2c, intrinsics(home.focal * path.focal / path.focal[0], home.size), home.size)
