@@ -30,7 +30,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
 
     Args:
         path: a Gaussian-splat ``.ply`` or ``.splat``, a voxel grid ``.safetensors``, a mesh (``.glb``, ``.gltf``,
-            ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or ``builtin:NAME``.
+            ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or ``builtin:NAME[-SEED[-FORM]]``.
         up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and grids, (0, 1, 0) for meshes, and
             what a built-in scene says.
 
@@ -39,9 +39,9 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         UsageError: ``up`` has no direction, or there is no such built-in scene.
     """
     if str(path).startswith(BUILTIN):
-        from .builtin import builtin_scene
+        from .builtin import named_scene
 
-        scene = builtin_scene(str(path).removeprefix(BUILTIN))
+        scene = named_scene(str(path).removeprefix(BUILTIN))
         if up is not None and not torch.allclose(_unit(up), scene.up):
             raise UsageError(str(path), "up", f"is {tuple(scene.up.tolist())} in this scene; leave it out")
         return scene

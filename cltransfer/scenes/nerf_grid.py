@@ -66,7 +66,7 @@ class NerfGrid:
     @property
     def voxel(self) -> Tensor:
         """Distance between neighbouring vertices along x, y, z, (3,), scene units."""
-        counts = torch.tensor(self.density.shape[::-1]).to(self.aabb)
+        counts = self.aabb.new_tensor(self.density.shape[::-1])
         return (self.aabb[1] - self.aabb[0]) / (counts - 1)
 
     @cached_property

@@ -1,77 +1,80 @@
-"""Scenes that come with the program: Gaussians from code, with a person whose joints are known."""
+"""Scenes that come with the program, made from code, with a person whose joints are known."""
 
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import numpy as np
 import torch
-from kornia.geometry.conversions import rotation_matrix_to_quaternion
-from torch import Tensor
 
 from ...errors import UsageError
 from ...subject import Subject
 from .. import Scene
-from ..splats import Splats
-from .paint import Part, shade
-from .sets import SETS
-from .surfaces import Array, Cells
+from .forms import as_grid, as_mesh, as_splats, painted
+from .more_sets import path, room, stage
+from .place import Place
+from .sets import courtyard, plaza
+from .surfaces import Array
 
-VERSION = 2  # part of the digest: raise it when the same name and seed give other Gaussians
+VERSION = 3  # part of the digest: raise it when the same name and seed give other Gaussians
 
-_SUN = np.array([0.56, 0.42, 0.714]) / np.linalg.norm([0.56, 0.42, 0.714])
-_COVER = 1.32  # standard deviation of a Gaussian in half cells: neighbours overlap into a closed surface
-_THICK = 0.004  # [m]
-_SH0 = 0.28209479177387814  # the constant spherical harmonic
-
-# scene axes as rows: what the set's x, y, z become; splats in the wild often have -y up
-_AXES = {"courtyard": np.eye(3), "plaza": np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])}
+DRAWN = {"path": path, "room": room, "stage": stage}  # every seed is another person, furniture and texture
+DESIGNED = {"courtyard": courtyard, "plaza": plaza}  # seed 0 is as designed, the others are drawn
+SETS = (*DESIGNED, *DRAWN)
+FORMS = {"splats": as_splats, "mesh": as_mesh, "grid": as_grid}
 
 
-def builtin_scene(name: str, seed: int = 0) -> Scene:
-    """Scene ``name``, "courtyard" (z up) or "plaza" (-y up), in metres; ``seed`` varies its textures.
+def builtin_scene(name: str, seed: int = 0, form: str = "splats") -> Scene:
+    """Scene ``name`` in metres.
+
+    Args:
+        name: one of :data:`SETS`.
+        seed: of textures, person and furniture, >= 0; every seed is another scene.
+        form: splats, mesh or grid: the same geometry. A grid ends some way around the person, see
+            :func:`cltransfer.scenes.builtin.forms.as_grid`.
 
     Raises:
-        UsageError: there is no such scene.
+        UsageError: there is no such scene or form.
     """
     if name not in SETS:
         raise UsageError("", f"scene {name!r}", "no such built-in scene", f"known: {', '.join(sorted(SETS))}")
-    rng = np.random.Generator(np.random.PCG64(seed))
-    body, parts = SETS[name]()
-    world = _AXES[name]
-    splats = _splats([*parts, *body.parts()], world, rng)
-    up, facing = (torch.from_numpy(world[axis].copy()) for axis in (2, 0))
-    joints = torch.from_numpy(body.joints() @ world)
-    subject = Subject(joints, torch.ones(14, dtype=torch.float64), facing, up, body.height, metres_per_unit=1.0)
-    digest = hashlib.sha256(f"builtin:{name}:{seed}:{VERSION}".encode()).hexdigest()
-    return Scene(splats, subject, up, name, digest)
-
-
-def _splats(parts: list[Part], world: Array, rng: np.random.Generator) -> Splats:
-    """One flat Gaussian for each cell of ``parts``, painted and lit."""
-    cut = [part.surface.cells(part.spacing) for part in parts]
-    color = np.concatenate([part.paint(cells.uv, rng) for part, cells in zip(parts, cut)])
-    lit = np.concatenate([np.full(len(cells), part.lit) for part, cells in zip(parts, cut)])
-    label = np.concatenate([np.full(len(cells), part.subject) for part, cells in zip(parts, cut)])
-    rough = np.concatenate([np.full(len(cells), part.rough) for part, cells in zip(parts, cut)])
-    cells = Cells.concatenate(cut)
-    color[lit] *= shade(cells, cells.center[lit], _SUN)[lit]
-    center = cells.center + rough[:, None] * rng.standard_normal((len(cells), 3))
-    scales, quats = _ellipsoids(cells, world)
-    return Splats(
-        means=torch.from_numpy(center @ world).float(),
-        scales=scales.float(),
-        quats=quats.float(),
-        opacity=torch.full((len(cells),), 0.99),
-        sh=torch.from_numpy((np.clip(color, 0, 1) - 0.5) / _SH0).float()[:, None],
-        label=torch.from_numpy(label).float(),
+    if form not in FORMS:
+        raise UsageError("", f"scene {name}", f"no form {form!r}", f"known: {', '.join(FORMS)}")
+    place = _place(name, seed)
+    world = np.array(place.axes, float)
+    cells = painted(
+        [*place.parts, *place.body.parts()], np.array(place.sun), np.random.Generator(np.random.PCG64(seed))
     )
+    geometry: Any = FORMS[form](cells, world)
+    text = f"builtin:{name}:{seed}:{VERSION}" + ("" if form == "splats" else f":{form}")
+    label = "-".join([name, *([str(seed)] if seed or form != "splats" else []), *([form] if form != "splats" else [])])
+    up = torch.from_numpy(world[2].copy())
+    return Scene(geometry, _subject(place, world), up, label, hashlib.sha256(text.encode()).hexdigest())
 
 
-def _ellipsoids(cells: Cells, world: Array) -> tuple[Tensor, Tensor]:
-    """Standard deviations (N, 3) [m] and rotations (N, 4) as w, x, y, z of Gaussians that fill cells."""
-    wide, tall = (np.linalg.norm(half, axis=1) for half in (cells.half_u, cells.half_v))
-    u, normal = cells.half_u / wide[:, None], cells.normal
-    frame = np.stack([u, np.cross(normal, u), normal], 2)  # columns: the cell's axes
-    scales = np.stack([wide * _COVER, tall * _COVER, np.full(len(cells), _THICK)], 1)
-    return torch.from_numpy(scales), rotation_matrix_to_quaternion(torch.from_numpy(world.T @ frame))
+def named_scene(text: str) -> Scene:
+    """The scene that ``NAME``, ``NAME-SEED`` or ``NAME-SEED-FORM`` names, as in ``room-3-mesh``.
+
+    Raises:
+        UsageError: there is no such scene or form, or the seed is no whole number.
+    """
+    name, _, rest = text.partition("-")
+    seed, _, form = rest.partition("-")
+    if rest and not seed.isdecimal():
+        raise UsageError("", f"scene {text!r}", f"expected NAME-SEED-FORM, got the seed {seed!r}", "as in room-3-mesh")
+    return builtin_scene(name, int(seed or 0), form or "splats")
+
+
+def _place(name: str, seed: int) -> Place:
+    rng = np.random.Generator(np.random.PCG64([seed, SETS.index(name)]))
+    if name in DRAWN:
+        return DRAWN[name](rng)
+    return DESIGNED[name](rng if seed else None)
+
+
+def _subject(place: Place, world: Array) -> Subject:
+    up, facing = (torch.from_numpy(world[axis].copy()) for axis in (2, 0))
+    joints = torch.from_numpy(place.body.joints() @ world)
+    confidence = torch.ones(14, dtype=torch.float64)
+    return Subject(joints, confidence, facing, up, place.body.height, metres_per_unit=1.0)

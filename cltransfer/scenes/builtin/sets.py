@@ -1,4 +1,4 @@
-"""Two places to film in: what stands where. Metres, z up; the person is added at the origin facing +x.
+"""Two open places to film in: what stands where. Metres, z up; the person is at the origin facing +x.
 
 The camera side is +x. Low things stand beside it, columns and walls behind the person at several distances:
 every usual view has a foreground, the person and a background.
@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from .drawn import drawn_body, drawn_spots
 from .mannequin import Body
 from .paint import RGB, Part, bricks, checker, fade, openings, plain, stripes
+from .place import MINUS_Y_UP, Place, Spot
 from .surfaces import Lathe, Panel, ball, box, capsule
-
-Spot = tuple[float, float]  # x, y [m]
 
 _STONE, _DARK, _LEAF = (0.80, 0.72, 0.60), (0.16, 0.15, 0.17), (0.28, 0.44, 0.20)
 
 
-def courtyard() -> tuple[Body, list[Part]]:
-    """A walled court with an arcade, a fountain, trees and planters; the target of the built-in transfer."""
-    body = Body(height=1.78, swing=(0.12, -0.08), elbow=(0.35, 0.2))
+def courtyard(rng: np.random.Generator | None = None) -> Place:
+    """A walled court with an arcade, a fountain, trees and planters; the target of the built-in transfer.
+
+    ``rng`` draws another person and shifts the planters.
+    """
+    body = Body(height=1.78, swing=(0.12, -0.08), elbow=(0.35, 0.2)) if rng is None else drawn_body(rng)
     paving = checker((0.66, 0.60, 0.52), (0.50, 0.43, 0.37), 0.6)
     arcade = openings(bricks(_STONE), _DARK, 2.4, 1.4, (0.0, 2.1))
     windows = openings(bricks((0.78, 0.62, 0.48)), (0.22, 0.26, 0.32), 2.0, 0.8, (1.2, 2.2))
@@ -29,22 +32,25 @@ def courtyard() -> tuple[Body, list[Part]]:
         Part(Panel((11.4, -7.2, 0), (-18, 0, 0), (0, 0, 4.2)), windows, 0.25),
         Part(Panel((-6.6, 9.6, 0), (18, 0, 0), (0, 0, 4.2)), windows, 0.25),
         Part(Panel((11.4, 9.6, 0), (0, -16.8, 0), (0, 0, 4.2)), bricks(_STONE), 0.5),
-        *_surroundings(),
+        *surroundings(),
     ]
     for y in np.arange(-6.0, 8.5, 2.4):
         parts += _column((-5.4, y), 2.7)
     parts += [Part(p, plain((0.66, 0.36, 0.26), 0.1), 0.24) for p in box((-6.6, -7.2, 2.7), (-5.1, 9.6, 2.95))]
     parts += _fountain((-2.6, -2.4))
     for spot, size in (((-3.6, 3.0), 1.1), ((2.2, -5.6), 1.0), ((5.4, 5.8), 1.2)):
-        parts += _tree(spot, size, _LEAF)
-    for spot in ((1.15, -1.0), (0.45, 1.55), (3.3, -1.9), (3.0, 3.7), (5.8, -1.7)):
-        parts += _planter(spot, (0.62, 0.36, 0.26))
-    return body, parts
+        parts += tree(spot, size, _LEAF)
+    for spot in drawn_spots(rng, (1.15, -1.0), (0.45, 1.55), (3.3, -1.9), (3.0, 3.7), (5.8, -1.7)):
+        parts += planter(spot, (0.62, 0.36, 0.26))
+    return Place(body, parts)
 
 
-def plaza() -> tuple[Body, list[Part]]:
-    """An open square with bollards, lamps, a stall and house fronts; the place of the built-in references."""
-    body = Body(
+def plaza(rng: np.random.Generator | None = None) -> Place:
+    """An open square with bollards, lamps, a stall and house fronts; the place of the built-in references.
+
+    ``rng`` draws another person and shifts the bollards.
+    """
+    walker = Body(
         height=1.64,
         girth=0.9,
         stride=0.28,
@@ -64,23 +70,20 @@ def plaza() -> tuple[Body, list[Part]]:
         *_house((-8.0, 8.0), (12.0, 9.4), 5.0, (0.76, 0.68, 0.62)),
         *_house((-8.0, -9.4), (12.0, -8.0), 5.6, (0.68, 0.58, 0.54)),
         *_house((12.0, -9.0), (13.0, 9.0), 4.6, (0.72, 0.70, 0.66)),
-        *_surroundings(),
+        *surroundings(),
         *_stall((-4.4, 1.6)),
     ]
     for spot in ((-3.0, -3.2), (-5.4, -0.8), (2.6, -3.4), (2.2, 4.2)):
         parts += _lamp(spot)
-    for spot in ((1.15, -0.75), (0.75, 1.35), (2.3, -1.1), (1.9, 2.4), (4.0, -1.5), (3.4, 4.0)):
+    for spot in drawn_spots(rng, (1.15, -0.75), (0.75, 1.35), (2.3, -1.1), (1.9, 2.4), (4.0, -1.5), (3.4, 4.0)):
         parts += _bollard(spot)
     for spot in ((-3.2, 0.4), (5.0, 5.6)):
-        parts += _planter(spot, (0.42, 0.44, 0.46))
-    parts += _tree((-5.6, -5.4), 1.2, (0.34, 0.46, 0.18)) + _tree((-1.8, 5.4), 1.0, (0.46, 0.42, 0.14))
-    return body, parts
+        parts += planter(spot, (0.42, 0.44, 0.46))
+    parts += tree((-5.6, -5.4), 1.2, (0.34, 0.46, 0.18)) + tree((-1.8, 5.4), 1.0, (0.46, 0.42, 0.14))
+    return Place(walker if rng is None else drawn_body(rng), parts, axes=MINUS_Y_UP)
 
 
-SETS = {"courtyard": courtyard, "plaza": plaza}
-
-
-def _surroundings() -> list[Part]:
+def surroundings() -> list[Part]:
     """Coarse earth, towers beyond the walls and a sky dome, so that every ray ends somewhere."""
     sky = Lathe((0, 0, 0), (0, 0, 40), [(np.sin(a), 40 * np.cos(a)) for a in np.linspace(-0.03, np.pi / 2, 20)])
     parts = [
@@ -126,7 +129,8 @@ def _fountain(spot: Spot) -> list[Part]:
     ]
 
 
-def _tree(spot: Spot, size: float, leaf: RGB) -> list[Part]:
+def tree(spot: Spot, size: float, leaf: RGB) -> list[Part]:
+    """A trunk and a crown of five balls, about 3.8 ``size`` [m] tall."""
     x, y = spot
     crown = (
         (0, 0, 2.6, 0.9),
@@ -142,7 +146,8 @@ def _tree(spot: Spot, size: float, leaf: RGB) -> list[Part]:
     return parts
 
 
-def _planter(spot: Spot, clay: RGB) -> list[Part]:
+def planter(spot: Spot, clay: RGB) -> list[Part]:
+    """A pot of 0.4 m with flowers in it."""
     pot = [(0, 0.16), (0.9, 0.24), (0.9, 0.27), (1, 0.27), (1, 0.0)]
     parts = [Part(Lathe((*spot, 0), (*spot, 0.42), pot), plain(clay, 0.05), 0.05)]
     for dx, dy, z, radius in ((0, 0, 0.62, 0.24), (0.12, 0.08, 0.55, 0.17), (-0.1, -0.1, 0.56, 0.18)):
