@@ -24,10 +24,11 @@ class Setup:
     Args:
         azimuth: 0 in front of the subject, growing to the subject's left [rad].
         elevation: above the subject's middle, in (-pi/2, pi/2) [rad].
-        distance: from the subject's middle [subject heights], > 0.
+        distance: from the point that is aimed at [subject heights], > 0.
         coverage: the subject's height on screen [frame heights], > 0.
-        offset: where the subject's middle stands, right and down of the frame's middle [frame sizes].
+        offset: where the point that is aimed at stands, right and down of the frame's middle [frame sizes].
         seed: for moves that are random (handheld).
+        aim: the point that is aimed at, above the subject's middle [subject heights]: 0.4 is the face.
     """
 
     azimuth: float = math.radians(30)
@@ -36,6 +37,7 @@ class Setup:
     coverage: float | None = None
     offset: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
+    aim: float = 0.0
 
     def __post_init__(self) -> None:
         if not abs(self.elevation) < math.pi / 2:
@@ -162,17 +164,27 @@ def shot(
         UsageError: there is no such shot.
         ValueError: ``frames`` or ``fps`` is not positive.
     """
-    if name not in _SHOTS:
-        raise UsageError("", f"shot {name!r}", "no such shot", f"known: {', '.join(SHOTS)}")
+    own = own_setup(name)
     if frames < 1 or not fps > 0:
         raise ValueError(f"frames and fps must be positive, got {frames}, {fps}")
-    setup = setup or Setup()
-    distance, coverage, program = _SHOTS[name]
-    setup = replace(setup, distance=setup.distance or distance, coverage=setup.coverage or coverage)
+    setup = setup or own
+    setup = replace(setup, distance=setup.distance or own.distance, coverage=setup.coverage or own.coverage)
     progress = torch.linspace(0, 1, frames, dtype=torch.float64)
     still = {n: torch.full((frames,), _NEUTRAL.get(n, 0.0), dtype=torch.float64) for n in Moves.__annotations__}
-    moves = Moves(**{**still, **program(progress, setup.seed)})
+    moves = Moves(**{**still, **_SHOTS[name][2](progress, setup.seed)})
     return Trajectory(cameras(subject, size, setup, moves), torch.arange(frames, dtype=torch.float64) / fps)
+
+
+def own_setup(name: str) -> Setup:
+    """Where shot ``name`` starts by itself, with its distance and coverage.
+
+    Raises:
+        UsageError: there is no such shot.
+    """
+    if name not in _SHOTS:
+        raise UsageError("", f"shot {name!r}", "no such shot", f"known: {', '.join(SHOTS)}")
+    distance, coverage, _ = _SHOTS[name]
+    return Setup(distance=distance, coverage=coverage)
 
 
 def cameras(subject: Subject, size: tuple[int, int], setup: Setup, moves: Moves) -> Camera:
@@ -183,7 +195,8 @@ def cameras(subject: Subject, size: tuple[int, int], setup: Setup, moves: Moves)
     """
     if setup.distance is None or setup.coverage is None:
         raise ValueError("setup needs a distance and a coverage; shot() fills in its own")
-    h, anchor = subject.height, subject.anchor
+    h = subject.height
+    anchor = subject.anchor + setup.aim * h * subject.up
     distance = setup.distance * h * moves.dolly
     focal = setup.coverage * size[1] * setup.distance * moves.follow  # [px]: f = coverage H D / h
     eye = anchor + distance[:, None] * _direction(

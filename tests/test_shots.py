@@ -6,7 +6,7 @@ import torch
 from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.shots import SHOTS, Setup, builtin_reference, shot
+from cltransfer.shots import SHOTS, Setup, builtin_reference, own_setup, shot
 from cltransfer.subject import Subject
 
 SIZE = (160, 90)
@@ -154,3 +154,14 @@ def test_every_frame_of_a_reference_has_foreground_person_and_background_from_fr
         assert person.float().mean() > 0.01
         assert ((depth < 0.95 * middle) & ~person).float().mean() > 0.01
         assert (depth > 1.3 * middle).float().mean() > 0.15
+
+
+def test_aiming_at_the_face_puts_it_in_the_middle_at_the_asked_size(subject):
+    own = own_setup("static")
+    assert own.coverage is not None
+    setup = Setup(coverage=5 * own.coverage, aim=0.38)
+    camera = shot("static", subject, SIZE, 1, setup=setup).camera
+    face = subject.anchor + 0.38 * subject.height * subject.up
+    pixels, _ = camera.project(torch.stack([face, face + 0.1 * subject.height * subject.up]))
+    assert pixels[0, 0].tolist() == pytest.approx([SIZE[0] / 2, SIZE[1] / 2])
+    assert float(pixels[0, 0, 1] - pixels[0, 1, 1]) == pytest.approx(0.1 * 5 * own.coverage * SIZE[1], rel=0.05)
