@@ -1,7 +1,8 @@
-"""Depth by any monocular network that was exported to ONNX: Depth Anything, MiDaS, DPT."""
+"""Depth by any monocular network that was exported to ONNX: Depth Anything V1 and V2, MiDaS, DPT."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -13,7 +14,7 @@ from torch import Tensor
 
 from ..features import Features
 from ..onnx import Network, find_model
-from ..pixels import to_uint8
+from ..pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
 from ..registry import EXTRACTORS
 
 
@@ -35,10 +36,12 @@ class DepthOnnx:
 
     Args:
         model: ONNX file, RGB (1 or B, 3, height, width) -> (1 or B, [1,] h, w).
-        kind: what it puts out. Disparity (nearer is larger) is inverted, see :func:`depth_from_disparity`; of
-            depth what is not positive is NaN.
+        kind: what it puts out. Disparity (nearer is larger; Depth Anything's relative models) is inverted, see
+            :func:`depth_from_disparity`; of depth (its metric models) what is not positive is NaN.
         width: of the network's input [px]; the image is stretched to it.
         height: likewise.
+        multiple: 0 for a network of this one size. Otherwise the image keeps its aspect: width and height are the
+            least, and both sides are multiples of this (14 for Depth Anything, 32 for MiDaS), as the authors do.
         mean: of each channel, in [0, 1], subtracted.
         std: of each channel, divides then.
         input: name of the input.
@@ -54,8 +57,9 @@ class DepthOnnx:
     kind: Literal["disparity", "depth"]
     width: int = 518
     height: int = 518
-    mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
-    std: tuple[float, float, float] = (0.229, 0.224, 0.225)
+    multiple: int = 0
+    mean: tuple[float, float, float] = IMAGENET_MEAN
+    std: tuple[float, float, float] = IMAGENET_STD
     input: str = "pixel_values"
     output: str = "predicted_depth"
     floor: float = 1e-3
@@ -63,13 +67,15 @@ class DepthOnnx:
     def __post_init__(self) -> None:
         if self.kind not in ("disparity", "depth"):
             raise ValueError(f"kind must be disparity or depth, got {self.kind!r}")
+        if self.multiple < 0:
+            raise ValueError(f"multiple must be at least 0, got {self.multiple}")
         if min(self.width, self.height) < 1 or min(self.std) <= 0 or not 0 < self.floor < 1:
             raise ValueError("width, height and std must be positive and floor in (0, 1)")
 
     @cached_property
     def network(self) -> Network:
         """The depth network."""
-        shape = (None, 3, self.height, self.width)
+        shape = (None, 3, None, None) if self.multiple else (None, 3, self.height, self.width)
         return Network(find_model(self.model), {self.input: shape}, {self.output: None})
 
     def __call__(self, now: Features, before: Features | None = None) -> Features:
@@ -89,8 +95,18 @@ class DepthOnnx:
         return replace(now, depth=depth.to(image.device))
 
     def _input(self, image: Tensor) -> np.ndarray:
-        shrinks = image.shape[3] > self.width
-        how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        rgb = np.stack([cv2.resize(f, (self.width, self.height), interpolation=how) for f in to_uint8(image)])
-        normal = (rgb / 255.0 - np.array(self.mean)) / np.array(self.std)
-        return normal.transpose(0, 3, 1, 2).astype(np.float32)
+        size = self._size(image.shape[3], image.shape[2])
+        how = cv2.INTER_AREA if image.shape[3] > size[0] else cv2.INTER_CUBIC
+        rgb = np.stack([cv2.resize(frame, size, interpolation=how) for frame in to_uint8(image)])
+        return normalised(rgb, self.mean, self.std)
+
+    def _size(self, width: int, height: int) -> tuple[int, int]:
+        """What images of ``width`` by ``height`` are resized to (W, H) [px]."""
+        if not self.multiple:
+            return self.width, self.height
+        scale = max(self.width / width, self.height / height)
+        return self._stepped(width * scale, self.width), self._stepped(height * scale, self.height)
+
+    def _stepped(self, side: float, least: int) -> int:
+        """The multiple nearest to ``side`` that is at least ``least``."""
+        return self.multiple * max(round(side / self.multiple), math.ceil(least / self.multiple))

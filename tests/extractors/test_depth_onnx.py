@@ -8,6 +8,7 @@ from cltransfer.errors import ModelError
 from cltransfer.extractors.depth_onnx import DepthOnnx, depth_from_disparity
 from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS
+from cltransfer.testing import ExtractorCase
 
 PLAIN = {"width": 32, "height": 16, "mean": [0.0, 0.0, 0.0], "std": [1.0, 1.0, 1.0]}
 
@@ -17,11 +18,11 @@ def planted(tmp_path, monkeypatch):
     """A network that calls its first channel the depth (or disparity)."""
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
 
-    def build(channel_axis=False, batch="batch", **options):
+    def build(channel_axis=False, batch="batch", size=(16, 32), **options):
         pick = numpy_helper.from_array(np.array([0] if channel_axis else 0), "pick")
         node = helper.make_node("Gather", ["pixel_values", "pick"], ["predicted_depth"], axis=1)
-        shape = [batch, 1, 16, 32] if channel_axis else [batch, 16, 32]
-        image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, [batch, 3, 16, 32])
+        shape = [batch, 1, *size] if channel_axis else [batch, *size]
+        image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, [batch, 3, *size])
         depth = helper.make_tensor_value_info("predicted_depth", TensorProto.FLOAT, shape)
         graph = helper.make_graph([node], "depth", [image], [depth], [pick])
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
@@ -47,6 +48,26 @@ def test_disparity_is_inverted_on_the_pixels_of_the_image(planted, channel_axis,
     torch.testing.assert_close(depth[:, 16][:, [8, 56]], sides, atol=0.02, rtol=0)
 
 
+def test_a_network_of_any_size_sees_the_image_in_its_aspect(planted):
+    depth = planted(size=("height", "width"), kind="depth", multiple=14)(halves()).depth
+    torch.testing.assert_close(depth[:, 16][:, [8, 56]], torch.tensor([[1.0, 0.2], [0.4, 0.8]]), atol=0.02, rtol=0)
+    with pytest.raises(ModelError, match="input pixel_values"):
+        planted(kind="depth", multiple=14, batch=2)(halves())
+
+
+@pytest.mark.parametrize(
+    ("image", "multiple", "expected"),
+    [
+        ((1280, 720), 14, (924, 518)),
+        ((480, 908), 14, (518, 980)),
+        ((518, 518), 14, (518, 518)),
+        ((1280, 720), 0, (518, 518)),
+    ],
+)
+def test_sides_are_the_nearest_multiples_not_below_the_least(image, multiple, expected):
+    assert DepthOnnx("a.onnx", "depth", multiple=multiple)._size(*image) == expected
+
+
 def test_depth_stays_and_what_is_not_positive_is_nan(planted):
     features = halves()
     features.image[1, 0, :, :32] = 0
@@ -69,7 +90,15 @@ def test_disparity_near_zero_is_clamped_to_the_floor():
 def test_options_and_foreign_networks_are_refused(planted):
     with pytest.raises(ValueError, match="kind"):
         DepthOnnx(model="a.onnx", kind="inverse")
+    with pytest.raises(ValueError, match="multiple"):
+        DepthOnnx(model="a.onnx", kind="depth", multiple=-1)
     with pytest.raises(ValueError, match="std"):
         DepthOnnx(model="a.onnx", kind="depth", std=(1, 1, 0))
     with pytest.raises(ModelError, match="input pixel_values"):
         planted(kind="depth", width=64)(halves())
+
+
+class TestContract(ExtractorCase):
+    @pytest.fixture(autouse=True)
+    def use(self, planted):
+        self.component = planted(kind="disparity")
