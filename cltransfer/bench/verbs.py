@@ -31,6 +31,24 @@ def bench_speed(
         write_benchmarks(rows, out)
 
 
+@app.command("cuda")
+def bench_cuda(
+    scene: Annotated[list[Path] | None, typer.Argument(help="Splat .ply files beside the synthetic rooms.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose GPU section is rewritten.")
+    ] = None,
+) -> None:
+    """Splats on a CUDA device: frames per second for 10 and 64 candidates, and PSNR against the torch oracle."""
+    from .cuda_speed import run_cuda, write_cuda
+
+    rows = []
+    for row in run_cuda(scene or []):
+        print(row)
+        rows.append(row)
+    if out is not None:
+        write_cuda(rows, out)
+
+
 @app.command("mesh")
 def bench_mesh(
     scene: Annotated[list[Path] | None, typer.Argument(help="Meshes to time beside the synthetic rooms.")] = None,
@@ -117,3 +135,33 @@ def bench_driver(
     print("\n".join(table(HEADER, summary(clips))))
     if out is not None:
         write_driver(clips, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+
+
+@app.command("flow")
+def bench_flow(
+    scene: Annotated[list[str] | None, typer.Argument(help="Scenes; the built-in ones where none is named.")] = None,
+    seed: Annotated[list[int] | None, typer.Option(help="Seeds of where the shots stand (repeatable).")] = None,
+    shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="An extractor and its options, as in 'flow_dis={preset: fast}' (repeatable)."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose optical flow section is rewritten.")
+    ] = None,
+) -> None:
+    """Optical flow on rendered pairs whose flow is known: error by length, with and without the confidence, time."""
+    import shlex
+    import sys
+
+    from ..shots import SHOTS
+    from ..threads import set_threads
+    from .flow import HEADER, SCENES, named_methods, rendered_pairs, run_flow, summary, write_flow
+    from .section import table
+
+    set_threads(1)
+    pairs = rendered_pairs(scene or SCENES, seed or [0], shot or SHOTS)
+    scores = run_flow(named_methods(method), pairs, lambda done: print(f"{done} pairs", file=sys.stderr))
+    print("\n".join(table(HEADER, summary(scores))))
+    if out is not None:
+        write_flow(scores, out, shlex.join(["cltransfer", *sys.argv[1:]]))
