@@ -72,7 +72,7 @@ class Camera:
 
     def at_size(self, size: tuple[int, int]) -> Camera:
         """The same cameras on another pixel grid; a point keeps its place relative to the frame."""
-        scale = torch.tensor([size[0] / self.size[0], size[1] / self.size[1], 1.0], dtype=self.K.dtype)
+        scale = self.K.new_tensor([size[0] / self.size[0], size[1] / self.size[1], 1.0])
         return replace(self, K=self.K * scale[:, None], size=size)
 
     def to_camera(self, points: Tensor) -> Tensor:

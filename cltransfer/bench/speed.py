@@ -104,7 +104,8 @@ def run_speed(seeds: Sequence[int], scene_paths: Iterable[str | Path], quick: bo
     for count in (2_000,) if quick else (10_000, 100_000, 500_000):
         rows += _over_sizes([_room(count, seed) for seed in seeds], sizes, repeats)
     for path in scene_paths:
-        rows += _over_sizes([_posed(load_scene(path))], sizes, repeats)
+        scene = load_scene(path)
+        rows += _over_sizes([(scene, cameras_around(scene, FRAMES))], sizes, repeats)
     return [*rows, _second_process(repeats)]
 
 
@@ -115,14 +116,14 @@ def _room(count: int, seed: int) -> Posed:
     return scene, room_cameras(FRAMES, SIZES[0], seed)
 
 
-def _posed(scene: Scene) -> Posed:
-    """A scene and cameras around the bulk of it, a little from above."""
+def cameras_around(scene: Scene, count: int) -> Camera:
+    """Cameras around the bulk of a scene of splats, a little from above, at the smallest of ``SIZES``."""
     low, middle, high = torch.from_numpy(np.quantile(scene.geometry.means.numpy(), (0.05, 0.5, 0.95), axis=0)).double()
     side = torch.linalg.cross(scene.up, scene.up.roll(1))
-    angles = torch.arange(FRAMES).double()[:, None] * 2 * torch.pi / FRAMES
+    angles = torch.arange(count).double()[:, None] * 2 * torch.pi / count
     around = angles.cos() * side + angles.sin() * torch.linalg.cross(scene.up, side)
     eyes = middle + (high - low).max() * (1.2 * around + 0.25 * scene.up)
-    return scene, Camera.look_at(eyes, middle, scene.up, 0.7, SIZES[0])
+    return Camera.look_at(eyes, middle, scene.up, 0.7, SIZES[0])
 
 
 def _time(renderer: GaussianSplats, posed: Posed, buffers: frozenset[str]) -> float:

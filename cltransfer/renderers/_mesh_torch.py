@@ -44,9 +44,9 @@ def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[
     width, height = camera.size
     parts = [_hits(mesh, corners, camera, near, chunk) for chunk in _chunks(corners, camera, near)]
     pixel, face, inverse = (torch.cat(column) for column in zip(*parts))
-    nearest = torch.zeros(height * width, dtype=torch.float64).scatter_reduce(0, pixel, inverse, "amax")
+    nearest = inverse.new_zeros(height * width).scatter_reduce(0, pixel, inverse, "amax")
     front = inverse == nearest[pixel]
-    first = torch.full((height * width,), len(mesh)).scatter_reduce(0, pixel[front], face[front], "amin")
+    first = face.new_full((height * width,), len(mesh)).scatter_reduce(0, pixel[front], face[front], "amin")
     seen = torch.where(nearest > 0, first, -1).reshape(height, width)
     return seen, torch.where(nearest > 0, 1 / nearest, torch.nan).float().reshape(height, width)
 
@@ -54,9 +54,9 @@ def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[
 def _chunks(corners: Tensor, camera: Camera, near: float) -> Iterator[tuple[Tensor, Tensor, int]]:
     """Faces (M,), the first pixel (M, 2) of the square each may cover, and the squares' common side."""
     low, high = _boxes(corners, camera, near)
-    size = torch.tensor(camera.size)
-    low = (low - 0.5).ceil().clamp(min=torch.zeros(2), max=size).long()
-    high = (high - 0.5).floor().clamp(min=-torch.ones(2), max=size - 1).long()
+    size = low.new_tensor(camera.size)
+    low = (low - 0.5).ceil().clamp(min=torch.zeros_like(size), max=size).long()
+    high = (high - 0.5).floor().clamp(min=-torch.ones_like(size), max=size - 1).long()
     side = (high - low + 1).amin(1).clamp(max=1) * (high - low + 1).amax(1)  # 0 where no pixel centre is in the box
     smaller = 0
     for most in [2**k for k in range(1, max(camera.size).bit_length() + 1)]:
@@ -101,8 +101,8 @@ def _hits(
     """Pixel, face and 1 / depth (N,) wherever a face of the chunk covers a pixel of its square."""
     index, first, side = chunk
     width, height = camera.size
-    steps = create_meshgrid(side, side, normalized_coordinates=False, dtype=torch.float64).reshape(1, -1, 2).long()
-    pixels = first[:, None] + steps  # (M, P, 2)
+    grid = create_meshgrid(side, side, normalized_coordinates=False, device=first.device, dtype=torch.float64)
+    pixels = first[:, None] + grid.reshape(1, -1, 2).long()  # (M, P, 2)
     over = _weights(corners[index, None], _rays(pixels, camera))
     inverse = over.sum(-1)
     inside = (inverse > 0) & (inverse <= 1 / near) & (over.amin(-1) >= INSIDE * inverse)
@@ -121,10 +121,10 @@ def _uv(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
 
 def _holes(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
     """Whether the texel there is transparent, (N,)."""
-    hole = torch.zeros(len(face), dtype=torch.bool)
+    hole = torch.zeros_like(face, dtype=torch.bool)
     for k, image in enumerate(mesh.textures):
         on = (mesh.texture[face] == k).nonzero()[:, 0]
-        size = torch.tensor([image.shape[1], image.shape[0]])
+        size = face.new_tensor([image.shape[1], image.shape[0]])
         x, y = (_uv(mesh, face[on], weights[on]) * size).long().minimum(size - 1).unbind(-1)
         hole[on] = image[y, x, 3] < HOLE
     return hole
@@ -145,7 +145,7 @@ def _image(mesh: Mesh, corners: Tensor, camera: Camera, seen: Tensor, headlight:
     for k, texture in enumerate(mesh.textures):
         on = (mesh.texture[face] == k).nonzero()[:, 0]
         color[on] *= _bilinear(texture, _uv(mesh, face[on], weights[on]))
-    image = torch.zeros(3, *seen.shape)
+    image = color.new_zeros(3, *seen.shape, dtype=torch.float32)
     image[:, row, column] = color.T.float().clamp(0, 1)
     return image
 
@@ -153,7 +153,7 @@ def _image(mesh: Mesh, corners: Tensor, camera: Camera, seen: Tensor, headlight:
 def _bilinear(texture: Tensor, uv: Tensor) -> Tensor:
     """RGB (N, 3) in [0, 1] of a texture that repeats, between its four nearest texels."""
     height, width = texture.shape[:2]
-    at = uv * torch.tensor([width, height]) - 0.5
+    at = uv * uv.new_tensor([width, height]) - 0.5
     low = at.floor()
     share = at - low
     x0, y0 = low.long().unbind(-1)

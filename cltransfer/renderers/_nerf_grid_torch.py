@@ -39,8 +39,9 @@ class Samples(NamedTuple):
 def camera_rays(camera: Camera) -> Rays:
     """Rays through all pixel centres of B cameras, row by row, R = B * H * W."""
     width, height = camera.size
-    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    pixels = torch.stack([x, y], dim=-1).reshape(1, -1, 2).to(camera.K)
+    rows, columns = (torch.arange(side, dtype=camera.K.dtype, device=camera.K.device) + 0.5 for side in (height, width))
+    y, x = torch.meshgrid(rows, columns, indexing="ij")
+    pixels = torch.stack([x, y], dim=-1).reshape(1, -1, 2)
     flat = (pixels - camera.K[:, None, :2, 2]) / camera.K.diagonal(dim1=1, dim2=2)[:, None, :2]
     inside = torch.cat([flat, torch.ones_like(flat[..., :1])], dim=-1)
     direction = inside @ camera.w2c[:, :3, :3]
@@ -81,7 +82,7 @@ def march(grid: NerfGrid, rays: Rays, settings: Settings, filled: Tensor | None 
     weight = before * -torch.expm1(-optical)
     alpha = weight.sum(1)
     color = _color(grid, rays, keep, at)
-    spread = torch.zeros(*keep.shape, 3).to(color).masked_scatter(keep[..., None], color)
+    spread = color.new_zeros(*keep.shape, 3).masked_scatter(keep[..., None], color)
     label = torch.zeros_like(weight).masked_scatter(keep, _at(grid.label[None], at)[0])
     crossing = (before > 0.5) & (after <= 0.5)
     behind = (2 * before).clamp(min=1).log() / optical.clamp(min=1e-12) - 0.5  # steps behind the midpoint

@@ -29,6 +29,16 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise ValueError("cameras must have no skew: K[0, 1] is not 0")
 
 
+def check_device(backend: str, device: str) -> None:
+    """Whether ``backend`` can work on ``device``.
+
+    Raises:
+        ValueError: only torch works on the device one names: numba is for the CPU, gsplat for CUDA.
+    """
+    if device != "cpu" and backend != "torch":
+        raise ValueError(f"device {device} needs backend torch, got {backend}")
+
+
 def renderer_of(scene: Scene, configured: Any) -> Any:
     """What draws a scene that the config is not about, as the one a reference was shot in.
 

@@ -59,15 +59,12 @@ def _project(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], sett
     focal, middle = K.diagonal()[:2], K[:2, 2]
     covariance = _image_covariance(splats.covariances()[index], camera, w2c, K, size)
     sharp = torch.linalg.det(covariance)
-    covariance = covariance + LOW_PASS * torch.eye(2).to(covariance)
-    peak = splats.opacity[index] * ((depth - settings.near) / max(settings.near_fade, 1e-6)).clamp(0, 1)
+    covariance = covariance + LOW_PASS * torch.eye(2, dtype=covariance.dtype, device=covariance.device)
+    peak = splats.opacity[index] * faded(depth, settings)
     if settings.antialiased:  # keeps the energy of a splat the low-pass widens (Mip-Splatting)
         peak = peak * (sharp / torch.linalg.det(covariance)).clamp(min=2.5e-5).sqrt()
     spread = 2 * (peak.detach() / MIN_ALPHA).clamp(min=1).log()
-    eye = -w2c[:3, :3].T @ w2c[:3, 3]
-    direction = torch.nn.functional.normalize(splats.means[index] - eye, dim=-1)
-    basis = sh_basis(direction, splats.degree)
-    color = ((basis[..., None] * splats.sh[index]).sum(1) + 0.5).clamp(min=0)
+    color = seen_colors(splats, index, -w2c[:3, :3].T @ w2c[:3, 3])
     return {
         "center": focal * camera[:, :2] / depth[:, None] + middle,
         "conic": torch.linalg.inv(covariance),
@@ -81,7 +78,7 @@ def _project(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], sett
 def _image_covariance(covariances: Tensor, camera: Tensor, w2c: Tensor, K: Tensor, size: tuple[int, int]) -> Tensor:
     """J W S W^T J^T, (M, 2, 2) [px^2]: the projection linearised at each centre (Zwicker et al. 2002)."""
     focal, middle, depth = K.diagonal()[:2], K[:2, 2], camera[:, 2:]
-    extent = torch.tensor(size).to(K)
+    extent = K.new_tensor(size)
     margin = TANGENT_MARGIN * extent / focal
     tangent = (camera[:, :2] / depth).clamp(-middle / focal - margin, (extent - middle) / focal + margin)
     scale = torch.diag_embed(focal / depth)
@@ -95,7 +92,7 @@ def _tile(ellipses: dict[str, Tensor], box: tuple[int, int, int, int]) -> Tensor
     low, high = center.new_tensor(box[:2]), center.new_tensor(box[2:])
     near = ((center + reach > low) & (center - reach < high)).all(1)
     conic, peak, depth = ellipses["conic"][near], ellipses["peak"][near], ellipses["depth"][near]
-    x, y = torch.arange(box[0], box[2]).to(low) + 0.5, torch.arange(box[1], box[3]).to(low) + 0.5
+    x, y = (torch.arange(box[axis], box[axis + 2], dtype=low.dtype, device=low.device) + 0.5 for axis in (0, 1))
     pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).reshape(-1, 1, 2)
     offset = pixels - ellipses["center"][near]  # (P, M, 2)
     power = torch.einsum("pmi,mij,pmj->pm", offset, conic, offset) / 2
@@ -107,6 +104,18 @@ def _tile(ellipses: dict[str, Tensor], box: tuple[int, int, int, int]) -> Tensor
     sums = weight @ ellipses["features"][near]
     median = (((before > 0.5) & (after <= 0.5)) * depth).sum(1, keepdim=True)
     return torch.cat([sums, median], dim=1).T.reshape(7, box[3] - box[1], box[2] - box[0])
+
+
+def faded(depth: Tensor, settings: Settings) -> Tensor:
+    """Share of its opacity that a Gaussian at ``depth`` [scene units] keeps behind the near plane, in [0, 1]."""
+    return ((depth - settings.near) / max(settings.near_fade, 1e-6)).clamp(0, 1)
+
+
+def seen_colors(splats: Splats, index: Tensor, eye: Tensor) -> Tensor:
+    """Colours >= 0 of the Gaussians ``index`` (M,), (M, 3), each seen from ``eye`` (3,) or (M, 3)."""
+    direction = torch.nn.functional.normalize(splats.means[index] - eye, dim=-1)
+    basis = sh_basis(direction, splats.degree)
+    return ((basis[..., None] * splats.sh[index]).sum(1) + 0.5).clamp(min=0)
 
 
 def sh_basis(direction: Tensor, degree: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""3D Gaussian splats (Kerbl et al. 2023): numba kernels on the CPU, or the plain torch they are tested against."""
+"""3D Gaussian splats (Kerbl et al. 2023): numba on the CPU, gsplat on CUDA, or the plain torch they are tested on."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
+from ..cuda import moved, on_device, require_cuda, require_gsplat
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.splats import Splats
 from ..threads import thread_count
-from . import _splats_torch
-from ._request import check_request
+from . import _splats_gsplat, _splats_torch
+from ._request import check_device, check_request
 from .kernels import splats as kernels
 
 
@@ -24,12 +25,14 @@ class GaussianSplats:
     """Renders :class:`~cltransfer.scenes.splats.Splats` over black.
 
     Args:
-        backend: numba, or torch: slower by far, and differentiable in the cameras.
+        backend: numba; gsplat, which needs a CUDA device and the extra [cuda]; or torch: slower by far, and
+            differentiable in the cameras.
         antialiased: keep the energy of splats smaller than a pixel (Mip-Splatting); right for small frames.
         near: nothing nearer is drawn, scene units, > 0.
         near_fade: opacity grows from 0 to 1 over this distance behind ``near``, scene units, >= 0. Without it one
             Gaussian that crosses the near plane makes a loss jump.
-        threads: at most so many cameras at once; 0 is what the process may use.
+        device: cpu or cuda, where the torch backend works; what it draws comes back to the CPU.
+        threads: of numba, at most so many cameras at once; 0 is what the process may use.
 
     Raises:
         ValueError: an option is out of range.
@@ -37,10 +40,11 @@ class GaussianSplats:
 
     provides: ClassVar[frozenset[str]] = frozenset({"image", "alpha", "label", "depth", "expected_depth"})
 
-    backend: Literal["numba", "torch"] = "numba"
+    backend: Literal["numba", "torch", "gsplat"] = "numba"
     antialiased: bool = True
     near: float = 0.1
     near_fade: float = 0.3
+    device: Literal["cpu", "cuda"] = "cpu"
     threads: int = 0
 
     def __post_init__(self) -> None:
@@ -50,6 +54,7 @@ class GaussianSplats:
             raise ValueError(f"near_fade must not be negative, got {self.near_fade}")
         if self.threads < 0:
             raise ValueError(f"threads must not be negative, got {self.threads}")
+        check_device(self.backend, self.device)
 
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         """Features of B cameras: ``buffers``, camera and person.
@@ -59,10 +64,11 @@ class GaussianSplats:
 
         Raises:
             UsageError: the scene is not made of splats, or a buffer is unknown.
+            ModelError: the backend or the device is not on this computer.
             ValueError: a camera is not finite or has skew.
         """
         check_request("gaussian_splats", scene, cameras, buffers, self.provides)
-        draw = self._numba if self.backend == "numba" else self._torch
+        draw = {"numba": self._numba, "torch": self._torch, "gsplat": self._gsplat}[self.backend]
         drawn = draw(scene.geometry, cameras, buffers)
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
@@ -78,10 +84,18 @@ class GaussianSplats:
         out = kernels.render(splats.packed, views, "image" in buffers, threads)._asdict()
         return {name: torch.from_numpy(out[name]) for name in buffers}
 
+    def _gsplat(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
+        require_gsplat("renderer gaussian_splats", "backend=numba")
+        drawn = _splats_gsplat.render(on_device(splats, "cuda"), moved(cameras, "cuda"), self.settings, buffers)
+        return {name: drawn[name].cpu() for name in buffers}
+
     def _torch(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
+        if self.device == "cuda":
+            require_cuda("renderer gaussian_splats", "device=cpu")
+        splats, cameras = on_device(splats, self.device), moved(cameras, self.device)
         # camera by camera: 150 ms each at 10k Gaussians and 160x90, so the loop itself costs nothing
         frames = [
             _splats_torch.render_one(splats, w2c, K, cameras.size, self.settings)
             for w2c, K in zip(cameras.w2c, cameras.K)
         ]
-        return {name: torch.stack([frame[name] for frame in frames]) for name in buffers}
+        return {name: torch.stack([frame[name] for frame in frames]).cpu() for name in buffers}

@@ -8,13 +8,14 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
+from ..cuda import moved, on_device, require_cuda
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
 from ..threads import thread_count
 from . import _nerf_grid_torch
-from ._request import check_request
+from ._request import check_device, check_request
 from .kernels import grids as kernels
 
 
@@ -29,6 +30,7 @@ class NerfGridRenderer:
         backend: numba, or torch: slower by far, and differentiable in the cameras and the grid.
         step: longest step of a ray as a fraction of the smallest voxel edge, in (0, 1].
         near: nothing nearer is drawn, scene units, > 0.
+        device: cpu or cuda, where the torch backend works; what it draws comes back to the CPU.
         threads: at most so many cameras at once; 0 is what the process may use.
 
     Raises:
@@ -40,6 +42,7 @@ class NerfGridRenderer:
     backend: Literal["numba", "torch"] = "numba"
     step: float = 0.5
     near: float = 0.1
+    device: Literal["cpu", "cuda"] = "cpu"
     threads: int = 0
 
     def __post_init__(self) -> None:
@@ -49,6 +52,7 @@ class NerfGridRenderer:
             raise ValueError(f"near must be positive, got {self.near}")
         if self.threads < 0:
             raise ValueError(f"threads must not be negative, got {self.threads}")
+        check_device(self.backend, self.device)
 
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         """Features of B cameras: ``buffers``, camera and person.
@@ -79,6 +83,9 @@ class NerfGridRenderer:
         return {name: torch.from_numpy(out[name]) for name in buffers}
 
     def _torch(self, grid: NerfGrid, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
+        if self.device == "cuda":
+            require_cuda("renderer nerf_grid", "device=cpu")
+        grid, cameras = on_device(grid, self.device), moved(cameras, self.device)
         # camera by camera: half a second each at 128^3 and 160x90, so the loop itself costs nothing
         frames = [_nerf_grid_torch.render_camera(grid, cameras[i], self.settings) for i in range(len(cameras))]
-        return {name: torch.stack([frame[name] for frame in frames]) for name in buffers}
+        return {name: torch.stack([frame[name] for frame in frames]).cpu() for name in buffers}

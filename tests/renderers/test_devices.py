@@ -1,0 +1,117 @@
+"""The torch backends work where their inputs are: nothing they make lands on the default device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
+from cltransfer.cuda import moved, on_device
+from cltransfer.errors import UsageError
+from cltransfer.registry import RENDERERS
+from cltransfer.renderers import _mesh_torch, _nerf_grid_torch, _splats_torch
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.renderers.mesh import Mesh as MeshRenderer
+from cltransfer.renderers.nerf_grid import NerfGridRenderer
+from cltransfer.scenes import Scene
+from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.nerf_grid import NerfGrid
+
+CAMERA = room_cameras(1, (20, 14))
+
+
+def textured_wall() -> Mesh:
+    middle = CAMERA.center[0] + 3 * CAMERA.c2w[0, :3, 2]
+    right, down = CAMERA.c2w[0, :3, 0], CAMERA.c2w[0, :3, 1]
+    corners = torch.stack([middle + 2 * (x * right + y * down) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    plain = Mesh.plain(corners, torch.tensor([[0, 1, 2], [0, 2, 3]]))
+    image = torch.randint(0, 256, (4, 4, 4), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
+    uv = torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    texture = torch.tensor([0, -1], dtype=torch.int32)
+    return Mesh(plain.vertices, plain.faces, plain.colors, plain.label, plain.shaded, uv, texture, (image,))
+
+
+def grid() -> NerfGrid:
+    random = torch.Generator().manual_seed(0)
+    shape = (6, 7, 8)
+    sh = torch.rand(*shape, 4, 3, generator=random)
+    aabb = torch.tensor([[0.0, 0, 0], [8, 6, 3]], dtype=torch.float64)
+    return NerfGrid(torch.rand(shape, generator=random), sh, torch.zeros(shape), aabb)
+
+
+def draw_splats() -> dict[str, Tensor]:
+    return _splats_torch.render_one(ROOM, CAMERA.w2c[0], CAMERA.K[0], CAMERA.size, GaussianSplats().settings)
+
+
+def draw_mesh() -> dict[str, Tensor]:
+    return _mesh_torch.render_one(WALL, CAMERA, MeshRenderer(samples=2).settings)
+
+
+def draw_grid() -> dict[str, Tensor]:
+    return _nerf_grid_torch.render_camera(FIELD, CAMERA, NerfGridRenderer().settings)
+
+
+@dataclass(frozen=True)
+class Pile:
+    top: Tensor
+    below: tuple[Tensor, ...]
+    rest: tuple[object, ...]
+
+
+ROOM, WALL, FIELD = synthetic_room(300, degree=1), textured_wall(), grid()
+
+
+@pytest.fixture
+def nowhere() -> Iterator[None]:
+    """The default device holds no values, so whatever is made there cannot be mixed with what is given."""
+    with torch.device("meta"):
+        yield
+
+
+@pytest.mark.parametrize("draw", [draw_splats, draw_mesh, draw_grid])
+def test_what_is_drawn_is_made_on_the_device_of_the_scene(draw: Callable[[], dict[str, Tensor]], nowhere: None) -> None:
+    planes = draw()
+    assert {plane.device.type for plane in planes.values()} == {"cpu"}
+    assert float(planes["alpha"].max()) > 0.5
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+@pytest.mark.parametrize(
+    ("renderer", "geometry"), [(GaussianSplats, ROOM), (MeshRenderer, WALL), (NerfGridRenderer, FIELD)]
+)
+def test_cuda_draws_what_the_cpu_draws(renderer: type, geometry: object) -> None:
+    scene = Scene(geometry, None, torch.tensor([0.0, 0, 1]), "test", "0" * 64)
+    here, there = (
+        renderer(backend="torch", device=d).render(scene, CAMERA, renderer.provides) for d in ("cpu", "cuda")
+    )
+    for name in renderer.provides:
+        a, b = here.require(name), there.require(name)
+        assert ((a - b).abs() > 1e-3).float().mean() < 0.01, name
+
+
+def test_moved_takes_every_tensor_along() -> None:
+    there = moved(Pile(torch.zeros(2), (torch.ones(1), torch.ones(3)), (4, "five")), "meta")
+    assert {part.device.type for part in (there.top, *there.below)} == {"meta"}
+    assert there.rest == (4, "five")
+    assert moved(CAMERA, "cpu").size == (20, 14)
+    with pytest.raises(TypeError, match="expected a dataclass value, got int"):
+        moved(3, "cpu")
+
+
+def test_a_geometry_is_copied_to_its_device_once() -> None:
+    room = synthetic_room(200)
+    assert on_device(room, "cpu") is room
+    assert on_device(room, "meta") is on_device(room, "meta")
+
+
+@pytest.mark.parametrize("name", ["gaussian_splats", "mesh", "nerf_grid"])
+def test_a_device_is_chosen_for_torch_alone(name: str) -> None:
+    assert RENDERERS.build(name, {"backend": "torch", "device": "cuda"}).device == "cuda"
+    with pytest.raises(UsageError, match="device cuda needs backend torch, got numba"):
+        RENDERERS.build(name, {"device": "cuda"})
+    with pytest.raises(UsageError, match="device"):
+        RENDERERS.build(name, {"backend": "torch", "device": "tpu"})
