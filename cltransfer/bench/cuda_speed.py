@@ -109,8 +109,8 @@ def _psnr(scene: Scene, cameras: Camera) -> float:
 def write_cuda(rows: Sequence[CudaRow], path: Path) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
     lines = [
-        "Made by `cltransfer bench cuda SCENE.ply --out docs/benchmarks.md`. 160x90, wall time until the buffers are on",
-        f"the CPU, on a {torch.cuda.get_device_name()}; numba on the same computer's processor, in the same run.",
+        "Made by `cltransfer bench cuda SCENE.ply --out docs/benchmarks.md`. 160x90, wall time until all is back on",
+        f"the CPU; a {torch.cuda.get_device_name()}; numba on the same computer's processor, in the same run.",
         *machine(),
         "",
         *table(CudaRow.HEADER.split(" | "), [row.cells() for row in rows]),
