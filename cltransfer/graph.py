@@ -106,7 +106,7 @@ def make_plan(
         reason = planner.reach(name, ())
         if reason:
             missing[name] = reason
-    welcome = {name for name in sorted(uses) if not planner.reach(name, ())}
+    welcome = {name for name in sorted(uses) if planner.welcomes(name)}
     return Plan(tuple(planner.steps), frozenset(planner.buffers), wanted | welcome, missing)
 
 
@@ -143,6 +143,13 @@ class _Planner:
         self.steps.append(Step(name, self.extractors[name], self._hidden(name, (*path, feature))))
         self.done.update(self.extractors[name].provides)
         return ""
+
+    def welcomes(self, feature: str) -> bool:
+        """Plan a feature that nobody requires, unless its provider would replace what another was planned for."""
+        name = None if feature in self.done | self.source else self._provider(feature)
+        if name is not None and self.done & set(self.extractors[name].provides):
+            return False
+        return not self.reach(feature, ())
 
     def _hidden(self, name: str, path: tuple[str, ...]) -> tuple[str, ...]:
         hidden = []

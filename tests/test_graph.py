@@ -95,6 +95,17 @@ def test_what_a_loss_merely_uses_is_computed_where_it_can_be_had_and_never_misse
     assert made.missing == {}
 
 
+def test_what_a_loss_merely_uses_never_replaces_what_it_requires() -> None:
+    exact = Making(("flow",), ("depth",), "scene")
+    makers = {"exact": exact, "read": Making(("flow", "flow_confidence"))}
+    source = frozenset({"image", "depth"})
+    made = plan({"flow"}, makers, source, family="scene", uses=frozenset({"flow_confidence"}))
+    assert [s.name for s in made.steps] == ["exact"]
+    assert made.buffers == {"depth"}
+    read = plan({"flow"}, makers, family="image", uses=frozenset({"flow_confidence"}))
+    assert read.wanted == {"flow", "flow_confidence"}
+
+
 def test_a_first_frame_alone_has_maps_of_nan() -> None:
     made = plan({"flow", "flow_confidence"}, {"f": Making(("flow", "flow_confidence"), needs_before=True)})
     got = run(made, Features((4, 2), image=torch.zeros(1, 3, 2, 4)), None)
