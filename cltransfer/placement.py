@@ -5,6 +5,8 @@ Frames are one wide and one high.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import torch
 from torch import Tensor
 
@@ -12,24 +14,25 @@ from .features import Features
 from .skeleton import VISIBLE, key_joints
 
 
-def frame_joints(features: Features) -> Tensor:
-    """Key joints as x/W, y/H and confidence, (B, 5, 3)."""
-    joints = key_joints(features.require("keypoints"))
+def frame_joints(features: Features, which: Literal["key", "all"] = "key") -> Tensor:
+    """The five key joints, or all 14, as x/W, y/H and confidence, (B, J, 3)."""
+    keypoints = features.require("keypoints")
+    joints = key_joints(keypoints) if which == "key" else keypoints
     return joints / joints.new_tensor([*features.size, 1])
 
 
 def visible_joints(joints: Tensor) -> Tensor:
-    """Which of the joints (B, 5, 3) are visible, (B, 5) bool: sure enough and somewhere."""
+    """Which of the joints (B, J, 3) are visible, (B, J) bool: sure enough and somewhere."""
     return (joints[..., 2] > VISIBLE) & joints[..., :2].isfinite().all(-1)
 
 
 def hide_unknown(reference: Tensor, rendered: Tensor) -> Tensor:
-    """``reference`` joints (B, 5, 3) with confidence 0 where the render does not know the joint.
+    """``reference`` joints (B, J, 3) with confidence 0 where the render does not know the joint.
 
     A scene may lack a joint for good (a sign hides the feet from every view); no camera can answer for it.
     Where the render knows no joint at all nothing is hidden: then the person is missing.
     """
-    known = rendered[..., :2].isfinite().all(-1)  # (B, 5)
+    known = rendered[..., :2].isfinite().all(-1)  # (B, J)
     hidden = ~known & known.any(-1, keepdim=True)
     reference = reference.expand(len(rendered), -1, -1)
     return torch.cat([reference[..., :2], reference[..., 2:].masked_fill(hidden[..., None], 0)], dim=-1)

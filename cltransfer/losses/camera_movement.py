@@ -78,6 +78,7 @@ class CameraMovement:
             count to a layer; it depends on the resolution and needs overlapping persons. ``robust`` fits an
             affine field to each layer of either side, weighted by the flow's confidence where that was extracted,
             and compares the fields over the reference's pixels.
+        layered: compare foreground, person and background apart (Eq. 11); else the frame as one layer, as JAWS does.
         mismatch: cost of a layer that only the reference has, >= 0 [frame widths] (robust).
         min_area: smallest layer, in (0, 1] of the frame (robust).
         min_share: smallest part of a layer's area in the reference that the render must show, in [0, 1] (robust): a
@@ -88,6 +89,7 @@ class CameraMovement:
     """
 
     mode: Literal["robust", "faithful"] = "robust"
+    layered: bool = True
     mismatch: float = 0.02
     min_area: float = 0.005
     min_share: float = 0.2
@@ -106,6 +108,8 @@ class CameraMovement:
             raise ValueError(f"min_area must be in (0, 1], got {self.min_area}")
         if not 0 <= self.min_share <= 1:
             raise ValueError(f"min_share must be in [0, 1], got {self.min_share}")
+        if not self.layered:
+            object.__setattr__(self, "requires", ("flow",))
         if self.mode == "faithful":
             object.__setattr__(self, "unit", "px")
             object.__setattr__(self, "uses", ())
@@ -115,9 +119,10 @@ class CameraMovement:
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
         if self.mode == "robust":
-            return movement_residuals(_fit(reference), _fit(rendered), self.mismatch, self.min_area, self.min_share)
-        flow, layers = _on_grid_of(reference, rendered)
-        layers = layers & reference.require("layers")
+            wanted, found = (_fit(features, self._layers(features)) for features in (reference, rendered))
+            return movement_residuals(wanted, found, self.mismatch, self.min_area, self.min_share)
+        flow, layers = _on_grid_of(reference, rendered, self._layers(rendered))
+        layers = layers & self._layers(reference)
         errors = layer_endpoint_errors(reference.require("flow"), flow, layers)
         there = errors.isfinite()
         return errors.masked_fill(~there & there.any(-1, keepdim=True), 0) / there.sum(-1, keepdim=True)
@@ -126,16 +131,23 @@ class CameraMovement:
         """Raw loss, (B,) [frame widths; faithful: px]; NaN where undefined."""
         return self.residuals(reference, rendered).unflatten(1, (3, -1)).norm(dim=-1).sum(-1)
 
+    def _layers(self, features: Features) -> Tensor:
+        """Layers compared, (B, 3, H, W) bool; the whole frame stands in the first place."""
+        if self.layered:
+            return features.require("layers")
+        flow = features.require("flow")
+        whole = torch.zeros(len(flow), 3, *flow.shape[2:], dtype=torch.bool, device=flow.device)
+        whole[:, 0] = True
+        return whole
 
-def _fit(features: Features) -> AffineFlow:
-    return fit_affine_flow(
-        features.require("flow"), features.require("layers"), features.size[0], features.flow_confidence
-    )
+
+def _fit(features: Features, layers: Tensor) -> AffineFlow:
+    return fit_affine_flow(features.require("flow"), layers, features.size[0], features.flow_confidence)
 
 
-def _on_grid_of(reference: Features, rendered: Features) -> tuple[Tensor, Tensor]:
-    """Flow and layers of ``rendered`` on the pixels of ``reference``, vectors in its pixels."""
-    flow, layers = rendered.require("flow"), rendered.require("layers")
+def _on_grid_of(reference: Features, rendered: Features, layers: Tensor) -> tuple[Tensor, Tensor]:
+    """Flow and ``layers`` of ``rendered`` on the pixels of ``reference``, vectors in its pixels."""
+    flow = rendered.require("flow")
     grid = tuple(reference.require("flow").shape[-2:])
     scale = flow.new_tensor([a / b for a, b in zip(reference.size, rendered.size)])[:, None, None]
     flow = interpolate(flow, grid, mode="nearest-exact") * scale

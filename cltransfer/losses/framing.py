@@ -17,13 +17,13 @@ def centroid_difference(reference: Tensor, rendered: Tensor) -> Tensor:
     """Difference of the centroids of the joints that the reference shows (paper Eq. 7).
 
     Args:
-        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
-        rendered: the same of B candidates, (B, 5, 3); the confidence is not read.
+        reference: key joints as x/W, y/H, confidence, (R, J, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, J, 3); the confidence is not read.
 
     Returns:
         (B, 2) [frame]; NaN where the reference shows no joint or the render lacks one of the set.
     """
-    shown = visible_joints(reference)[..., None]  # (R, 5, 1)
+    shown = visible_joints(reference)[..., None]  # (R, J, 1)
     moved = (rendered[..., :2] - reference[..., :2]).masked_fill(~shown, 0)
     return moved.sum(1) / shown.sum(1)  # no joint: 0 / 0 is NaN
 
@@ -32,8 +32,8 @@ def framing_loss(reference: Tensor, rendered: Tensor) -> Tensor:
     """Distance of the centroids of the joints that the reference shows (paper Eq. 6).
 
     Args:
-        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
-        rendered: the same of B candidates, (B, 5, 3).
+        reference: key joints as x/W, y/H, confidence, (R, J, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, J, 3).
 
     Returns:
         (B,) [frame], >= 0; NaN where the reference shows no joint or the render lacks one of the set.
@@ -51,12 +51,14 @@ class Framing:
     Args:
         mode: ``faithful`` is undefined where the reference shows no key joint; ``robust`` compares the
             centroids of the subject masks there, and leaves out joints the scene does not know at all.
+        joints: key are the paper's five (its Sec. 8.1); all are the 14 of the full pose, which a raised arm changes.
         weight: lambda of Eq. 15; tolerance 0.02 of the frame.
 
     The penalty is the frame's diagonal, 2 ** 0.5: more than two persons inside the frame can be apart.
     """
 
     mode: Literal["robust", "faithful"] = "robust"
+    joints: Literal["key", "all"] = "key"
     weight: float = 10.0
 
     requires: ClassVar[tuple[str, ...]] = ("keypoints", "subject")
@@ -70,7 +72,7 @@ class Framing:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed difference of the centroids, (B, 2)."""
-        shown, joints = frame_joints(reference), frame_joints(rendered)
+        shown, joints = frame_joints(reference, self.joints), frame_joints(rendered, self.joints)
         if self.mode == "faithful":
             return centroid_difference(shown, joints)
         shown = hide_unknown(shown, joints)

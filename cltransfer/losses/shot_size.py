@@ -17,8 +17,8 @@ def key_joint_extents(reference: Tensor, rendered: Tensor) -> tuple[Tensor, Tens
     """d_ref and d_S of the pair of key joints and the axis that the reference chooses (paper Eq. 4-5).
 
     Args:
-        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
-        rendered: the same of B candidates, (B, 5, 3); the confidence is not read.
+        reference: key joints as x/W, y/H, confidence, (R, J, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, J, 3); the confidence is not read.
 
     Returns:
         (B,) each [frame]; d_ref is NaN where the reference shows fewer than two joints, d_S where the render lacks
@@ -26,7 +26,7 @@ def key_joint_extents(reference: Tensor, rendered: Tensor) -> tuple[Tensor, Tens
     """
     visible = visible_joints(reference)
     pairs = (visible[:, :, None] & visible[:, None, :])[..., None]
-    gaps = _gaps(reference).masked_fill(~pairs, -1).flatten(1)  # (R, 5 * 5 * 2)
+    gaps = _gaps(reference).masked_fill(~pairs, -1).flatten(1)  # (R, J * J * 2)
     d_ref, chosen = gaps.max(1, keepdim=True)  # Eq. 4
     d_S = _gaps(rendered).flatten(1).gather(1, chosen.expand(len(rendered), 1))  # Eq. 5
     few = visible.sum(1) < 2
@@ -61,8 +61,8 @@ def shot_size_loss(reference: Tensor, rendered: Tensor) -> Tensor:
     """Difference in shot size (paper Eq. 3).
 
     Args:
-        reference: key joints as x/W, y/H, confidence, (R, 5, 3), R = 1 or B.
-        rendered: the same of B candidates, (B, 5, 3).
+        reference: key joints as x/W, y/H, confidence, (R, J, 3), R = 1 or B.
+        rendered: the same of B candidates, (B, J, 3).
 
     Returns:
         (B,) [frame], >= 0; NaN where the reference shows fewer than two joints or the render lacks one.
@@ -83,12 +83,14 @@ class ShotSize:
     Args:
         mode: ``faithful`` is undefined where the reference shows fewer than two key joints; ``robust``
             compares the extents of the subject masks there, and leaves out joints the scene does not know.
+        joints: key are the paper's five (its Sec. 8.1); all are the 14 of the full pose, which a raised arm changes.
         weight: lambda of Eq. 15; the total is 1 when every loss is at its tolerance, here 0.02 of the frame.
 
     The penalty is 1 frame: more than any two persons inside the frame can differ by.
     """
 
     mode: Literal["robust", "faithful"] = "robust"
+    joints: Literal["key", "all"] = "key"
     weight: float = 10.0
 
     requires: ClassVar[tuple[str, ...]] = ("keypoints", "subject")
@@ -102,7 +104,7 @@ class ShotSize:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed difference d_S - d_ref, (B, 1)."""
-        shown, joints = frame_joints(reference), frame_joints(rendered)
+        shown, joints = frame_joints(reference, self.joints), frame_joints(rendered, self.joints)
         if self.mode == "faithful":
             return key_joint_difference(shown, joints)[:, None]
         shown = hide_unknown(shown, joints)

@@ -205,3 +205,24 @@ def test_fit_takes_less_than_a_millisecond_a_frame() -> None:
         fit_affine_flow(flow, layers, 160)
         seconds.append(time.process_time() - start)
     assert min(seconds) / 10 < 1e-3
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_the_frame_as_one_layer_does_not_know_which_part_moves(mode: str) -> None:
+    """A person of a tenth of the frame pans: a third of the layered loss, hardly anything of the global one."""
+    still = moving(STILL)
+    layers = torch.zeros_like(still.layers)
+    layers[:, 1, :, :6] = True
+    layers[:, 2, :, 6:] = True
+    still = replace(still, layers=layers)
+    flow = still.flow.clone()
+    flow[:, 0, :, :6] = 6.4  # a tenth of the width
+    moved = replace(still, flow=flow)
+    layered, whole = (CameraMovement(mode=mode, layered=layered)(still, moved) for layered in (True, False))
+    assert float(whole) < 0.8 * float(layered)
+
+
+def test_the_frame_as_one_layer_asks_for_no_layers() -> None:
+    features = replace(moving(STILL), layers=None)
+    assert CameraMovement(layered=False).requires == ("flow",)
+    assert float(CameraMovement(layered=False)(features, replace(moving(PAN), layers=None))) == pytest.approx(0.03)

@@ -67,3 +67,13 @@ def test_joint_the_scene_does_not_know_is_left_out_row_4() -> None:
     assert Framing(mode="faithful")(reference, rendered).isnan().all()
     reference.keypoints[:, 12, 2] = 0
     torch.testing.assert_close(Framing()(reference, rendered), Framing(mode="faithful")(reference, rendered))
+
+
+def test_a_raised_arm_moves_the_full_pose_and_not_the_key_joints() -> None:
+    before = sample_features(1, 1)
+    raised = before.keypoints.clone()
+    raised[:, 4, 1] -= 0.4 * before.size[1]  # left wrist
+    after = replace(before, keypoints=raised)
+    assert float(Framing()(before, after)) == 0
+    seen = int((before.keypoints[0, :, 2] > 0.5).sum())
+    torch.testing.assert_close(Framing(joints="all")(before, after), torch.tensor([0.4 / seen]).double())

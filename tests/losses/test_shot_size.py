@@ -106,3 +106,12 @@ def test_joint_the_scene_does_not_know_is_left_out_row_4() -> None:
 def test_faithful_mode_asks_for_no_mask() -> None:
     assert ShotSize(mode="faithful").requires == ("keypoints",)
     assert ShotSize().requires == ("keypoints", "subject")
+
+
+def test_a_raised_arm_makes_the_full_pose_larger_and_not_the_key_joints() -> None:
+    before = sample_features(1, 1)
+    raised = before.keypoints.clone()
+    raised[:, 4, 1] -= 2 * before.size[1]  # left wrist, far above the head
+    after = replace(before, keypoints=raised)
+    assert float(ShotSize()(before, after)) == 0
+    assert float(ShotSize(joints="all")(after, before)) > 1
