@@ -1,0 +1,140 @@
+"""The gradient baseline: its parts against what they are named after, its costs, its strokes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.config import load_config
+from cltransfer.driver.adam import CLIP, LEAST_WEIGHT, GradNorm, Moments, central_differences
+from cltransfer.errors import UsageError
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import shot
+from cltransfer.transfer import Inputs, Result, transfer
+
+SMALL = ("search_side=48", "output_side=96", "frames=2", "threads=1")
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Result]:
+    """A transfer of a push in into the courtyard, from a given view, so that no evaluation goes into finding one."""
+    subject = builtin_scene("courtyard").subject
+    assert subject is not None
+    view = tmp_path_factory.mktemp("view") / "view.json"
+    shot("push_in", subject, (96, 54), 1).save(view)
+
+    def solve(preset: str, *overrides: str) -> Result:
+        config = load_config(overrides=[f"preset={preset}", *SMALL, *overrides])
+        return transfer(Inputs("builtin:courtyard", "builtin:push_in", init=str(view)), config)
+
+    return solve
+
+
+def test_moments_step_as_torchs_adam_does() -> None:
+    slope = CLIP * torch.tensor([0.5, -0.1, 0.02], dtype=torch.float64)
+    x = torch.zeros(3, dtype=torch.float64, requires_grad=True)
+    theirs, ours, moments = torch.optim.Adam([x], lr=0.01), torch.zeros(3, dtype=torch.float64), Moments(3)
+    for step in range(5):
+        x.grad = slope * (1 - 0.4 * step)
+        theirs.step()
+        ours = ours + 0.01 * moments.direction(x.grad)
+    torch.testing.assert_close(ours, x.detach())
+
+
+def test_a_long_gradient_is_cut_to_its_direction() -> None:
+    slope = torch.tensor([3.0, -4.0], dtype=torch.float64)
+    cut, same = Moments(2), Moments(2)
+    cut.direction(slope)
+    same.direction(CLIP * slope / 5)
+    torch.testing.assert_close(cut.mean, same.mean)
+
+
+def test_differences_ask_one_batch_of_twice_the_numbers_and_one() -> None:
+    asked = []
+
+    def evaluate(x: Tensor) -> Tensor:
+        asked.append(len(x))
+        return torch.stack([x[:, 0] * x[:, 2], x[:, 1] ** 2], dim=1)
+
+    x = torch.tensor([2.0, 3.0, 5.0], dtype=torch.float64)
+    values, slopes = central_differences(evaluate, x, (0, 1), 1e-3)
+    assert asked == [5]
+    torch.testing.assert_close(values, torch.tensor([10.0, 9.0], dtype=torch.float64))
+    torch.testing.assert_close(slopes, torch.tensor([[5.0, 0.0], [0.0, 6.0]], dtype=torch.float64))
+
+
+def test_gradnorm_lowers_the_weight_of_the_steeper_term() -> None:
+    balance = GradNorm(2)
+    slopes = torch.tensor([[3.0, 0.0], [0.0, 1.0]], dtype=torch.float64)
+    for _ in range(10):
+        weights = balance.update(torch.ones(2, dtype=torch.float64), slopes)
+    assert weights[0] < 1 < weights[1]
+    assert float(weights.sum()) == pytest.approx(2)
+
+
+def test_gradnorm_raises_the_weight_of_the_term_that_lags() -> None:
+    balance, slopes = GradNorm(2), torch.eye(2, dtype=torch.float64)
+    balance.update(torch.tensor([1.0, 1.0], dtype=torch.float64), slopes)
+    weights = balance.update(torch.tensor([0.1, 1.0], dtype=torch.float64), slopes)
+    assert weights[0] < weights[1]
+
+
+def test_gradnorm_never_silences_a_term() -> None:
+    balance = GradNorm(2)
+    slopes = torch.tensor([[1e6, 0.0], [0.0, 1.0]], dtype=torch.float64)
+    for _ in range(200):
+        weights = balance.update(torch.ones(2, dtype=torch.float64), slopes)
+    assert float(weights.min()) >= LEAST_WEIGHT * 2 / (2 + 2 * LEAST_WEIGHT)
+
+
+def test_gradnorm_stands_still_where_a_term_starts_at_nothing() -> None:
+    balance = GradNorm(2)
+    values, slopes = torch.tensor([1.0, 0.0], dtype=torch.float64), torch.eye(2, dtype=torch.float64)
+    assert torch.equal(balance.update(values, 5 * slopes), torch.ones(2, dtype=torch.float64))
+
+
+@pytest.mark.parametrize(
+    ("preset", "a_step", "steps"), [("jaws_clean", 15 + 3, 2), ("jaws_code", 15 + 3, 2), ("five_adam", 17, 1)]
+)
+def test_every_evaluation_is_counted(solved: Callable[..., Result], preset: str, a_step: int, steps: int) -> None:
+    found = solved(preset, "adam.iterations=4")
+    frames = found.kept.found.frames
+    assert [frame.generations for frame in frames] == [2, 4 * steps]  # all at once, then in strokes
+    assert found.spent.evaluations == 2 * 17 + 4 * a_step
+
+
+@pytest.mark.parametrize("preset", ["jaws_clean", "jaws_code", "five_adam"])
+def test_a_descent_never_ends_above_its_start(solved: Callable[..., Result], preset: str) -> None:
+    found = solved(preset, "adam.iterations=12", "frames=3")
+    for i, frame in enumerate(found.kept.found.frames):
+        assert frame.total >= 0
+        assert frame.total == pytest.approx(float(found.searched.totals[i]), rel=1e-4, abs=1e-6)
+    later = found.searched.totals[1:].mean()
+    assert float(later) < float(found.held.totals[1:].mean())
+
+
+def test_two_runs_give_the_same_bits(solved: Callable[..., Result]) -> None:
+    first, second = (solved("jaws_clean", "adam.iterations=3") for _ in range(2))
+    assert torch.equal(first.trajectory.camera.w2c, second.trajectory.camera.w2c)
+
+
+def test_any_search_can_be_descended_in(solved: Callable[..., Result]) -> None:
+    found = solved("five_adam", "search.subject_orbit={}", "adam.iterations=6", "adam.rate=0.02")
+    assert float(found.searched.totals.mean()) < float(found.held.totals.mean())
+
+
+def test_a_fixed_lens_leaves_one_stroke(solved: Callable[..., Result]) -> None:
+    found = solved("jaws_clean", "zoom=fixed", "adam.iterations=3")
+    assert [frame.generations for frame in found.kept.found.frames] == [1, 3]
+    torch.testing.assert_close(found.trajectory.camera.focal[1:], found.trajectory.camera.focal[:1])
+
+
+@pytest.mark.parametrize(
+    ("override", "reason"), [("adam.iterations=0", "iterations"), ("adam.rate=-1", "rate"), ("adam.speed=1", "speed")]
+)
+def test_options_out_of_range_or_unknown_are_one_line(override: str, reason: str) -> None:
+    with pytest.raises(UsageError, match=reason):
+        load_config(overrides=[override])
