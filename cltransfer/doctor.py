@@ -38,7 +38,7 @@ def examine() -> list[Finding]:
     found = [Finding("cltransfer", True, f"{__version__}, Python {platform.python_version()}, {platform.machine()}")]
     found += [_package(name) for name in PACKAGES]
     found += [_try("threads", _threads), _try("video codecs", _codecs), _try("cache", _cache)]
-    found += _models()
+    found += [*_models(), _try("networks run on", _providers)]
     found += [_try("CUDA", _cuda, needed=False), _try("self-test", _self_test)]
     return found
 
@@ -89,7 +89,8 @@ def _cache() -> str:
 
 def _models() -> list[Finding]:
     from .errors import ModelError
-    from .models import KNOWN
+    from .extractors.detect_yolox import DetectYolox
+    from .extractors.pose_blazepose import PoseBlazepose
     from .onnx import find_model
 
     def look(name: str) -> Finding:
@@ -98,7 +99,13 @@ def _models() -> list[Finding]:
         except ModelError as error:
             return Finding(name, False, str(error), needed=False)
 
-    return [look(name) for name in KNOWN]
+    return [look(name) for name in (DetectYolox.model, PoseBlazepose.model)]
+
+
+def _providers() -> str:
+    from .onnx import providers
+
+    return ", ".join(name.removesuffix("ExecutionProvider") for name in providers())
 
 
 def _cuda() -> str:

@@ -1,4 +1,4 @@
-"""ONNX networks on the CPU: found by name, checked before they run, checked after."""
+"""ONNX networks: found by name, checked before they run, checked after."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import ModelError
+from .catalogue import entry_of_file
+from .errors import ModelError, UsageError
 from .files import cache_dir
-from .models import KNOWN
 from .threads import thread_count
 
 if TYPE_CHECKING:
@@ -24,26 +24,57 @@ Shape = tuple[int | None, ...]
 """Expected sizes, batch first; None is any."""
 
 BYTE_LIMIT = 2 * 2**30
+VARIABLE = "CLTRANSFER_NETWORKS"
+CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 _EXTERNAL = b"\n\x08location"  # the key by which a tensor names another file
 
 
-def find_model(name: str) -> Path:
-    """File of the network ``name``, looked up in the folders of ``CLTRANSFER_MODELS`` and in the cache.
+def model_places(name: str) -> list[Path]:
+    """Where the network ``name`` is looked for: the folders of ``CLTRANSFER_MODELS``, then the cache.
 
     A name with a folder in it (``weights/depth.onnx``) is taken as it stands.
+    """
+    if Path(name).name != name:
+        return [Path(name)]
+    named = os.environ.get("CLTRANSFER_MODELS", "").split(os.pathsep)
+    folders = [Path(folder) for folder in named if folder] + [cache_dir() / "models"]
+    return [folder / name for folder in folders]
+
+
+def find_model(name: str) -> Path:
+    """File of the network ``name``, at the first of :func:`model_places` that has it.
 
     Raises:
         ModelError: there is no such file; the line says what to get and where to put it.
     """
-    named = os.environ.get("CLTRANSFER_MODELS", "").split(os.pathsep)
-    folders = [Path(folder) for folder in named if folder] + [cache_dir() / "models"]
-    places = [Path(name)] if Path(name).name != name else [folder / name for folder in folders]
+    places = model_places(name)
     for place in places:
         if place.is_file():
             return place
-    known = KNOWN.get(Path(name).name)
-    what = f" with sha256 {known.sha256} ({known.licence}, from {known.source})" if known else ""
-    raise ModelError(name, "model", f"no such file{what}", f"put it in {places[0].parent}")
+    known = entry_of_file(Path(name).name)
+    if known is None:
+        raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
+    what = f"no such file with sha256 {known.sha256 or 'not known'} ({known.licence}, from {known.source})"
+    get = f"run: cltransfer models pull {known.name}" if known.address else known.made_by
+    raise ModelError(name, "model", what, f"{get}; or put it in {places[0].parent}")
+
+
+def providers() -> list[str]:
+    """What networks run on, by ``CLTRANSFER_NETWORKS``: cpu, cuda, or auto (CUDA where onnxruntime is built for it).
+
+    Raises:
+        UsageError: the variable is another word.
+        ModelError: CUDA is asked for and onnxruntime has none.
+    """
+    import onnxruntime
+
+    wish = os.environ.get(VARIABLE) or "auto"
+    if wish not in ("auto", "cpu", "cuda"):
+        raise UsageError("", VARIABLE, f"expected auto, cpu or cuda, got {wish!r}")
+    has_cuda = CUDA in onnxruntime.get_available_providers()
+    if wish == "cuda" and not has_cuda:
+        raise ModelError("onnxruntime", VARIABLE, "is not built for CUDA", "pip install onnxruntime-gpu in its place")
+    return [CUDA, CPU] if has_cuda and wish != "cpu" else [CPU]
 
 
 @dataclass(frozen=True)
@@ -51,7 +82,7 @@ class Network:
     """One ONNX file that runs on batches, whether or not its batch size is fixed at 1.
 
     Args:
-        path: the file; a name in :data:`cltransfer.models.KNOWN` must have that content.
+        path: the file; a file of the catalogue must have the content it has there.
         inputs: name and shape of every input, float32.
         outputs: name and shape of the outputs to compute, float32; a shape of None is any.
     """
@@ -105,11 +136,13 @@ class Network:
         options.inter_op_num_threads = 1
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
-        data = self._read()
+        data, wanted = self._read(), providers()
         try:
-            session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            session = onnxruntime.InferenceSession(data, options, providers=wanted)
         except Exception as error:  # onnxruntime's errors have no narrower common class
             raise ModelError(self.path, "model", _first_line(error)) from None
+        if session.get_providers()[0] != wanted[0]:  # onnxruntime falls back by itself and says so only in its log
+            raise ModelError(self.path, "CUDA", "did not start", f"{VARIABLE}=cpu runs it on the CPU")
         self._check("input", self.inputs, session.get_inputs(), exact=True)
         self._check("output", self.outputs, session.get_outputs(), exact=False)
         return session
@@ -120,9 +153,9 @@ class Network:
         if self.path.stat().st_size > BYTE_LIMIT:
             raise ModelError(self.path, "model", f"expected at most {BYTE_LIMIT} bytes")
         data = self.path.read_bytes()
-        known = KNOWN.get(self.path.name)
+        known = entry_of_file(self.path.name)
         digest = hashlib.sha256(data).hexdigest()
-        if known and known.sha256 != digest:
+        if known and known.sha256 not in ("", digest):
             reason = f"expected {known.sha256}, got {digest}"
             raise ModelError(self.path, "sha256", reason, "rename the file if it is another network")
         if _EXTERNAL in data:

@@ -143,4 +143,4 @@ def test_what_is_installed_includes_the_data_files() -> None:
     assert done.returncode == 0, done.stderr
     shipped = set(done.stdout.split())
     presets = {f"cltransfer.configs/{path.name}" for path in (ROOT / "configs").glob("*.yaml")}
-    assert presets | {"cltransfer/report/page.html", "cltransfer/py.typed"} <= shipped
+    assert presets | {"cltransfer/report/page.html", "cltransfer/py.typed", "cltransfer/catalogue.yaml"} <= shipped

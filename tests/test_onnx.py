@@ -4,14 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from cltransfer.errors import ModelError
+from cltransfer.catalogue import catalogue
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.files import content_hash
-from cltransfer.models import KNOWN
-from cltransfer.onnx import Network, find_model
+from cltransfer.onnx import Network, find_model, providers
 
+KNOWN = catalogue("model")
 MODELS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "models"
 
 
@@ -101,7 +103,7 @@ def test_external_data_are_out_of_reach_when_their_key_is_written_oddly(tmp_path
 
 
 def test_a_known_name_with_other_content_is_refused(tmp_path):
-    refused(network(graph(tmp_path / "yolox_nano.onnx")), "sha256", KNOWN["yolox_nano.onnx"].sha256)
+    refused(network(graph(tmp_path / "yolox_nano.onnx")), "sha256", KNOWN["yolox_nano"].sha256)
 
 
 def test_models_are_found_in_each_folder_then_in_the_cache(tmp_path, monkeypatch):
@@ -119,12 +121,33 @@ def test_a_missing_model_says_what_to_get_and_where_to_put_it(tmp_path, monkeypa
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights"))
     with pytest.raises(ModelError) as caught:
         find_model("yolox_nano.onnx")
-    known = KNOWN["yolox_nano.onnx"]
-    for part in ("yolox_nano.onnx", known.sha256, known.source, known.licence, str(tmp_path / "weights")):
+    known = KNOWN["yolox_nano"]
+    wanted = ("yolox_nano.onnx", known.sha256, known.source, known.licence, "models pull yolox_nano")
+    for part in (*wanted, str(tmp_path / "weights")):
         assert part in str(caught.value)
 
 
 @pytest.mark.skipif(not MODELS.exists(), reason="the shared networks are not here")
-@pytest.mark.parametrize("name", sorted(KNOWN))
+@pytest.mark.parametrize("name", sorted(name for name, entry in KNOWN.items() if entry.sha256))
 def test_the_shared_networks_are_the_known_ones(name):
-    assert content_hash(MODELS / name) == KNOWN[name].sha256
+    assert content_hash(MODELS / KNOWN[name].file) == KNOWN[name].sha256
+    assert (MODELS / KNOWN[name].file).stat().st_size == KNOWN[name].size
+
+
+def test_networks_run_where_the_variable_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "cpu")
+    assert providers() == ["CPUExecutionProvider"]
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "npu")
+    with pytest.raises(UsageError, match="expected auto, cpu or cuda"):
+        providers()
+
+
+@pytest.mark.skipif("CUDAExecutionProvider" in onnxruntime.get_available_providers(), reason="onnxruntime has CUDA")
+def test_cuda_is_never_silently_replaced(monkeypatch, tmp_path):
+    assert providers() == ["CPUExecutionProvider"]
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "cuda")
+    with pytest.raises(ModelError, match="not built for CUDA"):
+        network(graph(tmp_path / "a.onnx"))({"x": values()})
+    listed = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: listed)  # a build whose driver is missing
+    refused(network(graph(tmp_path / "a.onnx")), "CUDA", "did not start")
