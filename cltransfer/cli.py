@@ -13,6 +13,7 @@ import typer
 from . import __version__
 from .bench.verbs import app as bench_app
 from .cli_fit import fit
+from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, simplify
 from .cli_shared import Allow, Json, Quiet, show
@@ -35,6 +36,8 @@ app = typer.Typer(
 )
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
+app.add_typer(models_app, name="models")
+app.add_typer(assets_app, name="assets")
 app.command()(fit)
 app.command()(simplify)
 app.command()(bake)

@@ -1,0 +1,147 @@
+"""The verbs of ``cltransfer models`` and ``cltransfer assets``: what the catalogue has, and getting it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .cli_shared import Json, Quiet, show
+from .errors import UsageError
+
+if TYPE_CHECKING:
+    from .catalogue import Entry, Kind
+
+models_app = typer.Typer(help="Networks: what there is, getting them, checking them.", no_args_is_help=True)
+assets_app = typer.Typer(help="Demo scenes and clips: what there is, getting them.", no_args_is_help=True)
+
+Catalogue = Annotated[
+    list[Path] | None, typer.Option("--catalogue", help="A catalogue of your own, besides CLTRANSFER_CATALOGUE.")
+]
+Names = Annotated[list[str], typer.Argument(help="Names of the catalogue, or of a group.")]
+AcceptNew = Annotated[
+    bool, typer.Option("--accept-new", help="Take a file whose sha256 is not known, print and pin what came.")
+]
+
+
+@models_app.command("list")
+def models_list(catalogue: Catalogue = None, as_json: Json = False) -> None:
+    """Every network: its state, size, task and licence; interface, what is known of it, where it comes from.
+
+    A network is here, to pull, new (to pull, its sha256 not known yet), or to make of what its authors publish.
+    """
+    _list("model", catalogue, as_json)
+
+
+@models_app.command("pull")
+def models_pull(
+    names: Names,
+    catalogue: Catalogue = None,
+    accept_new: AcceptNew = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Download networks into the cache, where clips are then read with them; nothing is kept with another hash."""
+    _pull("model", names, catalogue, accept_new, as_json, quiet)
+
+
+@models_app.command("check")
+def models_check(
+    names: Annotated[list[str] | None, typer.Argument(help="Names; by default all that are here.")] = None,
+    catalogue: Catalogue = None,
+    as_json: Json = False,
+) -> None:
+    """Whether the networks that are here are what the catalogue says; exit code 4 if one is not, or is missing."""
+    from .files import content_hash
+
+    rows, wrong = [], False
+    for entry in _chosen("model", names, catalogue):
+        found = _place(entry)
+        if found is None and not names:
+            continue
+        state = "missing"
+        if found is not None:
+            got = content_hash(found)
+            known = f"expected {entry.sha256}, got {got}" if entry.sha256 else f"sha256 not known, got {got}"
+            state = "ok" if got == entry.sha256 else known
+        wrong |= state == "missing" or state.startswith("expected")
+        rows.append({"name": entry.name, "file": entry.file, "path": str(found or ""), "state": state})
+    show(rows, "\n".join(f"{row['file']}: {row['state']}" for row in rows) or "none is here", as_json)
+    if wrong:
+        raise typer.Exit(4)
+
+
+@assets_app.command("list")
+def assets_list(catalogue: Catalogue = None, as_json: Json = False) -> None:
+    """Every demo scene and clip: its state, size, licence and where it comes from; see `models list`."""
+    _list("asset", catalogue, as_json)
+
+
+@assets_app.command("pull")
+def assets_pull(
+    names: Names,
+    catalogue: Catalogue = None,
+    accept_new: AcceptNew = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Download demo files into the cache and print where they are; `demo` is a real scene and a real clip."""
+    _pull("asset", names, catalogue, accept_new, as_json, quiet)
+
+
+def _list(kind: Kind, more: list[Path] | None, as_json: bool) -> None:
+    entries = _chosen(kind, None, more)
+    values = [{**asdict(entry), "path": str(_place(entry) or "")} for entry in entries]
+    width = max(len(entry.name) for entry in entries)
+    show(values, "\n".join(_lines(entry, width) for entry in entries), as_json)
+
+
+def _lines(entry: Entry, width: int) -> str:
+    state = (
+        "here" if _place(entry) else "pull" if entry.address and entry.sha256 else "new" if entry.address else "make"
+    )
+    size = f"{entry.size / 1e6:.1f} MB" if entry.size else "? MB"
+    details = [entry.interface, entry.note, entry.address or f"{entry.source}; {entry.made_by}"]
+    head = f"{entry.name:<{width}}  {state}  {size:>8}  {entry.task}; {entry.licence}"
+    return "\n".join([head, *(f"{'':<{width}}  {detail}" for detail in details if detail)])
+
+
+def _pull(kind: Kind, names: list[str], more: list[Path] | None, accept_new: bool, as_json: bool, quiet: bool) -> None:
+    from .download import pull
+    from .progress import progress
+
+    rows: list[dict[str, Any]] = []
+    with progress(quiet) as report:
+        for entry in _chosen(kind, names, more):
+            had = pull(entry, accept_new, report)
+            rows.append({"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": not entry.sha256})
+    text = (f"{row['path']}{' sha256 ' + row['sha256'] + ', pinned' if row['pinned'] else ''}" for row in rows)
+    show(rows, "\n".join(text), as_json)
+
+
+def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) -> list[Entry]:
+    """Entries of ``names``, which may name a group; all where none is named."""
+    from .catalogue import catalogue
+    from .config import nearest
+
+    entries = catalogue(kind, more or ())
+    if not names:
+        return list(entries.values())
+    chosen = []
+    for name in names:
+        found = [entry for entry in entries.values() if name in (entry.name, entry.group, entry.file)]
+        if not found:
+            raise UsageError("", name, f"no such {kind} in the catalogue", nearest(name, list(entries)))
+        chosen += found
+    return chosen
+
+
+def _place(entry: Entry) -> Path | None:
+    """Where the file is, None where it is not."""
+    from .onnx import model_places
+
+    places = model_places(entry.file) if entry.kind == "model" else [entry.path]
+    return next((place for place in places if place.is_file()), None)
