@@ -14,9 +14,9 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from .columns import SH0
 from .mesh import Mesh
 from .nerf_grid import NerfGrid
-from .ply import SH0
 from .splats import Splats
 
 SPREAD = 0.65  # standard deviation of a Gaussian, in distances between samples: less shows holes, more blurs edges

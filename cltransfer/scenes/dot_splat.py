@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from .ply import Columns, drawable, sh_of_color
+from .columns import Columns, affordable_degree, drawable, sh_of_color
 from .splats import Splats
 
 COUNT_LIMIT = 20_000_000
@@ -28,6 +28,7 @@ def read_dot_splat(path: Path) -> Splats:
         raise InputError(path, "size", f"expected records of {RECORD.itemsize} bytes, got {size} bytes")
     if size > COUNT_LIMIT * RECORD.itemsize:
         raise InputError(path, "size", f"expected at most {COUNT_LIMIT} Gaussians, got {size // RECORD.itemsize}")
+    affordable_degree(path, size // RECORD.itemsize, 0)
     table = np.fromfile(path, RECORD)
     color = table["rgba"].astype(np.float32) / np.float32(255)
     with np.errstate(all="ignore"):  # what is not finite is counted, not warned of

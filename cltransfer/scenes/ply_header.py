@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ..errors import InputError
 
@@ -16,6 +19,7 @@ SIZES = {  # bytes
     **{"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8},
     **{"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "float32": 4, "float64": 8},
 }
+Table = np.ndarray[Any, np.dtype[Any]]
 _HINT = "is it a Gaussian-splat PLY?"
 
 
@@ -25,6 +29,12 @@ class Element:
 
     count: int
     types: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """Of a row."""
+        kinds = {"u": "u", "f": "f", "d": "f"}  # by first letter; all else is a signed integer
+        return np.dtype([(name, f"<{kinds.get(kind[0], 'i')}{SIZES[kind]}") for name, kind in self.types.items()])
 
     @property
     def size(self) -> int:
@@ -60,6 +70,16 @@ def check_header(path: Path) -> dict[str, Element]:
     elements = _parse(path, lines[1:])
     _check_size(path, len(header) + len(mark), elements)
     return elements
+
+
+def read_rows(path: Path, elements: Mapping[str, Element], name: str, first: int = 0, count: int = -1) -> Table:
+    """Rows of element ``name`` from ``first``, at most ``count``, of a file that :func:`check_header` found whole."""
+    size = sum(element.size for element in elements.values())
+    before = sum(element.size for element in list(elements.values())[: list(elements).index(name)])
+    element = elements[name]
+    left = element.count - first
+    offset = path.stat().st_size - size + before + first * element.dtype.itemsize
+    return np.fromfile(path, element.dtype, left if count < 0 else min(count, left), offset=offset)
 
 
 def has_faces(path: Path) -> bool:

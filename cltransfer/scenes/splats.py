@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..renderers.kernels.splat_pack import Packed, pack
 
+BLOCK = 2**18  # Gaussians whose covariances are made at once
 SH_DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}  # coefficients per channel -> degree
 
 
@@ -69,8 +70,11 @@ class Splats:
 
     def covariances(self) -> Tensor:
         """World covariances R diag(scales^2) R^T, (N, 3, 3), squared scene units."""
-        half = quaternion_to_rotation_matrix(self.quats) * self.scales[:, None, :]
-        return half @ half.transpose(1, 2)
+        parts = []  # in blocks: what is in between takes five times the memory of the result
+        for quats, scales in zip(self.quats.split(BLOCK), self.scales.split(BLOCK)):
+            half = quaternion_to_rotation_matrix(quats) * scales[:, None, :]
+            parts.append(half @ half.transpose(1, 2))
+        return torch.cat(parts)
 
     def with_label(self, label: Tensor) -> Splats:
         """The same Gaussians with another subject membership (N,) in [0, 1]."""

@@ -10,6 +10,7 @@ from . import Array
 
 CHUNK = 128  # Gaussians that are culled together
 MIN_ALPHA = 1 / 255  # a fainter contribution is skipped, as in the CUDA rasterisers
+BLOCK = 1024 * CHUNK  # Gaussians that are bounded at once
 CACHE_LINE = 64  # bytes
 # columns of a geometry row
 MEAN, COVARIANCE, OPACITY, LABEL, RADIUS, ROW = 0, 3, 9, 10, 11, 16
@@ -47,11 +48,12 @@ def pack(means: Array, covariances: Array, scales: Array, opacity: Array, label:
     radius = np.sqrt(2 * np.log(opacity[keep] / MIN_ALPHA)) * scales[keep].max(axis=1)
     geometry = aligned((len(keep), ROW))
     geometry[:, :COVARIANCE] = means[keep]
-    geometry[:, COVARIANCE:OPACITY] = covariances[keep].reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]]
+    for column, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        geometry[:, COVARIANCE + column] = covariances[keep, i, j]
     geometry[:, OPACITY], geometry[:, LABEL], geometry[:, RADIUS] = opacity[keep], label[keep], radius
     geometry[:, RADIUS + 1 :] = 0
     rows = aligned((len(keep), sh.shape[1] * 3))
-    rows[:] = sh[keep].reshape(rows.shape)
+    np.take(sh.reshape(len(sh), -1), keep, axis=0, out=rows, mode="clip")  # the only mode that needs no copy
     bounds = np.ascontiguousarray(geometry[:, [0, 1, 2, RADIUS]])
     return Packed(geometry, bounds, _spheres(bounds), rows)
 
@@ -89,6 +91,11 @@ def _spheres(bounds: Array) -> Array:
     """Sphere (C, 4) around the spheres (V, 4) of each chunk."""
     if len(bounds) == 0:
         return np.zeros((0, 4), np.float32)
+    blocks = (bounds[first : first + BLOCK] for first in range(0, len(bounds), BLOCK))
+    return np.concatenate([_block_spheres(block) for block in blocks])
+
+
+def _block_spheres(bounds: Array) -> Array:
     starts = np.arange(0, len(bounds), CHUNK)
     centers, radii = bounds[:, :3].astype(np.float64), bounds[:, 3:]
     low = np.minimum.reduceat(centers - radii, starts)

@@ -11,9 +11,9 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 
 from ..bake import bake_grid
+from ..columns import SH0
 from ..mesh import Mesh
 from ..nerf_grid import NerfGrid
-from ..ply import SH0
 from ..splats import Splats
 from .paint import Part, shade
 from .surfaces import Array, Cells
