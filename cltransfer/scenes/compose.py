@@ -25,7 +25,8 @@ from ..subject import Subject
 from . import Scene
 from .asset_files import inside
 from .mesh import Mesh
-from .read_mesh import UP, MeshFile, Moment, read_mesh
+from .moment import Moment
+from .read_mesh import UP, MeshFile, read_mesh
 
 VARIABLE = "CLTRANSFER_ASSETS"
 YAML_LIMIT = 2**20  # bytes

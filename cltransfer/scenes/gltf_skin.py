@@ -47,7 +47,8 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
     Times before the start and after the end hold the first and last pose.
 
     Raises:
-        InputError: there is no such animation, nodes form a circle, or an array is damaged.
+        InputError: there is no such animation, or none at all and the time is not 0; nodes form a circle; an array is
+            damaged.
     """
     local = _local(gltf, _channels(gltf, time, animation))
     world = _world(gltf, local)
@@ -67,6 +68,8 @@ def _channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str]
     """Animated values by node and property."""
     animations = gltf.tree.get("animations", [])
     if name is None and not animations:
+        if time != 0:
+            raise InputError(gltf.path, "animation", f"holds none to be looked at after {time:g} s")
         return {}
     names = [str(a.get("name", i)) for i, a in enumerate(animations)]
     if name is not None and name not in names:

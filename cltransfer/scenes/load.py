@@ -13,10 +13,12 @@ from torch import Tensor
 from ..errors import InputError, UsageError
 from ..files import content_hash
 from . import Scene
+from .moment import START, Moment, split_moment
 from .ply_header import has_faces
 
 BUILTIN = "builtin:"
 FOREIGN_SPLATS = (".spz", ".sog", ".ksplat")
+ANIMATED = (".glb", ".gltf")
 MESH_SUFFIXES = (".glb", ".gltf", ".obj")
 SPLAT_UP = (
     0.0,
@@ -30,13 +32,14 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
 
     Args:
         path: a Gaussian-splat ``.ply`` or ``.splat``, a voxel grid ``.safetensors``, a mesh (``.glb``, ``.gltf``,
-            ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or ``builtin:NAME[-SEED[-FORM]]``.
+            ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or ``builtin:NAME[-SEED[-FORM]]``. An
+            animated glTF may have its moment behind it: ``man.glb#t=0.6``, ``man.glb#t=2&animation=Run``.
         up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and grids, (0, 1, 0) for meshes, and
             what a built-in scene says.
 
     Raises:
         InputError: the file is missing, damaged or of no known kind.
-        UsageError: ``up`` has no direction, or there is no such built-in scene.
+        UsageError: ``up`` has no direction, there is no such built-in scene, or the moment is none or of no glTF.
     """
     if str(path).startswith(BUILTIN):
         from .builtin import named_scene
@@ -45,24 +48,26 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         if up is not None and not torch.allclose(_unit(up), scene.up):
             raise UsageError(str(path), "up", f"is {tuple(scene.up.tolist())} in this scene; leave it out")
         return scene
-    path = Path(path)
+    path, moment = split_moment(path)
     suffix = path.suffix.lower()
+    if moment is not None and suffix not in ANIMATED:
+        raise UsageError(path, f"#{moment}", "only a .glb or .gltf is looked at in time", "in a .yaml write time: ...")
     if suffix in (".yaml", ".yml"):
         from .compose import read_composed
 
         return read_composed(path, None if up is None else _components(up))
     if suffix in MESH_SUFFIXES or (suffix == ".ply" and has_faces(path)):
-        return _mesh_scene(path, up)
+        return _mesh_scene(path, moment, up)
     return Scene(_geometry(path), None, _unit(up or SPLAT_UP), path.stem, content_hash(path))
 
 
-def _mesh_scene(path: Path, up: tuple[float, float, float] | None) -> Scene:
+def _mesh_scene(path: Path, moment: Moment | None, up: tuple[float, float, float] | None) -> Scene:
     from .read_mesh import UP, read_mesh
 
     upward = _unit(up or UP)
-    found = read_mesh(path, up=_components(up or UP))
-    digests = [content_hash(file) for file in found.files]
-    digest = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+    found = read_mesh(path, moment or START, _components(up or UP))
+    told = [content_hash(file) for file in found.files] + ([] if moment is None else [str(moment)])
+    digest = told[0] if len(told) == 1 else hashlib.sha256("".join(told).encode()).hexdigest()
     return Scene(found.mesh, found.subject, upward, path.stem, digest)
 
 

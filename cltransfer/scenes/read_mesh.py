@@ -20,6 +20,7 @@ from .asset_files import Beside, read_limited
 from .gltf_file import COUNT_LIMIT, Gltf, read_gltf
 from .gltf_skin import POSED, Skeleton, posed
 from .mesh import GREY, Mesh
+from .moment import START, Moment
 from .rig import subject_of_rig
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
@@ -27,19 +28,6 @@ UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
 LOST = 0.01  # share of vertices that may be not finite
 IMAGE_LIMIT = 2**26  # pixels of one texture
 LIT, UNLIT, TEXTURED = "lit", "unlit", " textured"  # marks in the names of materials
-
-
-@dataclass(frozen=True)
-class Moment:
-    """When an animated file is looked at.
-
-    Args:
-        time: [s].
-        animation: its name; None is the first.
-    """
-
-    time: float = 0.0
-    animation: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +45,7 @@ class MeshFile:
     files: tuple[Path, ...]
 
 
-def read_mesh(path: Path, moment: Moment = Moment(), up: tuple[float, float, float] = UP) -> MeshFile:
+def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float] = UP) -> MeshFile:
     """Read a mesh.
 
     Args:

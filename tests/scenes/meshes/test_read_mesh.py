@@ -8,7 +8,8 @@ import torch
 from PIL import Image
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.read_mesh import Moment, read_mesh
+from cltransfer.scenes.moment import Moment
+from cltransfer.scenes.read_mesh import read_mesh
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
 

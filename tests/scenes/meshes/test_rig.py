@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from cltransfer.scenes.gltf_skin import Skeleton
-from cltransfer.scenes.read_mesh import Moment, read_mesh
+from cltransfer.scenes.moment import Moment
+from cltransfer.scenes.read_mesh import read_mesh
 from cltransfer.scenes.rig import subject_of_rig
 from cltransfer.skeleton import JOINTS
 
