@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -47,7 +48,8 @@ def default_folder(scene: str, reference: str) -> Path:
 
 
 def _name(source: str) -> str:
-    return Path(source.removeprefix("builtin:")).stem.replace("@", "-") or "run"
+    without_moment = re.sub("#[^@]*", "", source.removeprefix("builtin:"))
+    return Path(without_moment).stem.replace("@", "-") or "run"
 
 
 def open_run(folder: Path) -> Path:
