@@ -15,7 +15,7 @@ from torch import Tensor
 from ...camera import Camera
 from ...decoding import decode
 from ...errors import InputError, UsageError
-from .lens import Lens, straighten
+from .lens import Lens, image_at, straighten
 
 SIZE_SLACK = 2  # [px], how far an image's shape may be from its camera's: reduced sizes are rounded
 
@@ -26,8 +26,9 @@ class PosedImages:
 
     Args:
         path: what it was read from.
-        camera: N pinhole cameras of one size, as the images are once their lens is straightened.
-        lenses: N lenses as the images were taken with.
+        camera: N pinhole cameras of one size, as the images are once their lens is straightened. It is the size most
+            of them have; the others are cut in the middle to its shape and brought to it.
+        lenses: N lenses as the images were taken with, each at its own size.
         names: N names, as the set gives them.
         files: N image files (or videos, whose first frame counts); None where there is no such file.
         points: reconstructed points in the world, (P, 3) float64, where the set has them.
@@ -78,11 +79,15 @@ class PosedImages:
         file = self.files[index]
         if file is None:
             raise InputError(self.path, self.names[index], "the image is missing")
-        frame, (width, height) = next(decode(file)), self.camera.size
+        lens = self.lenses[index]
+        frame, (width, height) = next(decode(file)), lens.size
         if abs(frame.size[1] * width - frame.size[0] * height) > SIZE_SLACK * max(width, height):
             raise InputError(file, "size", f"expected the shape of {width}x{height}, got {frame.size}")
-        K = self.camera.K[index].numpy()
-        return torch.from_numpy(straighten(frame.rgb(size), self.lenses[index], K)).permute(2, 0, 1).contiguous()
+        if lens.size == self.camera.size:
+            image = straighten(frame.rgb(size), lens, self.camera.K[index].numpy())
+        else:
+            image = image_at(frame.rgb(lens.size), lens, size)
+        return torch.from_numpy(image).permute(2, 0, 1).contiguous()
 
 
 def read_posed(path: str | Path) -> PosedImages:
@@ -95,7 +100,7 @@ def read_posed(path: str | Path) -> PosedImages:
 
     Raises:
         InputError: it is none of these, is damaged, names a file outside its folder, has a lens that cannot be
-            straightened or images of several sizes.
+            straightened.
     """
     from . import formats
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from ...decoding import IMAGE_DEMUXERS, decode
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
-from .lens import Lens
+from .lens import Lens, matrix_at
 
 IMAGE_LIMIT = 20_000
 POINT_LIMIT = 20_000_000
@@ -45,18 +46,15 @@ class View:
 def posed_images(
     path: Path, views: Sequence[View], points: Array | None = None, colors: Array | None = None
 ) -> PosedImages:
-    """Views as one value.
+    """Views as one value, at the size most of them have; the others are cut to its shape.
 
     Raises:
-        InputError: there are none or too many, or their images are of several sizes.
+        InputError: there are none or too many.
     """
     if not 1 <= len(views) <= IMAGE_LIMIT:
         raise InputError(path, "images", f"expected 1 to {IMAGE_LIMIT}, got {len(views)}")
-    size = views[0].lens.size
-    for view in views:
-        if view.lens.size != size:
-            raise InputError(path, view.name, f"size: expected {size} as in {views[0].name}, got {view.lens.size}")
-    straight = {lens: lens.straight_matrix() for lens in {view.lens for view in views}}
+    size = Counter(view.lens.size for view in views).most_common(1)[0][0]
+    straight = {lens: matrix_at(lens, size) for lens in {view.lens for view in views}}
     K = torch.from_numpy(np.stack([straight[view.lens] for view in views]))
     camera = Camera(torch.from_numpy(np.stack([view.w2c for view in views])), K, size)
     return PosedImages(

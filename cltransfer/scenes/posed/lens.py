@@ -64,6 +64,32 @@ def straighten(image: Array, lens: Lens, K: Array) -> Array:
     return cv2.remap(image, *maps, cv2.INTER_LINEAR)
 
 
+def crop(size: tuple[int, int], shape: tuple[int, int]) -> tuple[int, int, int, int]:
+    """The middle of an image of ``size`` (W, H) that has the shape of (W, H): left, top, width and height [px].
+
+    >>> crop((480, 640), (640, 480))
+    (0, 140, 480, 360)
+    """
+    scale = min(size[0] / shape[0], size[1] / shape[1])
+    width, height = max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
+    return (size[0] - width) // 2, (size[1] - height) // 2, width, height
+
+
+def matrix_at(lens: Lens, size: tuple[int, int]) -> Array:
+    """Intrinsics (3, 3) [px] of the straightened image, brought to ``size`` (W, H); cut where the shapes differ."""
+    left, top, width, height = crop(lens.size, size)
+    K = lens.straight_matrix()
+    K[:2, 2] -= left, top
+    return np.diag([size[0] / width, size[1] / height, 1.0]) @ K
+
+
+def image_at(image: Array, lens: Lens, size: tuple[int, int]) -> Array:
+    """What a pinhole with :func:`matrix_at` would have seen, ``size`` (W, H), of an image (H, W, 3) at the lens's."""
+    left, top, width, height = crop(lens.size, size)
+    straight = straighten(image, lens, lens.straight_matrix())[top : top + height, left : left + width]
+    return cv2.resize(straight, size, interpolation=cv2.INTER_AREA)
+
+
 def _centred(K: Array) -> Array:
     """K for OpenCV, where the centre of the first pixel is 0."""
     return K - HALF_PIXEL
