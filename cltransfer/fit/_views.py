@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -73,12 +74,15 @@ def views_of(posed: PosedImages, side: int) -> Views:
     if len(posed.present) < FEWEST:
         raise InputError(posed.path, "images", f"expected at least {FEWEST}, got {len(posed.present)}")
     camera, image = posed.images(posed.present, side)
-    return Views(camera, image, box_around_focus(camera) if posed.points is None else box_around(posed.points))
+    if posed.points is None or len(posed.points) == 0:
+        return Views(camera, image, box_around_focus(camera))
+    return Views(camera, image, box_around(posed.points))
 
 
 def box_around(points: Tensor) -> Tensor:
     """Corners (2, 3) of a box about nearly all ``points`` (P, 3)."""
-    low, high = torch.quantile(points.double(), torch.tensor([POINT_SHARE, 1 - POINT_SHARE]).double(), dim=0)
+    ends = np.quantile(points.double().numpy(), (POINT_SHARE, 1 - POINT_SHARE), axis=0)
+    low, high = torch.from_numpy(ends)
     margin = MARGIN * (high - low).max()
     return torch.stack([low - margin, high + margin])
 
