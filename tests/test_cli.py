@@ -32,6 +32,10 @@ VERBS = (
     "plugins",
     "plugins list",
     "plugins show",
+    "models",
+    "models pull",
+    "assets",
+    "assets list",
 )
 LEFT: tuple[str, ...] = (
     "manifest.json",
