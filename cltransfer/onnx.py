@@ -54,8 +54,10 @@ def find_model(name: str) -> Path:
     known = entry_of_file(Path(name).name)
     if known is None:
         raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
-    what = f"no such file with sha256 {known.sha256 or 'not known'} ({known.licence}, from {known.source})"
-    get = f"run: cltransfer models pull {known.name}" if known.address else known.made_by
+    digest = f" with sha256 {known.sha256}" if known.sha256 else ""
+    accept = "" if known.sha256 else " --accept-new"
+    get = f"run: cltransfer models pull {known.name}{accept}" if known.address else known.made_by
+    what = f"no such file{digest} ({known.licence}, from {known.source})"
     raise ModelError(name, "model", what, f"{get}; or put it in {places[0].parent}")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ SIDE = 256  # of the crop the network sees [px]
 MARGIN = 1.25  # side of the crop over the longer side of the person
 CUT = 0.04  # a box that ends this near the lower edge [frame heights] shows a body that goes on below
 STANDING = 3.0  # height over width of a standing body
+GIVES = ("keypoints", "subject", "orientation")
 HIPS, BODY = 33, 34  # auxiliary landmarks: middle of the hips, and a point of the circle about the whole body
 LEFT_SHOULDER, RIGHT_SHOULDER, LEFT_HIP, RIGHT_HIP = 11, 12, 23, 24
 
@@ -92,16 +93,22 @@ class PoseBlazepose:
             presence, ``output2`` mask, ``output4`` world landmarks.
         second_crop: look again at a crop that the first look's landmarks centre and turn upright.
         min_presence: probability of a person that counts as one, in [0, 1].
+        give: what of joints (``keypoints``), person's pixels (``subject``) and ``orientation`` to provide, so that
+            other networks can give the rest.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image", "box")
-    provides: ClassVar[tuple[str, ...]] = ("keypoints", "subject", "orientation")
+    provides: ClassVar[tuple[str, ...]] = GIVES
     family: ClassVar[Literal["image", "scene", "both"]] = "image"
     model: str = "mp_pose_landmark_lite.onnx"
     second_crop: bool = True
     min_presence: float = 0.5
+    give: tuple[str, ...] = GIVES
 
     def __post_init__(self) -> None:
+        if not self.give or set(self.give) - set(GIVES):
+            raise ValueError(f"give must be some of {', '.join(GIVES)}, got {', '.join(self.give) or 'none'}")
+        object.__setattr__(self, "provides", tuple(name for name in GIVES if name in self.give))
         if not 0 <= self.min_presence <= 1:
             raise ValueError(f"min_presence must be in [0, 1], got {self.min_presence}")
 
@@ -117,7 +124,7 @@ class PoseBlazepose:
         return Network(find_model(self.model), {"input": (None, 3, SIDE, SIDE)}, {**outputs, "output4": (None, 117)})
 
     def __call__(self, now: Features, before: Features | None = None) -> Features:
-        """``now`` with ``keypoints``, ``subject`` and ``orientation``.
+        """``now`` with what it gives of ``keypoints``, ``subject`` and ``orientation``.
 
         Raises:
             ModelError: the network is missing or refused.
@@ -133,12 +140,9 @@ class PoseBlazepose:
             keypoints[rows] = unseen_outside(from_blazepose(landmarks), now.size)
             orientation[rows] = body_orientation(torch.from_numpy(poses.world).float())
             subject[rows] = torch.from_numpy(poses.crops.paste(poses.mask, (width, height), -1.0) > 0)
-        return replace(
-            now,
-            keypoints=keypoints.to(image.device),
-            subject=subject.to(image.device),
-            orientation=orientation.to(image.device),
-        )
+        found = {"keypoints": keypoints, "subject": subject, "orientation": orientation}
+        given: dict[str, Any] = {name: found[name].to(image.device) for name in self.provides}
+        return replace(now, **given)
 
     def _poses(self, images: np.ndarray, boxes: np.ndarray) -> tuple[np.ndarray, Poses | None]:
         """Indices of the frames with a person and their poses, None if there is none."""

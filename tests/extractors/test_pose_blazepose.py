@@ -8,9 +8,11 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.clip import read_clip
+from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.extractors.pose_blazepose import BODY, HIPS, PoseBlazepose, body_orientation, whole_bodies
 from cltransfer.features import Features
+from cltransfer.registry import EXTRACTORS
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 NAN = math.nan
@@ -110,6 +112,16 @@ def test_joints_come_back_from_the_crop_to_the_frame(planted):
     torch.testing.assert_close(joints[0, [LEFT_SHOULDER, LEFT_WRIST], :2], expected, atol=0.05, rtol=0)
     confidence = torch.tensor([1 / (1 + math.exp(-4)), 1 / (1 + math.exp(3))])
     torch.testing.assert_close(joints[0, [LEFT_SHOULDER, LEFT_WRIST], 2], confidence)
+
+
+def test_it_gives_what_it_is_asked_for(planted):
+    got = planted(give=("orientation", "keypoints"))(frames((100, 90)))
+    assert got.names() == {"image", "box", "keypoints", "orientation"}
+    built = EXTRACTORS.build("pose_blazepose", {"give": ["orientation"]})
+    assert built.provides == ("orientation",)
+    for wrong in ([], ["flow"]):
+        with pytest.raises(UsageError, match="give must be some of"):
+            EXTRACTORS.build("pose_blazepose", {"give": wrong})
 
 
 def test_the_mask_covers_the_red_pixels(planted):
