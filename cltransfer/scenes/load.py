@@ -17,7 +17,7 @@ from .moment import START, Moment, split_moment
 from .ply_header import has_faces
 
 BUILTIN = "builtin:"
-FOREIGN_SPLATS = (".spz", ".sog", ".ksplat")
+FOREIGN_SPLATS = (".sog", ".ksplat")
 ANIMATED = (".glb", ".gltf")
 MESH_SUFFIXES = (".glb", ".gltf", ".obj")
 SPLAT_UP = (
@@ -31,9 +31,10 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
     """Read a scene; its subject is not lifted yet, except in built-in scenes and where a mesh's skeleton tells it.
 
     Args:
-        path: a Gaussian-splat ``.ply`` or ``.splat``, a voxel grid ``.safetensors``, a mesh (``.glb``, ``.gltf``,
-            ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or ``builtin:NAME[-SEED[-FORM]]``. An
-            animated glTF may have its moment behind it: ``man.glb#t=0.6``, ``man.glb#t=2&animation=Run``.
+        path: a Gaussian-splat ``.ply``, ``.splat`` or ``.spz``, a voxel grid ``.safetensors``, a mesh (``.glb``,
+            ``.gltf``, ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or
+            ``builtin:NAME[-SEED[-FORM]]``. An animated glTF may have its moment behind it: ``man.glb#t=0.6``,
+            ``man.glb#t=2&animation=Run``.
         up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and grids, (0, 1, 0) for meshes, and
             what a built-in scene says.
 
@@ -85,9 +86,13 @@ def _geometry(path: Path) -> Any:
         from .dot_splat import read_dot_splat
 
         return read_dot_splat(path)
+    if suffix == ".spz":
+        from .spz import read_spz
+
+        return read_spz(path)
     if suffix in FOREIGN_SPLATS:
         raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
-    known = ", ".join((".ply", ".splat", ".safetensors", *MESH_SUFFIXES, ".yaml"))
+    known = ", ".join((".ply", ".splat", ".spz", ".safetensors", *MESH_SUFFIXES, ".yaml"))
     raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", f"expected {known} or builtin:NAME")
 
 

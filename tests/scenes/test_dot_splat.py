@@ -48,7 +48,7 @@ def test_a_size_that_is_no_whole_number_of_records_is_refused(tmp_path: Path, da
         read_dot_splat(written(tmp_path, data))
 
 
-@pytest.mark.parametrize("suffix", [".spz", ".sog", ".ksplat"])
+@pytest.mark.parametrize("suffix", [".sog", ".ksplat"])
 def test_other_packed_formats_name_their_converter(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"lawn{suffix}"
     path.write_bytes(b"1")

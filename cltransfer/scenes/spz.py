@@ -1,0 +1,141 @@
+"""``.spz`` files of Niantic, versions 2 and 3: a gzip stream of one header and one array for each property.
+
+They are stored with y up and z backward, and read with y down and z forward as in the PLY files of trainers.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..renderers.kernels import Array
+from .columns import Columns, affordable_degree, drawable
+from .splats import Splats
+
+MAGIC = 0x5053474E
+HEADER = struct.Struct("<IIIBBBB")
+COUNT_LIMIT = 20_000_000
+BYTE_LIMIT = 4 * 2**30
+EXTENDED = 2  # flag: something stands between header and arrays
+COLOR_SCALE = 0.15  # of the first harmonic in 8 bits
+TURN = np.array([1, -1, -1], np.float32)  # half a turn about x, of x, y, z
+TURN_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)  # of harmonics 1 to 15
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands before the arrays."""
+
+    version: int
+    count: int
+    degree: int
+    fraction: int  # bits of a coordinate behind the point
+
+    @property
+    def arrays(self) -> dict[str, int]:
+        """Bytes a Gaussian, in the file's order."""
+        rest = 3 * ((self.degree + 1) ** 2 - 1)
+        return {"means": 9, "opacity": 1, "color": 3, "scales": 3, "quats": 4 if self.version == 3 else 3, "rest": rest}
+
+
+def read_spz(path: Path) -> Splats:
+    """Gaussians of an ``.spz`` file.
+
+    Raises:
+        InputError: the file is missing, damaged, of another version, or holds more or less than its header says.
+        ResourceError: it does not fit in memory even without harmonics.
+    """
+    if not path.is_file():
+        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
+    if path.stat().st_size > BYTE_LIMIT:
+        raise InputError(path, "size", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
+    stream = zlib.decompressobj(wbits=31)
+    packed = path.read_bytes()
+    header = _header(path, _inflated(path, stream, packed, HEADER.size))
+    degree = affordable_degree(path, header.count, header.degree)
+    size = header.count * sum(header.arrays.values())
+    body = _inflated(path, stream, stream.unconsumed_tail, size + 1)  # one more byte would be one too many
+    if len(body) != size:
+        found = f"more than {size}" if len(body) > size else str(len(body))
+        raise InputError(path, "body", f"expected {size} bytes, got {found}")
+    return drawable(path, _columns(header, body, (degree + 1) ** 2))
+
+
+def _inflated(path: Path, stream: zlib._Decompress, packed: bytes, most: int) -> bytes:
+    try:
+        return stream.decompress(packed, most)
+    except zlib.error as error:
+        raise InputError(path, "", f"not readable as gzip: {error}", _hint(path)) from None
+
+
+def _header(path: Path, data: bytes) -> Header:
+    if len(data) < HEADER.size:
+        raise InputError(path, "header", "cut off")
+    magic, version, count, degree, fraction, flags, _ = HEADER.unpack(data)
+    if magic != MAGIC:
+        raise InputError(path, "magic", f"expected {MAGIC:#x}, got {magic:#x}")
+    if version not in (2, 3) or flags & EXTENDED:
+        what = "extensions are" if version in (2, 3) else f"version {version} is"
+        raise InputError(path, "header", f"{what} not read", _hint(path))
+    if not 1 <= count <= COUNT_LIMIT:
+        raise InputError(path, "header", f"expected 1 to {COUNT_LIMIT} Gaussians, got {count}")
+    if degree > 3 or fraction > 23:
+        raise InputError(path, "header", f"expected degree 0 to 3 and at most 23 bits, got {degree} and {fraction}")
+    return Header(version, count, degree, fraction)
+
+
+def _hint(path: Path) -> str:
+    return f"convert it: splat-transform {path.name} {path.stem}.ply"
+
+
+def _columns(header: Header, body: bytes, terms: int) -> Columns:
+    """Values of the arrays, with ``terms`` harmonics a channel."""
+    parts, at = {}, 0
+    for name, width in header.arrays.items():
+        parts[name] = np.frombuffer(body, np.uint8, header.count * width, at).reshape(header.count, width)
+        at += header.count * width
+    sh = np.empty((header.count, terms, 3), np.float32)
+    sh[:, 0] = (parts["color"] / np.float32(255) - np.float32(0.5)) / np.float32(COLOR_SCALE)
+    rest = parts["rest"].reshape(header.count, -1, 3)[:, : terms - 1]
+    sh[:, 1:] = (rest.astype(np.float32) - 128) / 128 * TURN_SH[: terms - 1, None]
+    quats = _smallest_three(parts["quats"]) if header.version == 3 else _first_three(parts["quats"])
+    quats[:, 1:] *= TURN
+    return {
+        "means": _fixed(parts["means"]) * np.float32(2.0**-header.fraction) * TURN,
+        "log_scales": parts["scales"].astype(np.float32) / 16 - 10,
+        "quats": quats,
+        "opacity": parts["opacity"][:, 0] / np.float32(255),
+        "sh": sh,
+    }
+
+
+def _fixed(bytes_: Array) -> Array:
+    """Signed 24-bit numbers, little-endian, (N, 9) uint8 as (N, 3) float32."""
+    low, middle, high = bytes_.reshape(-1, 3, 3).astype(np.int32).transpose(2, 0, 1)
+    return ((low | middle << 8 | high << 16) - ((high & 0x80) << 17)).astype(np.float32)
+
+
+def _first_three(bytes_: Array) -> Array:
+    """Quaternions (N, 4) w, x, y, z of x, y, z in 8 bits; w is not negative."""
+    small = bytes_.astype(np.float32) / np.float32(127.5) - 1
+    return np.concatenate([np.sqrt((1 - (small**2).sum(1, keepdims=True)).clip(0)), small], axis=1)
+
+
+def _smallest_three(bytes_: Array) -> Array:
+    """Quaternions (N, 4) w, x, y, z: two bits name the largest of x, y, z, w; sign and nine bits give each other one."""
+    words = np.ascontiguousarray(bytes_).view("<u4")[:, 0]
+    largest = words >> 30
+    xyzw = np.zeros((len(words), 4), np.float32)
+    for index in range(3, -1, -1):
+        given = largest != index
+        value = (words & 511).astype(np.float32) * np.float32(np.sqrt(0.5) / 511)
+        xyzw[:, index] = np.where(given, np.where(words & 512, -value, value), 0)
+        words = np.where(given, words >> 10, words)
+    rest = np.sqrt((1 - (xyzw**2).sum(1)).clip(0))
+    xyzw[np.arange(len(words)), largest] = rest
+    return xyzw[:, [3, 0, 1, 2]]
