@@ -12,6 +12,7 @@ import typer
 
 from . import __version__
 from .bench.verbs import app as bench_app
+from .cli_ablate import ablate
 from .cli_fit import fit
 from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
@@ -38,6 +39,7 @@ app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
 app.add_typer(models_app, name="models")
 app.add_typer(assets_app, name="assets")
+app.command()(ablate)
 app.command()(fit)
 app.command()(simplify)
 app.command()(bake)

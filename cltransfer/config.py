@@ -144,7 +144,7 @@ class RunConfig:
 
 def presets() -> list[str]:
     """Names of the shipped configs."""
-    return sorted(p.name[: -len(".yaml")] for p in _shipped().iterdir() if p.name.endswith(".yaml"))
+    return sorted(p.name[: -len(".yaml")] for p in shipped_configs().iterdir() if p.name.endswith(".yaml"))
 
 
 def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
@@ -173,13 +173,14 @@ def lay_config(layers: Sequence[Mapping[str, Any]], where: str | Path) -> RunCon
     preset = next((layer["preset"] for layer in reversed(layers) if "preset" in layer), "balanced")
     if preset not in presets():
         raise UsageError("", "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
-    merged = _checked(_shipped() / f"{preset}.yaml")
+    merged = _checked(shipped_configs() / f"{preset}.yaml")
     for layer in layers:
         merged = merge(merged, layer)
     return _typed({**merged, "preset": preset}, where)
 
 
-def _shipped() -> Any:
+def shipped_configs() -> Any:
+    """The folder of the shipped configs, in a checkout as when installed."""
     installed = package_files("cltransfer") / "configs"
     return installed if installed.is_dir() else Path(__file__).resolve().parent.parent / "configs"
 

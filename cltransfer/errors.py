@@ -42,3 +42,9 @@ class ResourceError(CltransferError):
     """Memory, disk or a limit of the run."""
 
     exit_code = 5
+
+
+class StoppedError(CltransferError):
+    """Stopped by the user; the line says how to go on."""
+
+    exit_code = 130

@@ -20,6 +20,7 @@ VERBS = (
     "",
     "transfer",
     "evaluate",
+    "ablate",
     "render",
     "lift",
     "bench",

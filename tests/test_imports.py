@@ -18,7 +18,19 @@ SOURCES = sorted((ROOT / "cltransfer").rglob("*.py"))
 
 VALUES = ("camera", "features", "subject", "trajectory", "skeleton", "errors", "files", "threads", "registry")
 COMPONENTS = ("renderers", "extractors", "losses", "search", "scenes")
-DRIVING = ("graph", "objective", "driver", "reference", "transfer", "evaluate", "run_folder", "report", "export", "cli")
+DRIVING = (
+    "graph",
+    "objective",
+    "driver",
+    "reference",
+    "transfer",
+    "evaluate",
+    "ablate",
+    "run_folder",
+    "report",
+    "export",
+    "cli",
+)
 ALLOWED = {
     # search matches the reference's joints by the pure functions of the losses
     ("cltransfer.search.*", "cltransfer.losses"),
@@ -143,4 +155,5 @@ def test_what_is_installed_includes_the_data_files() -> None:
     assert done.returncode == 0, done.stderr
     shipped = set(done.stdout.split())
     presets = {f"cltransfer.configs/{path.name}" for path in (ROOT / "configs").glob("*.yaml")}
+    presets |= {f"cltransfer.configs/ablations/{path.name}" for path in (ROOT / "configs" / "ablations").iterdir()}
     assert presets | {"cltransfer/report/page.html", "cltransfer/py.typed", "cltransfer/catalogue.yaml"} <= shipped

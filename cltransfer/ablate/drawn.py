@@ -1,0 +1,44 @@
+"""References without end: a canonical shot, its person and where it stands drawn by the trial's seed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..scenes.load import load_scene
+from ..shots import Setup, shot
+from .read import DRAWN
+from .sweep import Sweep
+
+SIZE = (640, 360)  # [px]
+FRAMES = 24
+
+
+def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
+    """Write the trajectory of every ``drawn:SHOT`` and seed; references as SCENE@TRAJECTORY by name and seed.
+
+    Raises:
+        UsageError: there is no such shot.
+    """
+    made = {}
+    for seed in sweep.file.seeds:
+        for reference in sweep.file.references:
+            if reference.startswith(DRAWN):
+                name = reference.removeprefix(DRAWN)
+                scene = f"builtin:plaza-{seed}"
+                subject = load_scene(scene).subject
+                assert subject is not None
+                path = (folder / "references" / f"{name}-{seed}.json").resolve()
+                shot(name, subject, SIZE, sweep.metrics.frames or FRAMES, setup=drawn_setup(name, seed)).save(path)
+                made[reference, seed] = f"{scene}@{path}"
+    return made
+
+
+def drawn_setup(name: str, seed: int) -> Setup:
+    """Where shot ``name`` stands for ``seed``: within 50 degrees of the face, up to 12 above, off the middle."""
+    rng = np.random.Generator(np.random.PCG64([seed, *name.encode()]))
+    azimuth, elevation = np.radians(rng.uniform(-50, 50)), math.radians(rng.uniform(0, 12))
+    offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
+    return Setup(float(azimuth), elevation, offset=offset, seed=seed)

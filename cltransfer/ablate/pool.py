@@ -1,0 +1,89 @@
+"""Trials in parallel: by processes of this computer (joblib's loky) or on a dask cluster."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from ..errors import ResourceError, UsageError
+from ..threads import thread_count
+from .sweep import EngineConfig
+from .trial import Job, Outcome, Trial, run_trial
+
+PATIENCE = 30  # seconds to wait for a scheduler
+
+
+def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterator[Outcome]:
+    """What comes of each trial, in the order in which they end.
+
+    A trial that takes its process down with it (out of memory, a crash in native code) is a failed one; those that
+    only shared the pool with it are run again.
+
+    Raises:
+        ResourceError: the cluster cannot be reached.
+        UsageError: dask is not installed.
+    """
+    if engine.backend == "dask":
+        return _on_cluster(trials, job, engine.address or "")
+    # two at least: one alone would be this process itself, and a crash would end the sweep
+    return _by_processes(trials, job, max(2, engine.workers or thread_count()))
+
+
+def _by_processes(trials: Sequence[Trial], job: Job, workers: int) -> Iterator[Outcome]:
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+
+    waiting = {trial.key: trial for trial in trials}
+    while waiting:
+        begun: list[Trial] = []
+        try:
+            for outcome in _parallel(list(waiting.values()), job, workers, begun.append):
+                del waiting[outcome.key]
+                yield outcome
+        except BrokenProcessPool:  # somebody among those begun: each of them gets a pool of its own
+            for trial in begun:
+                if waiting.pop(trial.key, None):
+                    try:
+                        yield from _parallel([trial], job, workers)
+                    except BrokenProcessPool:
+                        yield _killed(trial)
+
+
+def _parallel(
+    trials: Iterable[Trial], job: Job, workers: int, begin: Callable[[Trial], None] = lambda trial: None
+) -> Iterator[Outcome]:
+    from joblib import Parallel, delayed, parallel_config
+
+    def calls() -> Iterator[Any]:
+        for trial in trials:
+            begin(trial)
+            yield delayed(run_trial)(trial, job)
+
+    with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+        yield from Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs")(calls())
+
+
+def _on_cluster(trials: Sequence[Trial], job: Job, address: str) -> Iterator[Outcome]:
+    try:
+        from distributed import Client, KilledWorker, as_completed
+    except ImportError:
+        raise UsageError("", "engine.backend", "dask is not installed", "pip install 'cltransfer[cluster]'") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost connection is told once, by us
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ResourceError(address, "engine.address", f"no scheduler answers: {error}") from None
+    with client:
+        calls = {client.submit(run_trial, trial, job, pure=False): trial for trial in trials}
+        for future in as_completed(calls, loop=client.loop):
+            lost, trial = future.exception(), calls[future]
+            if lost is None:
+                yield future.result()
+            elif isinstance(lost, KilledWorker):
+                yield _killed(trial)
+            else:  # the worker could not even begin, or could not answer
+                yield Outcome(trial.key, trial.row, trial.case, failed=f"{type(lost).__name__}: {lost}")
+
+
+def _killed(trial: Trial) -> Outcome:
+    return Outcome(trial.key, trial.row, trial.case, failed="its process was killed (out of memory?)")

@@ -1,0 +1,168 @@
+"""Reading an ablation file: everything in it is checked before anything heavy is loaded.
+
+A file names scenes and references inside its own folder, or built-in ones; the command line may name any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+from ..config import RunConfig, lay_config, nearest, shipped_configs
+from ..config_layers import parse_overrides, read_yaml
+from ..errors import UsageError
+from .sweep import Row, SceneConfig, Sweep, SweepFile
+
+DRAWN = "drawn:"
+BUILTIN = ("builtin:", DRAWN)
+KEYS = tuple(f.name for f in fields(SweepFile))
+COMMAND_LINE_KEYS = ("scenes", "references", "seeds", "metrics")
+COMMAND_LINE = "command line"
+
+
+def ablations() -> list[str]:
+    """Names of the shipped files."""
+    folder = shipped_configs() / "ablations"
+    return sorted(p.name[: -len(".yaml")] for p in folder.iterdir() if p.name.endswith(".yaml"))
+
+
+def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
+    """The ablation in a file, or the shipped one of that name.
+
+    Args:
+        name: a path, or one of :func:`ablations`.
+        overrides: ``seeds=[0]``, ``scenes=[a.ply]``, ``references=[b.mp4]``, ``metrics.``.. and ``engine.backend=dask``
+            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row.
+
+    Raises:
+        UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
+            or two rows are the same run.
+    """
+    path = _found(name)
+    written = read_yaml(path)
+    for key in written:
+        if key not in KEYS:
+            raise UsageError(path, key, "no such key", nearest(key, KEYS))
+    above = parse_overrides(overrides)
+    said = {key: above.pop(key) for key in list(above) if _of_sweep(key, above[key])}
+    fence = path.resolve().parent
+    located = {**_located(written, path, fence), **_located(said, COMMAND_LINE, None)}
+    file = _typed({**written, **said, **located}, path)
+    rows = tuple(_row(file, row, above, path, fence) for row in file.rows)
+    _check_cases(file, rows, path)
+    metrics = _config([file.base, file.metrics, above], f"{path}: metrics")
+    return Sweep(Path(name).stem, file, rows, metrics)
+
+
+def _found(name: str) -> Path:
+    if Path(name).is_file():
+        return Path(name)
+    if name in ablations():
+        return Path(str(shipped_configs() / "ablations" / f"{name}.yaml"))
+    raise UsageError(name, "", "no such ablation file", nearest(name, ablations()))
+
+
+def _of_sweep(key: str, value: Any) -> bool:
+    return key in COMMAND_LINE_KEYS or (key == "engine" and isinstance(value, Mapping))
+
+
+def _located(raw: Mapping[str, Any], where: Any, fence: Path | None) -> dict[str, Any]:
+    """The scenes and references of ``raw`` as absolute paths; those outside ``fence`` are refused."""
+    found: dict[str, Any] = {}
+    for key in ("scenes", "references"):
+        if key in raw and not isinstance(raw[key], list):
+            raise UsageError(where, key, "expected a list", f"got {raw[key]!r}")
+    if "scenes" in raw:
+        found["scenes"] = [scene_at(scene, where, fence) for scene in raw["scenes"]]
+    if "references" in raw:
+        found["references"] = [place(str(text), "references", where, fence) for text in raw["references"]]
+    return found
+
+
+def scene_at(scene: Any, where: Any, fence: Path | None) -> dict[str, Any]:
+    """A scene's mapping, or its name alone, with absolute paths."""
+    given = dict(scene) if isinstance(scene, Mapping) else {"scene": scene}
+    for key in ("scene", "subject", "init"):
+        if given.get(key) is not None and given[key] != "auto":
+            given[key] = place(str(given[key]), "scene", where, fence)
+    return given
+
+
+def place(text: str, field: str, where: Any, fence: Path | None) -> str:
+    """A built-in name as it is, a path made absolute; of SCENE@TRAJECTORY either part.
+
+    Raises:
+        UsageError: it leads out of ``fence``, where there is one.
+    """
+    full = ((fence or Path()) / text).resolve()
+    scene, at, path = text.rpartition("@")
+    if at and not full.exists():
+        return f"{place(scene, field, where, fence)}@{place(path, field, where, fence)}"
+    if text.startswith(BUILTIN):
+        return text
+    if fence is not None and not full.is_relative_to(fence):
+        raise UsageError(where, field, f"{text} leads out of the file's folder", "name it on the command line")
+    return str(full)
+
+
+def _typed(raw: Mapping[str, Any], where: Any) -> SweepFile:
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    rows = raw.get("rows")
+    if not isinstance(rows, Mapping) or not rows:
+        raise UsageError(where, "rows", "expected name: {overrides}, at least one")
+    for name, overrides in rows.items():
+        if not isinstance(overrides, Mapping | None):
+            raise UsageError(where, f"rows.{name}", "expected overrides as a mapping", "write {} for the base")
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(SweepFile), dict(raw))
+        return OmegaConf.to_object(merged)  # type: ignore[return-value]
+    except OmegaConfBaseException as error:
+        reason = str(error).strip().splitlines()[0]
+        raise UsageError(where, str(error.full_key or ""), reason) from None
+
+
+def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence: Path) -> Row:
+    overrides = dict(file.rows[name] or {})
+    scene = overrides.pop("scene", None)
+    if scene is not None and len(file.scenes) > 1:
+        raise UsageError(where, f"rows.{name}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
+    own = None if scene is None else _scene(scene_at(scene, where, fence), f"{where}: rows.{name}")
+    return Row(name, _config([file.base, overrides, above], f"{where}: rows.{name}"), own)
+
+
+def _scene(given: Mapping[str, Any], where: str) -> SceneConfig:
+    known = [f.name for f in fields(SceneConfig)]
+    for key in given:
+        if key not in known:
+            raise UsageError(where, f"scene.{key}", "no such key", nearest(key, known))
+    return SceneConfig(**given)
+
+
+def _config(layers: list[Mapping[str, Any]], where: str) -> RunConfig:
+    for layer in layers:
+        if "seed" in layer:
+            raise UsageError(where, "seed", "the sweep has its own", "write seeds: [0, 1], or seeds=[0,1]")
+        if "base" in layer:
+            raise UsageError(where, "base", "a base names no further base", "write its values")
+    return replace(lay_config(layers, where), threads=1)
+
+
+def _check_cases(file: SweepFile, rows: tuple[Row, ...], where: Any) -> None:
+    scenes = [str(asdict(scene)) for scene in file.scenes]
+    for key, values in (("scenes", scenes), ("references", file.references), ("seeds", file.seeds)):
+        if not values or len(set(values)) < len(values):
+            raise UsageError(where, key, "expected at least one, and none twice")
+    if min(file.seeds) < 0:
+        raise UsageError(where, "seeds", f"expected 0 or more, got {min(file.seeds)}")
+    if file.engine.workers < 0:
+        raise UsageError(where, "engine.workers", f"expected 0 or more, got {file.engine.workers}")
+    if file.engine.backend == "dask" and not file.engine.address:
+        raise UsageError(where, "engine.address", "dask needs its scheduler's", "as engine.address=tcp://host:8786")
+    for i, row in enumerate(rows):
+        for other in rows[:i]:
+            if (row.config, row.scene) == (other.config, other.scene):
+                raise UsageError(where, f"rows.{row.name}", f"is the same run as {other.name}", "remove one of them")

@@ -1,0 +1,139 @@
+"""The story of an ablation: table of overrides -> trials -> ledger -> tables; it goes on where it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from ..files import check_out, write_json, write_text
+from ..reference import Components, Progress, silent
+from .drawn import draw_references
+from .ledger import append, read_ledger
+from .pool import outcomes
+from .summary import CONFIDENCE, RowSummary, summarise
+from .sweep import Sweep
+from .tables import differences_table, failure_lines, to_csv, to_latex, to_markdown, values_table
+from .trial import Job, Outcome, trials
+
+LEDGER, FILE = "trials.jsonl", "ablation.yaml"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a sweep is run.
+
+    Args:
+        out: folder; a sweep that was begun there goes on.
+        keep_runs: leave every run's whole folder in ``out/runs``.
+        retry: run the trials again that failed.
+        plugins: to allow in the workers too.
+    """
+
+    out: Path
+    keep_runs: bool = False
+    retry: bool = False
+    plugins: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """A sweep that was run: a summary for each row, and what came of every trial in the order of the table."""
+
+    sweep: Sweep
+    rows: tuple[RowSummary, ...]
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def failed(self) -> int:
+        """Trials without a result."""
+        return sum(bool(outcome.failed) for outcome in self.outcomes)
+
+
+def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablation:
+    """Run every trial of ``sweep`` that its folder does not have yet, and write the tables.
+
+    Leaves trials.jsonl, table.csv, table.md, table.tex, summary.json and ablation.yaml in the folder.
+
+    Args:
+        sweep: what is run.
+        options: where and how.
+        progress: called with a step, trials done, trials in all.
+
+    Raises:
+        UsageError: the folder holds something else, or a row cannot be built.
+        InputError: a scene or a reference is missing, or the ledger is damaged.
+        ResourceError: the cluster cannot be reached.
+    """
+    _check_folder(options.out)
+    for row in sweep.rows:
+        Components.build(row.config)
+        row.config.build_one("search")
+    Components.build(sweep.metrics)
+    asked = trials(sweep, draw_references(sweep, options.out))
+    write_text(options.out / FILE, sweep.to_yaml())
+    known = read_ledger(options.out / LEDGER)
+    missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
+    job = Job(options.plugins, str((options.out / "runs").resolve()) if options.keep_runs else None)
+    progress("trials", len(asked) - len(missing), len(asked))
+    for done, outcome in enumerate(outcomes(missing, job, sweep.file.engine), len(asked) - len(missing) + 1):
+        append(options.out / LEDGER, outcome)
+        known[outcome.key] = outcome
+        progress("trials", done, len(asked))
+    found = tuple(known[trial.key] for trial in asked)
+    ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found)
+    _write(options.out, ablation)
+    return ablation
+
+
+def _check_folder(out: Path) -> None:
+    check_out(out)
+    if out.is_dir() and any(out.iterdir()) and not (out / FILE).is_file():
+        raise UsageError(out, "--out", "is neither empty nor an ablation", "name another folder")
+
+
+def _write(out: Path, ablation: Ablation) -> None:
+    write_text(out / "table.csv", to_csv(ablation.rows))
+    write_text(out / "table.md", "\n".join(markdown(ablation)) + "\n")
+    tables = [values_table(ablation.rows)]
+    if len(ablation.rows) > 1:
+        tables.append(differences_table(ablation.rows))
+    write_text(out / "table.tex", "\n\n".join("\n".join(to_latex(table)) for table in tables) + "\n")
+    write_json(out / "summary.json", summary_values(ablation))
+
+
+def markdown(ablation: Ablation) -> list[str]:
+    """The tables with what a reader must know, and every failure with its reason."""
+    lines = [f"# {ablation.sweep.name}", ""]
+    if ablation.sweep.file.about:
+        lines += [ablation.sweep.file.about, ""]
+    lines += [
+        f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), all rows measured by the",
+        "same metrics, lower is better; (a/b): only a of b frames have a value. Failed trials have no value and are",
+        "counted. Seeds that change nothing (a fixed reference, refinement) count as trials all the same.",
+        "",
+        *to_markdown(values_table(ablation.rows)),
+    ]
+    if len(ablation.rows) > 1:
+        first = ablation.rows[0].name
+        lines += ["", f"Paired with {first}, case by case (n pairs); bold: the interval excludes zero.", ""]
+        lines += to_markdown(differences_table(ablation.rows))
+    failures = failure_lines(ablation.outcomes)
+    return [*lines, "", f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.", *failures]
+
+
+def summary_values(ablation: Ablation) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "format": "cltransfer.ablation",
+        "version": 1,
+        "name": ablation.sweep.name,
+        "rows": [asdict(row) for row in ablation.rows],
+        "failures": _failures(ablation.outcomes),
+    }
+
+
+def _failures(found: Sequence[Outcome]) -> list[dict[str, Any]]:
+    return [{"row": o.row, **asdict(o.case), "reason": o.failed} for o in found if o.failed]

@@ -1,0 +1,134 @@
+"""What the rows of an ablation come to: means with bootstrap intervals, coverage, cost, and paired differences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+import numpy as np
+
+from .trial import Case, Outcome
+
+CONFIDENCE = 0.95
+RESAMPLES = 9999
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean and its interval.
+
+    Args:
+        mean: None where nothing has a value.
+        low, high: percentile bootstrap of the mean over trials, 95 %; None of fewer than two.
+        count: values it is the mean of.
+    """
+
+    mean: float | None
+    low: float | None
+    high: float | None
+    count: int
+
+    @property
+    def certain(self) -> bool:
+        """Whether the interval excludes zero."""
+        return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One metric of one row.
+
+    Args:
+        value: over the trials.
+        difference: to the first row, over the cases on which both have a value; None in the first row.
+        unit: of both.
+        defined, frames: how many frames have a value, of how many.
+    """
+
+    value: Estimate
+    difference: Estimate | None
+    unit: str
+    defined: int
+    frames: int
+
+
+@dataclass(frozen=True)
+class RowSummary:
+    """One row of the table.
+
+    Args:
+        name: in the file.
+        trials, failed: how many, and how many of them without a result.
+        metrics: by name, the total last.
+        evaluations: a frame, mean.
+        seconds: a trial, mean over those with a result.
+    """
+
+    name: str
+    trials: int
+    failed: int
+    metrics: dict[str, Measure]
+    evaluations: float | None
+    seconds: float | None
+
+
+def estimate(values: Sequence[float]) -> Estimate:
+    """Mean of ``values`` with its percentile bootstrap interval; the resampling has a seed of its own.
+
+    >>> estimate([1.0, 1.0]), estimate([])
+    (Estimate(mean=1.0, low=1.0, high=1.0, count=2), Estimate(mean=None, low=None, high=None, count=0))
+    """
+    from scipy.stats import bootstrap
+
+    if len(values) < 2:
+        return Estimate(values[0] if values else None, None, None, len(values))
+    generator = np.random.Generator(np.random.PCG64(0))
+    found = bootstrap(
+        (np.asarray(values),),
+        np.mean,
+        n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=generator,
+    )
+    interval = found.confidence_interval
+    return Estimate(fmean(values), float(interval.low), float(interval.high), len(values))
+
+
+def summarise(rows: Iterable[str], outcomes: Iterable[Outcome]) -> list[RowSummary]:
+    """One summary for each of ``rows``, in their order; the first is what the others are held against."""
+    by_row: dict[str, list[Outcome]] = {name: [] for name in rows}
+    for outcome in outcomes:
+        by_row[outcome.row].append(outcome)
+    names = list(dict.fromkeys(n for found in by_row.values() for o in found for n in o.metrics or {}))
+    first = next(iter(by_row.values()))
+    return [
+        _row(name, found, {n: _measure(n, found, None if found is first else first) for n in names})
+        for name, found in by_row.items()
+    ]
+
+
+def _row(name: str, found: list[Outcome], metrics: dict[str, Measure]) -> RowSummary:
+    done = [outcome for outcome in found if outcome.metrics is not None]
+    evaluations = fmean(o.evaluations / o.frames for o in done) if done else None
+    seconds = fmean(o.seconds for o in done) if done else None
+    return RowSummary(name, len(found), len(found) - len(done), metrics, evaluations, seconds)
+
+
+def _measure(name: str, found: list[Outcome], first: list[Outcome] | None) -> Measure:
+    values = _values(name, found)
+    difference = None
+    if first is not None:
+        held = _values(name, first)
+        difference = estimate([values[case] - held[case] for case in values if case in held])
+    terms = [(outcome.metrics[name], outcome.frames) for outcome in found if outcome.metrics is not None]
+    unit = terms[0][0].unit if terms else ""
+    return Measure(
+        estimate(list(values.values())), difference, unit, sum(t.defined for t, _ in terms), sum(n for _, n in terms)
+    )
+
+
+def _values(name: str, found: list[Outcome]) -> dict[Case, float]:
+    means = {o.case: o.metrics[name].mean for o in found if o.metrics is not None}
+    return {case: mean for case, mean in means.items() if mean is not None}

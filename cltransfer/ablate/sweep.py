@@ -1,0 +1,97 @@
+"""What an ablation is: a base config, a table of overrides over it, and the cases that every row is run on."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from ..config import RunConfig
+
+
+@dataclass
+class EngineConfig:
+    """What runs the trials; a run's own ``engine`` is a key of its config.
+
+    Args:
+        backend: loky (processes here) or dask (a cluster).
+        workers: processes of loky; 0 is one for each thread this process may use.
+        address: of dask's scheduler, as tcp://host:8786.
+    """
+
+    backend: Literal["loky", "dask"] = "loky"
+    workers: int = 0
+    address: str | None = None
+
+
+@dataclass
+class SceneConfig:
+    """A scene and what goes with it, as in :class:`cltransfer.transfer.Inputs`."""
+
+    scene: str = "builtin:courtyard"
+    init: str = "auto"
+    subject: str | None = None
+    up: list[float] | None = None
+
+
+@dataclass
+class SweepFile:
+    """An ablation file as it is written.
+
+    Args:
+        about: what it asks, for the head of the table.
+        scenes: to transfer into; a name, or a mapping with init, subject and up.
+        references: as `transfer` takes them, or ``drawn:SHOT``: the seed draws who is filmed, and from where.
+        seeds: of the runs, and of what is drawn.
+        base: config below every row.
+        rows: overrides by name, in the config's grammar; the first row is what the others are held against. A row's
+            ``scene`` stands in for the sweep's one scene.
+        metrics: config over the base by which all rows are measured alike, whatever they were searched with.
+        engine: what runs the trials.
+    """
+
+    about: str = ""
+    scenes: list[SceneConfig] = field(default_factory=lambda: [SceneConfig()])
+    references: list[str] = field(default_factory=lambda: ["builtin:dolly_zoom"])
+    seeds: list[int] = field(default_factory=lambda: [0])
+    base: dict[str, Any] = field(default_factory=dict)
+    rows: dict[str, Any] = field(default_factory=dict)
+    metrics: dict[str, Any] = field(default_factory=dict)
+    engine: EngineConfig = field(default_factory=EngineConfig)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the table.
+
+    Args:
+        name: in the file.
+        config: without a seed.
+        scene: the one it brings along, None for those of the sweep.
+    """
+
+    name: str
+    config: RunConfig
+    scene: SceneConfig | None
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """An ablation, checked.
+
+    Args:
+        name: of the file.
+        file: as written, with the command line on top.
+        rows: the first is what the others are held against.
+        metrics: by which all rows are measured.
+    """
+
+    name: str
+    file: SweepFile
+    rows: tuple[Row, ...]
+    metrics: RunConfig
+
+    def to_yaml(self) -> str:
+        """The file as it was meant."""
+        from omegaconf import OmegaConf
+
+        return OmegaConf.to_yaml(OmegaConf.create(asdict(self.file)))

@@ -1,0 +1,135 @@
+"""The summary of an ablation as CSV (every number), Markdown and LaTeX (to be read)."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ..report.metrics import number
+from .summary import Estimate, Measure, RowSummary
+from .trial import Outcome
+
+COST = ("evaluations a frame", "seconds a trial")
+CSV_HEADER = (
+    *("row", "metric", "unit", "mean", "low", "high", "count"),
+    *("difference_mean", "difference_low", "difference_high", "difference_count"),
+    *("defined_frames", "frames", "trials", "failed", "evaluations_per_frame", "seconds_per_trial"),
+)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells of text under a header; ``bold`` are those whose interval excludes zero."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    bold: frozenset[tuple[int, int]] = frozenset()
+
+
+def values_table(rows: Sequence[RowSummary]) -> Table:
+    """Mean [interval] of every metric, coverage where it is not whole, failures and cost."""
+    names = _metrics(rows)
+    header = ("row", "trials", "failed", *names, *COST)
+    cells = []
+    for row in rows:
+        values = [_value(row.metrics[name]) for name in names]
+        cost = (number(row.evaluations), number(row.seconds))
+        cells.append((row.name, str(row.trials), str(row.failed), *values, *cost))
+    return Table(header, tuple(cells))
+
+
+def differences_table(rows: Sequence[RowSummary]) -> Table:
+    """Paired differences of every row to the first."""
+    names = _metrics(rows)
+    cells, bold = [], set()
+    for i, row in enumerate(rows[1:]):
+        found = [row.metrics[name].difference for name in names]
+        bold |= {(i, j + 1) for j, difference in enumerate(found) if difference and difference.certain}
+        cells.append((row.name, *(_signed(difference) for difference in found)))
+    return Table((f"difference to {rows[0].name}", *names), tuple(cells), frozenset(bold))
+
+
+def _metrics(rows: Sequence[RowSummary]) -> list[str]:
+    return list(rows[0].metrics)
+
+
+def _value(measure: Measure) -> str:
+    text = _interval(measure.value, number)
+    whole = measure.defined == measure.frames
+    return text if whole else f"{text} ({measure.defined}/{measure.frames})"
+
+
+def _signed(difference: Estimate | None) -> str:
+    if difference is None or difference.mean is None:
+        return "–"
+    return f"{_interval(difference, _with_sign)} n={difference.count}"
+
+
+def _with_sign(value: float | None) -> str:
+    return f"+{number(value)}" if value is not None and value > 0 else number(value)
+
+
+def _interval(estimate: Estimate, write: Callable[[float | None], str]) -> str:
+    if estimate.low is None:
+        return write(estimate.mean)
+    return f"{write(estimate.mean)} [{write(estimate.low)}, {write(estimate.high)}]"
+
+
+def to_markdown(table: Table) -> list[str]:
+    """Lines of a Markdown table."""
+    cells = [
+        [f"**{_escape(c)}**" if (i, j) in table.bold else _escape(c) for j, c in enumerate(row)]
+        for i, row in enumerate(table.rows)
+    ]
+    rule = ["---"] + ["--:"] * (len(table.header) - 1)
+    return ["| " + " | ".join(line) + " |" for line in [map(_escape, table.header), rule, *cells]]
+
+
+def _escape(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*").replace("<", "&lt;").replace("\n", " ")
+
+
+def to_latex(table: Table) -> list[str]:
+    """Lines of a tabular with booktabs' rules."""
+    lines = [rf"\begin{{tabular}}{{l{'r' * (len(table.header) - 1)}}}", r"\toprule"]
+    lines += [" & ".join(map(_tex, table.header)) + r" \\", r"\midrule"]
+    for i, row in enumerate(table.rows):
+        cells = [rf"\textbf{{{_tex(c)}}}" if (i, j) in table.bold else _tex(c) for j, c in enumerate(row)]
+        lines.append(" & ".join(cells) + r" \\")
+    return [*lines, r"\bottomrule", r"\end{tabular}"]
+
+
+_TEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "\n": " "}
+_TEX |= {character: f"\\{character}" for character in "&%$#_{}"}
+
+
+def _tex(text: str) -> str:
+    return "".join(_TEX.get(character, character) for character in text)
+
+
+def to_csv(rows: Sequence[RowSummary]) -> str:
+    """One line for each row and metric; what is not known is an empty cell."""
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(CSV_HEADER)
+    for row in rows:
+        cost = [row.trials, row.failed, row.evaluations, row.seconds]
+        for name, m in row.metrics.items():
+            difference = [""] * 4 if m.difference is None else _numbers(m.difference)
+            lines.writerow([row.name, name, m.unit, *_numbers(m.value), *difference, m.defined, m.frames, *cost])
+        if not row.metrics:
+            lines.writerow([row.name, *[""] * 12, *cost])
+    return text.getvalue()
+
+
+def _numbers(estimate: Estimate) -> list[float | int | None]:
+    return [estimate.mean, estimate.low, estimate.high, estimate.count]
+
+
+def failure_lines(outcomes: Sequence[Outcome]) -> list[str]:
+    """One line for each failed trial: row, case and reason."""
+    return [
+        f"- {o.row}, {o.case.reference} in {o.case.scene}, seed {o.case.seed}: {o.failed}" for o in outcomes if o.failed
+    ]

@@ -1,0 +1,205 @@
+"""One trial: a row of the table on one case, run and measured; what goes wrong becomes its reason."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..config import RunConfig
+from ..errors import CltransferError, InputError
+from ..files import content_hash
+from .sweep import SceneConfig, Sweep
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a row is run on: names as in the file. Rows are compared on the cases they share."""
+
+    scene: str
+    reference: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run of a sweep.
+
+    Args:
+        key: digest of everything the outcome depends on.
+        row: of the table.
+        case: what it is run on.
+        scene: the same, to be loaded.
+        reference: the same, to be read.
+        config: of the run, with its seed.
+        metrics: config by which the result is measured.
+    """
+
+    key: str
+    row: str
+    case: Case
+    scene: SceneConfig
+    reference: str
+    config: RunConfig
+    metrics: RunConfig
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every worker is told.
+
+    Args:
+        plugins: to allow.
+        runs: folder for whole runs, None keeps none.
+    """
+
+    plugins: tuple[str, ...] = ()
+    runs: str | None = None
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One term of one result: mean raw value over the frames that have one, None where none has."""
+
+    mean: float | None
+    unit: str
+    defined: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a trial.
+
+    Args:
+        key, row, case: of the trial.
+        failed: why there is no result, empty where there is one.
+        metrics: by name, the weighted total last.
+        frames: of the result.
+        evaluations, network_passes: what the search cost.
+        seconds: on the clock of the worker.
+    """
+
+    key: str
+    row: str
+    case: Case
+    failed: str = ""
+    metrics: dict[str, Metric] | None = None
+    frames: int = 0
+    evaluations: int = 0
+    network_passes: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Outcome:
+        """An outcome of its JSON values.
+
+        Raises:
+            TypeError: it is of another make.
+        """
+        metrics = raw.pop("metrics", None)
+        named = None if metrics is None else {name: Metric(**values) for name, values in metrics.items()}
+        return cls(**{**raw, "case": Case(**raw["case"]), "metrics": named})
+
+
+def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
+    """Every row on every case, case by case, so that a sweep that is cut short has compared something.
+
+    Args:
+        sweep: the ablation.
+        drawn: references that were made for it, by name and seed.
+
+    Raises:
+        InputError: a file is missing.
+    """
+    found = []
+    for scene, reference, seed in _cases(sweep):
+        source = drawn.get((reference, seed), reference)
+        for row in sweep.rows:
+            used = row.scene or scene
+            config = replace(row.config, seed=seed)
+            content = [_digest(used.scene), _digest(used.init), _digest(used.subject), used.up, _digest(source)]
+            answers = [__version__, asdict(config), asdict(sweep.metrics), content]
+            key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
+            case = Case(_shown(scene.scene), _shown(reference), seed)
+            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
+    return found
+
+
+def _cases(sweep: Sweep) -> Iterator[tuple[SceneConfig, str, int]]:
+    for seed in sweep.file.seeds:
+        for scene in sweep.file.scenes:
+            for reference in sweep.file.references:
+                yield scene, reference, seed
+
+
+def _shown(source: str) -> str:
+    """A name for tables: without the folders."""
+    return "@".join(part if ":" in part else Path(part).name for part in source.split("@"))
+
+
+@functools.cache
+def _digest(source: str | None) -> str:
+    """What identifies a scene or a reference: a built-in name, or the content of its files."""
+    if source is None or source == "auto":
+        return str(source)
+    path = Path(source)
+    if path.exists():
+        return content_hash(path)
+    if "@" in source:
+        return "@".join(_digest(part) for part in source.split("@"))
+    if source.startswith("builtin:"):
+        return source
+    file, _, index = source.rpartition(":")  # SET:INDEX
+    if index.isdecimal() and Path(file).exists():
+        return f"{content_hash(Path(file))}:{index}"
+    raise InputError(path, "", "no such file")
+
+
+def run_trial(trial: Trial, job: Job) -> Outcome:
+    """Run and measure ``trial``; a failure is an outcome too, so that the sweep goes on."""
+    start = time.perf_counter()
+    try:
+        outcome = _run(trial, job)
+    except CltransferError as error:
+        outcome = Outcome(trial.key, trial.row, trial.case, failed=str(error))
+    except Exception as error:
+        outcome = Outcome(trial.key, trial.row, trial.case, failed=f"{type(error).__name__}: {error}")
+    return replace(outcome, seconds=round(time.perf_counter() - start, 3))
+
+
+def _run(trial: Trial, job: Job) -> Outcome:
+    from ..transfer import Inputs, transfer
+    from .measure import measured
+
+    _allow(job.plugins)
+    scene = trial.scene
+    up = None if scene.up is None else (scene.up[0], scene.up[1], scene.up[2])
+    subject = None if scene.subject is None else Path(scene.subject)
+    inputs = Inputs(scene.scene, trial.reference, scene.init, subject, up)
+    result = transfer(inputs, trial.config)
+    scores = measured(result, trial.reference, trial.config, trial.metrics)
+    if job.runs is not None:
+        from ..run_folder import write_run
+
+        write_run(Path(job.runs) / trial.key, result, inputs, trial.config, job.plugins)
+    metrics = {term.name: Metric(term.mean, term.unit, term.defined, term.reason) for term in scores.terms}
+    metrics["total"] = Metric(float(scores.totals.mean()), "", len(scores.totals), "")
+    spent = result.spent
+    return Outcome(
+        trial.key, trial.row, trial.case, "", metrics, len(scores.totals), spent.evaluations, spent.network_passes
+    )
+
+
+@functools.cache
+def _allow(plugins: tuple[str, ...]) -> None:
+    """Import the plugins, once a process."""
+    from ..plugins import allow
+
+    allow(plugins)

@@ -1,0 +1,118 @@
+"""A sweep runs, survives its trials and its own death, and goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROWS = "{full: {}, no framing: {losses: {framing: null}}, no size: {losses: {shot_size: null}}}"
+SweepFile = Callable[..., Path]
+
+
+def begun(arguments: list[str], cache: Path) -> subprocess.Popen[str]:
+    """The command in a session of its own, so that it can be killed with its workers."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "cltransfer", "ablate", *arguments],
+        env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def keys(folder: Path) -> list[str]:
+    return [json.loads(line)["key"] for line in (folder / "trials.jsonl").read_text().splitlines()]
+
+
+def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
+    fresh: Callable[..., Any], sweep_file: SweepFile, cache: Path, tmp_path: Path
+) -> None:
+    file, out = sweep_file(ROWS), tmp_path / "out"
+    command = [str(file), "--out", str(out), "engine.workers=1", "--json"]
+    for sent, code, says in (
+        (signal.SIGKILL, -signal.SIGKILL, ""),
+        (signal.SIGINT, 130, f"error: interrupted (the same command goes on from here: {out})\n"),
+    ):
+        before = len(keys(out)) if out.exists() else 0
+        process = begun([*command, "--quiet"], cache)
+        while process.poll() is None and not ((out / "trials.jsonl").exists() and len(keys(out)) > before):
+            time.sleep(0.01)
+        os.killpg(process.pid, sent)
+        assert process.communicate(timeout=60) == ("", says)
+        assert process.returncode == code
+    interrupted = keys(out)
+    assert 2 <= len(interrupted) < 4
+    done = fresh("ablate", *command)
+    assert done.code == 0, done.err
+    assert keys(out)[: len(interrupted)] == interrupted
+    assert len(set(keys(out))) == len(keys(out)) == 3
+    found = json.loads(done.out)
+    assert [row["name"] for row in found["rows"]] == ["full", "no framing", "no size"]
+    assert [row["metrics"]["framing"]["value"]["count"] for row in found["rows"]] == [1, 1, 1]  # left out, yet measured
+    assert {"table.csv", "table.md", "table.tex", "summary.json", "ablation.yaml"} <= {p.name for p in out.iterdir()}
+    assert "| no framing | 1 | 0 |" in (out / "table.md").read_text()
+
+
+def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
+    fresh: Callable[..., Any], sweep_file: SweepFile, fatal: Path, tmp_path: Path
+) -> None:
+    file = sweep_file("{full: {}, kills: {losses: {fatal: {how: kill}}}, raises: {losses: {fatal: {}}}}")
+    command = ("ablate", file, "--out", tmp_path / "out", "--allow-plugin", fatal, "--quiet", "engine.workers=2")
+    answer = fresh(*command)
+    assert answer.code == 1, answer.err
+    assert "Failed: 2 of 3 trials." in answer.out
+    assert (
+        "- raises, builtin:static in builtin:courtyard, seed 0: ArithmeticError: the loss has no answer" in answer.out
+    )
+    assert "- kills, builtin:static in builtin:courtyard, seed 0: its process was killed (out of memory?)" in answer.out
+    assert len(set(keys(tmp_path / "out"))) == len(keys(tmp_path / "out")) == 3
+    again = fresh(*command)
+    assert (again.code, again.out) == (1, answer.out)  # all from the ledger
+    assert len(keys(tmp_path / "out")) == 3
+
+
+def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    file = sweep_file("{full: {}}", "seeds: [0, 1]")
+    out = tmp_path / "out"
+    answer = command("ablate", file, "--out", out, "--keep-runs", "-q", "references=['drawn:push_in']", "frames=1")
+    assert answer.code == 0, answer.err
+    drawn = [json.loads((out / "references" / f"push_in-{seed}.json").read_text()) for seed in (0, 1)]
+    assert drawn[0] != drawn[1]
+    for key in keys(out):
+        assert (out / "runs" / key / "DONE").is_file()
+        assert (out / "runs" / key / "video" / "render.mp4").is_file()
+
+
+def test_what_cannot_be_run_is_refused_before_anything_is_written(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    missing = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=[nowhere.mp4]")
+    assert missing.code == 3
+    assert "nowhere.mp4: no such file" in missing.err
+    option = command("ablate", sweep_file("{a: {losses: {framing: {mode: wrong}}}}"), "--out", out)
+    assert option.code == 2
+    assert "loss.framing.mode: Invalid value 'wrong'" in option.err
+    shot = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:moonwalk']")
+    assert "shot 'moonwalk'" in shot.err
+    assert not out.exists()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("")
+    taken = command("ablate", sweep_file("{a: {}}"), "--out", tmp_path / "other")
+    assert taken.code == 2
+    assert "is neither empty nor an ablation" in taken.err
+    nobody = command(
+        "ablate", sweep_file("{a: {}}"), "--out", out, "engine.backend=dask", "engine.address=tcp://256.0.0.1:1"
+    )
+    assert nobody.code == 5, nobody.err
+    assert nobody.err.count("error:") == 1

@@ -1,0 +1,48 @@
+"""The ledger: whole lines only, whatever moment the writer was killed at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltransfer.ablate.ledger import append, read_ledger
+from cltransfer.ablate.trial import Case, Metric, Outcome
+from cltransfer.errors import InputError
+
+CASE = Case("builtin:courtyard", "builtin:orbit", 3)
+DONE = Outcome("k1", "full", CASE, "", {"total": Metric(0.5, "", 4, "")}, 4, 40, 2, 1.5)
+FAILED = Outcome("k2", "full", CASE, failed="clip.mp4: no such file")
+
+
+def test_reads_back_what_was_appended_and_the_last_of_a_key_counts(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    assert read_ledger(path) == {}
+    for outcome in (FAILED, DONE):
+        append(path, outcome)
+    again = Outcome("k2", "full", CASE, "", {"total": Metric(None, "", 0, "no person")}, 4, 40, 2, 1.5)
+    append(path, again)
+    assert read_ledger(path) == {"k1": DONE, "k2": again}
+
+
+def test_a_line_cut_off_at_any_byte_is_left_out_and_the_next_one_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    append(path, DONE)
+    first = path.stat().st_size
+    append(path, FAILED)
+    whole = path.read_bytes()
+    for end in range(first, len(whole)):
+        path.write_bytes(whole[:end])
+        assert list(read_ledger(path)) == ["k1"]
+        append(path, FAILED)
+        assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("line", ["{", "[]", "3", '{"key": "a"}', '{"key": "a", "row": "b", "case": {}}', "[" * 10**5])
+def test_a_damaged_line_is_named(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "trials.jsonl"
+    append(path, DONE)
+    with path.open("a") as stream:
+        stream.write(line + "\n")
+    with pytest.raises(InputError, match="line 2: is no trial"):
+        read_ledger(path)

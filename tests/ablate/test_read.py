@@ -1,0 +1,138 @@
+"""An ablation file: every row is a config, checked before anything runs; nothing outside its folder is named."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cltransfer.ablate.read import ablations, read_sweep
+from cltransfer.config import load_config
+from cltransfer.errors import UsageError
+
+Written = Callable[[str], str]
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Written:
+    def write(text: str) -> str:
+        (tmp_path / "sweep.yaml").write_text(text)
+        return str(tmp_path / "sweep.yaml")
+
+    return write
+
+
+ROWS = "rows: {full: {}, none: {losses: {framing: null}}}\n"
+
+
+@pytest.mark.parametrize("name", ablations())
+def test_every_shipped_file_reads(name: str) -> None:
+    sweep = read_sweep(name)
+    assert sweep.file.about
+    assert len(sweep.rows) > 1
+    assert set(sweep.metrics.losses) == set(load_config().losses)
+
+
+def test_what_the_issue_asks_for_is_shipped() -> None:
+    wanted = {
+        "leave_one_out",
+        "faithful_robust",
+        "losses_x_optimiser",
+        "flow_layers",
+        "key_joints",
+        "renderer",
+        "search",
+    }
+    assert {*wanted, "presets"} <= set(ablations())
+    assert len(read_sweep("leave_one_out").rows) == 6
+    assert len(read_sweep("losses_x_optimiser").rows) == 4
+
+
+def test_rows_lie_over_the_base_over_the_preset_and_the_command_line_over_all(written: Written) -> None:
+    sweep = read_sweep(
+        written("base: {preset: fast, frames: 5, steps: 2}\nrows: {a: {}, b: {steps: 3, losses: {framing: null}}}\n"),
+        ["frames=7"],
+    )
+    first, second = (row.config for row in sweep.rows)
+    assert (first.preset, first.frames, first.steps, first.threads) == ("fast", 7, 2, 1)
+    assert (second.frames, second.steps) == (7, 3)
+    assert set(first.losses) - set(second.losses) == {"framing"}
+    assert set(sweep.metrics.losses) == set(first.losses)  # what a row leaves out is measured
+
+
+def test_the_engine_of_a_run_and_that_of_the_sweep_are_told_apart(written: Written) -> None:
+    sweep = read_sweep(written(ROWS), ["engine=cma", "frames=2"])
+    assert {row.config.engine for row in sweep.rows} == {"cma"}
+    assert sweep.file.engine.backend == "loky"
+    sweep = read_sweep(written(ROWS), ["engine.backend=dask", "engine.address=tcp://127.0.0.1:8786", "seeds=[3,4]"])
+    assert {row.config.engine for row in sweep.rows} == {"refine"}
+    assert (sweep.file.engine.backend, sweep.file.engine.address) == ("dask", "tcp://127.0.0.1:8786")
+    assert sweep.file.seeds == [3, 4]
+
+
+REFUSED = {
+    "rows: {}": "rows: expected name",
+    "rows: {a: 3}": "rows.a: expected overrides",
+    "rows: {a: {}, b: {}}": "rows.b: is the same run as a",
+    "rows: {a: {lossses: {}}}": "rows.a: lossses: no such key (did you mean 'losses'?)",
+    "rows: {a: {losses: {frame: {}}}}": "losses.frame: no such loss",
+    "rows: {a: {losses: {framing: {weihgt: 3}}}}": "losses.framing.weihgt: no such option (did you mean 'weight'?)",
+    "rows: {a: {frames: many}}": "frames: Value 'many'",
+    "rows: {a: {frames: 0}}": "frames: expected 1 to 2000",
+    "rows: {a: {seed: 3}}": "seed: the sweep has its own",
+    "rows: {a: {base: other.yaml}}": "base: a base names no further base",
+    "rows: {a: {}}\nseed: [1]": "seed: no such key (did you mean 'seeds'?)",
+    "rows: {a: {}}\nseeds: []": "seeds: expected at least one",
+    "rows: {a: {}}\nseeds: [1, 1]": "none twice",
+    "rows: {a: {}}\nseeds: [-1]": "expected 0 or more",
+    "rows: {a: {}}\nengine: {backend: threads}": "engine.backend: Invalid value",
+    "rows: {a: {}}\nengine: {backend: dask}": "engine.address: dask needs",
+    "rows: {a: {}}\nreferences: clip.mp4": "references: expected a list",
+    "rows: {a: {}}\nreferences: [../clip.mp4]": "references: ../clip.mp4 leads out of the file's folder",
+    "rows: {a: {}}\nreferences: [/etc/passwd]": "leads out of the file's folder",
+    "rows: {a: {}}\nreferences: ['builtin:plaza@/etc/passwd']": "leads out of the file's folder",
+    "rows: {a: {}}\nscenes: [{scene: a.ply, subject: ../subject.json}]": "leads out of the file's folder",
+    "rows: {a: {scene: ../b.ply}}": "leads out of the file's folder",
+    "rows: {a: {scene: {scne: b.ply}}}": "scene.scne: no such key (did you mean 'scene'?)",
+    "rows: {a: {scene: b.ply}}\nscenes: [a.ply, c.ply]": "stands in for one scene, the sweep has 2",
+    "rows: {a: {frames: '${oc.env:HOME}'}}": "interpolation is not part of the grammar",
+    "rows: {a: !!python/object/apply:os.system ['true']}": "not a config",
+    "[1, 2]": "expected a mapping",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_what_cannot_be_meant_is_refused_by_name(written: Written, text: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        read_sweep(written(text))
+    assert REFUSED[text] in str(caught.value)
+    assert "sweep.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_link_that_leads_out_of_the_folder_is_refused(written: Written, tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").symlink_to("/etc/hostname")
+    with pytest.raises(UsageError, match="leads out"):
+        read_sweep(written("rows: {a: {}}\nreferences: [clip.mp4]\n"))
+
+
+def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(
+    written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    name = written(ROWS + "references: [clips/a.mp4, 'builtin:orbit']\nscenes: [b.ply]\n")
+    monkeypatch.chdir(elsewhere)
+    sweep = read_sweep(name)
+    assert sweep.file.references == [str(tmp_path / "clips" / "a.mp4"), "builtin:orbit"]
+    assert sweep.file.scenes[0].scene == str(tmp_path / "b.ply")
+    sweep = read_sweep(name, ["references=[c.mp4]", f"scenes=[{os.devnull}]"])
+    assert sweep.file.references == [str(elsewhere / "c.mp4")]
+    assert sweep.file.scenes[0].scene == os.devnull
+
+
+def test_an_unknown_name_says_what_is_shipped() -> None:
+    with pytest.raises(UsageError, match=r"no such ablation file \(did you mean 'leave_one_out'\?\)"):
+        read_sweep("leave_one")

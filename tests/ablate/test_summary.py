@@ -1,0 +1,84 @@
+"""What the rows come to: bootstrap intervals, coverage, failures, and differences on shared cases only."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from cltransfer.ablate.summary import estimate, summarise
+from cltransfer.ablate.tables import differences_table, to_csv, to_latex, to_markdown, values_table
+from cltransfer.ablate.trial import Case, Metric, Outcome
+
+
+def outcome(row: str, seed: int, size: float | None, defined: int = 4) -> Outcome:
+    case = Case("courtyard", "orbit", seed)
+    metrics = {"shot_size": Metric(size, "frame", defined, ""), "total": Metric(1.0, "", 4, "")}
+    return Outcome(f"{row}{seed}", row, case, "", metrics, frames=4, evaluations=40, seconds=2.0)
+
+
+def failed(row: str, seed: int) -> Outcome:
+    return Outcome(f"{row}{seed}", row, Case("courtyard", "orbit", seed), failed="a & b: no | person_found")
+
+
+def test_the_interval_holds_the_mean_and_does_not_depend_on_the_hour() -> None:
+    values = list(np.random.default_rng(3).normal(5, 1, 40))
+    first, again = estimate(values), estimate(values)
+    assert first == again
+    assert first.low is not None
+    assert first.high is not None
+    assert first.low < np.mean(values) < first.high
+    assert first.high - first.low == pytest.approx(2 * 1.96 * np.std(values) / 40**0.5, rel=0.1)
+
+
+def test_the_interval_covers_the_truth_about_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(4)
+    found = [estimate(list(rng.normal(0, 1, 30))) for _ in range(200)]
+    covered = np.mean([e.low < 0 < e.high for e in found if e.low is not None and e.high is not None])
+    assert 0.89 < covered < 0.99
+
+
+def test_one_value_has_no_interval_and_none_no_mean() -> None:
+    assert estimate([2.0]).low is None
+    assert estimate([2.0]).mean == 2.0
+    assert estimate([]).mean is None
+
+
+def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
+    found = [outcome("full", 0, 0.1), outcome("full", 1, 0.5), outcome("full", 2, None, 0), outcome("full", 3, 0.7)]
+    found += [outcome("less", 0, 0.2), outcome("less", 1, 0.6), outcome("less", 2, 0.9), failed("less", 3)]
+    full, less = summarise(["full", "less"], reversed(found))
+    assert full.metrics["shot_size"].difference is None
+    difference = less.metrics["shot_size"].difference
+    assert difference is not None
+    assert difference.count == 2
+    assert difference.mean == pytest.approx(0.1)
+    assert difference.certain
+    assert full.metrics["shot_size"].value.count == 3
+    assert (full.metrics["shot_size"].defined, full.metrics["shot_size"].frames) == (12, 16)
+    assert (less.trials, less.failed) == (4, 1)
+    assert (less.evaluations, less.seconds) == (10, 2)
+
+
+def test_a_row_in_which_all_failed_has_no_number() -> None:
+    rows = summarise(["full", "bad"], [outcome("full", 0, 0.1), failed("bad", 0)])
+    assert rows[1].metrics["shot_size"].value.mean is None
+    assert rows[1].evaluations is None
+    lines = list(csv.DictReader(io.StringIO(to_csv(rows))))
+    assert {line["mean"] for line in lines if line["row"] == "bad"} == {""}
+    assert {line["failed"] for line in lines if line["row"] == "bad"} == {"1"}
+    assert "nan" not in to_csv(rows).lower()
+    assert "| bad | 1 | 1 | – | – |" in to_markdown(values_table(rows))[3]
+
+
+def test_tables_say_the_same_in_markdown_and_latex_whatever_a_row_is_called() -> None:
+    name = "50 % | a_b & <i> *x*"
+    rows = summarise(["full", name], [outcome(r, s, 0.1 + s + i) for i, r in enumerate(("full", name)) for s in (0, 1)])
+    table = differences_table(rows)
+    assert table.bold == {(0, 1)}
+    assert to_markdown(table)[2].startswith(r"| 50 % \| a_b & &lt;i> \*x\* | **+1.00 [+1.00, +1.00] n=2** |")
+    latex = to_latex(table)
+    assert r"50 \% | a\_b \& <i> *x* & \textbf{+1.00 [+1.00, +1.00] n=2}" in latex[4]
+    assert latex[0] == r"\begin{tabular}{lrr}"
