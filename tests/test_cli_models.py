@@ -27,6 +27,7 @@ def mine(tmp_path, monkeypatch):
     (tmp_path / "served").mkdir()
     (tmp_path / "served" / "net.onnx").write_bytes(CONTENT)
     monkeypatch.setenv("CLTRANSFER_MODELS", "")
+    monkeypatch.setenv("NO_PROXY", "*")
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "served")) as server:
         Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
         usual = f"task: t, licence: MIT, source: me, address: 'http://127.0.0.1:{server.server_address[1]}/net.onnx'"

@@ -147,6 +147,7 @@ def server() -> Iterator[Server]:
 @pytest.fixture
 def entry(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Entry]:
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("NO_PROXY", "*")
 
     def make(path: str, **changes: object) -> Entry:
         usual = Entry("mine", "model", "net.onnx", "masks", "MIT", "me", f"{server.address}/{path}", HASH, len(CONTENT))

@@ -126,7 +126,7 @@ class SegmentYolo:
         got = self.network({"images": squares.transpose(0, 3, 1, 2).astype(np.float32) / 255})
         box, subject = torch.full((count, 5), torch.nan), torch.zeros((count, height, width), dtype=torch.bool)
         scale = np.array([now.size[0] / width, now.size[1] / height, 1.0])
-        for i, raw in enumerate(got["output0"]):  # 2 ms a frame of 8,400 boxes
+        for i, raw in enumerate(got["output0"]):  # 2.5 ms a frame of 1280x720 and 8,400 boxes
             column = main_person(raw, self.min_score, self.max_overlap)
             if column is None:
                 continue
