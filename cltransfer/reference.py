@@ -78,6 +78,7 @@ class Reference:
         digest: of its content.
         family: which extractors read it: image (a clip) or scene (a scene with a trajectory).
         missing: features it cannot have, with the reason.
+        flags: what was done to it and what is doubtful in it, for reports.
     """
 
     features: Features
@@ -87,6 +88,7 @@ class Reference:
     digest: str
     family: Family
     missing: Mapping[str, str]
+    flags: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times)

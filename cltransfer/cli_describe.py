@@ -1,0 +1,49 @@
+"""Verbs that read a clip for a person: describe it in words, or lay its reading open to the eye."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .cli_shared import Allow, Json, Quiet, show
+from .config import load_config
+from .files import check_out, write_json, write_text
+
+
+def describe(
+    source: Annotated[
+        str, typer.Argument(help="A clip as in `transfer`, the folder of a run, or a trajectory.json with its person.")
+    ],
+    overrides: Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
+    subject: Annotated[Path | None, typer.Option(help="subject.json of the person a trajectory films.")] = None,
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset.")] = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say in a cinematographer's words what SOURCE is: shot size, angle, movement, staging.
+
+    With --out it leaves description.json, description.txt and strip.svg in that folder.
+    """
+    from .plugins import allow
+
+    allow(allow_plugin or [])
+    settings = load_config(config, overrides or [])
+    if out is not None:
+        check_out(out)
+    from .describe.sources import describe as run
+    from .describe.strip import write_strip
+    from .progress import progress
+    from .threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    with progress(quiet) as report:
+        found, image = run(source, settings, subject, report)
+    if out is not None:
+        write_json(out / "description.json", found.to_json())
+        write_text(out / "description.txt", found.text() + "\n")
+        write_strip(out / "strip.svg", found, image)
+    show(found.to_json(), "\n".join([found.text(), *(f"note: {flag}" for flag in found.flags)]), as_json)

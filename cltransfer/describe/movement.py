@@ -1,0 +1,107 @@
+"""The camera's motion in words: which primitive leads, which go with it, and whether a hand holds the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .motion import PRIMITIVES, Motion
+
+STILL = 0.009  # apparent motion over the clip below which nothing moves [frame sides]
+BESIDE = 0.6  # part of the leading motion that another needs to be named beside it
+SHAKY = 0.022  # back and forth, per second, from which a hand holds the camera [frame sides / s]
+RESTLESS = 2.0  # back and forth over the net motion from which holding is all the camera does
+COMPENSATED = 0.4  # the lesser of dolly and zoom over the greater from which they are a dolly zoom
+CRASH = 1.2  # log size a second from which a zoom is a crash zoom
+WHIP = 1.1  # frame sides a second from which a pan is a whip pan
+
+WORDS = {
+    "pan": ("pan right", "pan left"),
+    "tilt": ("tilt up", "tilt down"),
+    "roll": ("roll clockwise", "roll counterclockwise"),
+    "zoom": ("zoom in", "zoom out"),
+    "dolly": ("push in", "pull out"),
+    "truck": ("truck right", "truck left"),
+    "boom": ("boom up", "boom down"),
+    "orbit": ("orbit right", "orbit left"),
+}
+COMPOUND = ("dolly zoom", "crash zoom", "whip pan", "static", "handheld")
+
+
+@dataclass(frozen=True)
+class Movement:
+    """What the camera does in a clip.
+
+    Args:
+        name: the leading motion, one of :data:`WORDS` or :data:`COMPOUND`.
+        beside: motions that go with it, the largest first.
+        handheld: whether it shakes as a hand does.
+        net: apparent motion from first to last frame by primitive [frame sides].
+        shake: motion back and forth [frame sides / s].
+    """
+
+    name: str
+    beside: tuple[str, ...]
+    handheld: bool
+    net: dict[str, float]
+    shake: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        words = " with ".join([self.name, " and ".join(self.beside)]) if self.beside else self.name
+        return f"{words}, handheld" if self.handheld and self.name != "handheld" else words
+
+
+def movement(motion: Motion) -> Movement:
+    """The movement that ``motion`` makes."""
+    track = _filtered(motion.track)
+    net = track[-1] - track[0]
+    duration = max(float(motion.times[-1] - motion.times[0]), 1e-9) if len(motion.times) > 1 else 1.0
+    wasted = float((track.diff(dim=0).abs().sum(0) - net.abs()).clamp_min(0).sum())
+    shake = wasted / duration
+    handheld = shake > SHAKY
+    order = net.abs().argsort(descending=True).tolist()
+    largest = float(net[order[0]].abs())
+    named = dict(zip(PRIMITIVES, net.tolist()))
+    if handheld and wasted > RESTLESS * largest:
+        return Movement("handheld", (), True, named, shake)
+    if largest < STILL:
+        return Movement("static", (), handheld, named, shake)
+    lead = _lead(PRIMITIVES[order[0]], motion, named)
+    spent = {"zoom", "dolly"} if lead == "dolly zoom" else {PRIMITIVES[order[0]]}
+    beside = [p for p in (PRIMITIVES[i] for i in order) if p not in spent and abs(named[p]) > BESIDE * largest]
+    return Movement(lead, tuple(_word(p, named[p]) for p in beside), handheld, named, shake)
+
+
+def _lead(primitive: str, motion: Motion, net: dict[str, float]) -> str:
+    dolly, zoom = net["dolly"], net["zoom"]
+    together = min(abs(dolly), abs(zoom)) > COMPENSATED * max(abs(dolly), abs(zoom))
+    if primitive in ("dolly", "zoom") and together and dolly * zoom < 0:
+        return "dolly zoom"
+    if primitive == "zoom" and _fastest(motion, "zoom") > CRASH:
+        return "crash zoom"
+    if primitive == "pan" and _fastest(motion, "pan") > WHIP:
+        return "whip pan"
+    return _word(primitive, net[primitive])
+
+
+def _fastest(motion: Motion, primitive: str) -> float:
+    """Largest rate of ``primitive`` per second."""
+    if len(motion.times) < 2:
+        return 0.0
+    rates = motion.rates[1:, PRIMITIVES.index(primitive)].nan_to_num(0)
+    return float((rates.abs() / motion.times.diff()).max())
+
+
+def _word(primitive: str, amount: float) -> str:
+    return WORDS[primitive][0 if amount >= 0 else 1]
+
+
+def _filtered(track: Tensor) -> Tensor:
+    """Mean over three frames, ends kept: what is read jumps a little from frame to frame."""
+    if len(track) < 3:
+        return track
+    return torch.cat([track[:1], (track[:-2] + track[1:-1] + track[2:]) / 3, track[-1:]])

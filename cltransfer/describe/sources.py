@@ -1,0 +1,83 @@
+"""What can be described: a clip, a run folder or a camera path, each by what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..config import RunConfig
+from ..errors import InputError
+from ..extractors.scene_joints import NEAR, project_joints
+from ..extractors.scene_orientation import SceneOrientation
+from ..features import Features
+from ..reference import Components, Progress, Reading, read_reference, silent
+from ..subject import Subject
+from ..trajectory import Trajectory
+from .description import Description, describe_features
+from .flow_motion import flow_motion
+from .path_motion import path_motion
+
+
+def describe(
+    source: str, config: RunConfig, subject: Path | None = None, progress: Progress = silent
+) -> tuple[Description, Tensor | None]:
+    """Describe ``source``.
+
+    Args:
+        source: a clip as ``transfer`` takes it, a run folder, or a ``trajectory.json``.
+        config: which extractors read a clip; ``frames`` thins it.
+        subject: ``subject.json`` of the person a camera path films; None looks beside the path.
+        progress: called with a step, frames done, frames in all.
+
+    Returns:
+        The description, and the frames (N, 3, H, W) uint8 where there are any.
+
+    Raises:
+        InputError: the source is missing or damaged, or a camera path has no person.
+    """
+    path = Path(source)
+    if (path / "trajectory.json").is_file():
+        path = path / "trajectory.json"
+    if path.suffix == ".json" and "@" not in path.name:
+        return describe_path(path, subject), None
+    parts = Components.build(config)
+    reading = Reading(config.frames, config.output_side, "scene")
+    reference = read_reference(source, parts, reading, progress)
+    lacking = [name for name in ("keypoints", "orientation", "flow", "layers") if not reference.features.has(name)]
+    if lacking:
+        reason = reference.missing.get(lacking[0], "not read")
+        raise InputError(source, lacking[0], reason, "a description needs the losses that read it")
+    motion = flow_motion(reference.features, reference.times)
+    shown = describe_features(reference.name, reference.features, reference.times, motion, reference.missing)
+    return replace(shown, flags=(*shown.flags, *reference.flags)), reference.image
+
+
+def describe_path(path: Path, subject: Path | None = None) -> Description:
+    """Describe the camera path ``path`` about the person of ``subject``, or of ``subject.json`` beside it.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    trajectory = Trajectory.load(path)
+    beside = subject or path.with_name("subject.json")
+    if not beside.is_file():
+        raise InputError(path, "subject", "no subject.json beside it", "name one: --subject FILE")
+    person = Subject.load(beside)
+    features = path_features(trajectory, person)
+    motion = path_motion(trajectory, person)
+    name = path.parent.name if path.name == "trajectory.json" else path.stem
+    return describe_features(name, features, trajectory.times, motion, {"depth": "a camera path has no depth"})
+
+
+def path_features(path: Trajectory, person: Subject) -> Features:
+    """Joints and orientation of ``person`` as the cameras of ``path`` see it, nothing hiding it."""
+    camera = path.camera
+    near = NEAR * person.height
+    pixels, depth = project_joints(camera, person.joints, near)
+    inside = ((pixels >= 0) & (pixels < pixels.new_tensor(camera.size))).all(-1) & (depth > near)
+    confidence = torch.where(inside, person.confidence, 0.0)[..., None]
+    keypoints = torch.cat([pixels, confidence], dim=-1)
+    return SceneOrientation()(Features(camera.size, keypoints=keypoints, camera=camera, person=person), None)

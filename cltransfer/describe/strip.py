@@ -1,0 +1,94 @@
+"""A clip as a strip: frames, shot size, angle and movement over time in one picture."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from ..files import write_text
+from ..shot_scale import SCALES
+from .description import Description
+from .motion import PRIMITIVES
+from .movement import STILL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HIGH = 120  # [px] of the frames
+WIDE = 7.2  # width of their row over its height
+STYLE: Any = {"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8, "axes.titlesize": 9}
+
+
+def write_strip(path: Path, shown: Description, image: Tensor | None) -> None:
+    """Write the strip as SVG; the same values give the same bytes.
+
+    Args:
+        path: ``.svg``.
+        shown: what to draw.
+        image: its frames, (N, 3, H, W) uint8, None where there are none.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        rows = [1.0, 1.3, 1.3, 1.6] if image is not None else [1.3, 1.3, 1.6]
+        figure = Figure(figsize=(8.0, 1.1 * sum(rows)), layout="constrained")
+        axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=rows)[:, 0]
+        if image is not None:
+            _thumbnails(axes[0], shown.times, image)
+        for draw, ax in zip((_scale, _angle, _movement), axes[-3:]):
+            draw(ax, shown)
+            ax.spines[["top", "right"]].set_visible(False)
+            ax.grid(axis="y", linewidth=0.3)
+        axes[-1].set_xlabel("time [s]")
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    write_text(path, text.getvalue())
+
+
+def _thumbnails(ax: Axes, times: Tensor, image: Tensor) -> None:
+    height, width = image.shape[2:]
+    picked = np.unique(np.linspace(0, len(times) - 1, max(2, round(WIDE * height / width))).round().astype(int))
+    small = interpolate(image[picked].float(), (HIGH, max(1, HIGH * width // height)), mode="area")
+    strip = np.concatenate(list(small.permute(0, 2, 3, 1).round().byte().numpy()), axis=1)
+    span = float(times[0]), max(float(times[-1]), float(times[0]) + 1e-3)
+    ax.imshow(strip, extent=(*span, 0, 1), aspect="auto", interpolation="none")
+    ax.set_axis_off()
+
+
+def _scale(ax: Axes, shown: Description) -> None:
+    index = shown.tracks["scale"].index
+    values = np.where(index.numpy() >= 0, index.numpy(), np.nan)
+    ax.plot(shown.times, values, drawstyle="steps-mid", marker=".", markersize=3)
+    ax.set_yticks(range(len(SCALES)), SCALES)
+    ax.set_ylim(len(SCALES) - 0.5, -0.5)
+    ax.set_title(f"shot size: {shown.tracks['scale'].usual() or 'not told'}", loc="left")
+
+
+def _angle(ax: Axes, shown: Description) -> None:
+    for column, name in enumerate(("yaw", "pitch", "roll")):
+        degrees = torch.rad2deg(shown.orientation[:, column]).numpy()
+        if column == 0:  # a line that crosses the back of the body is broken there
+            degrees = np.where(np.abs(np.diff(degrees, prepend=degrees[:1])) > 180, np.nan, degrees)
+        ax.plot(shown.times, degrees, label=name)
+    words = [shown.tracks[name].usual() for name in ("height", "side", "dutch")]
+    ax.set_title(f"angle [degrees]: {', '.join(word for word in words if word) or 'not told'}", loc="left")
+    ax.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1), borderpad=0)
+
+
+def _movement(ax: Axes, shown: Description) -> None:
+    track = shown.motion.track
+    for i, name in enumerate(PRIMITIVES):
+        if float(track[:, i].abs().max()) > STILL:
+            ax.plot(shown.times, track[:, i], label=name)
+    if ax.lines:
+        ax.legend(frameon=False, ncols=len(PRIMITIVES), loc="lower right", bbox_to_anchor=(1, 1), borderpad=0)
+    else:
+        ax.set_ylim(-10 * STILL, 10 * STILL)
+    ax.set_title(f"movement [frame sides]: {shown.movement.text}", loc="left")

@@ -1,0 +1,90 @@
+"""A description: every frame has a word or a null with a reason, and the sentences say the usual."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.describe.angle import dutch_class, height_class, side_class, staging_class
+from cltransfer.describe.description import Description, describe_features
+from cltransfer.describe.flow_motion import flow_motion
+from cltransfer.describe.sources import describe_path
+from cltransfer.describe.strip import write_strip
+from cltransfer.errors import InputError
+from cltransfer.features import Features
+from cltransfer.shots import Setup, shot
+from cltransfer.testing import sample_features, sample_subject, without_person
+
+TIMES = torch.arange(6).double() / 12
+
+
+def described(features: Features) -> Description:
+    return describe_features("sample", features, TIMES, flow_motion(features, TIMES), {"depth": "no depth network"})
+
+
+def angles(yaw: float = 0, pitch: float = 0, roll: float = 0) -> torch.Tensor:
+    return torch.deg2rad(torch.tensor([[yaw, pitch, roll]]))
+
+
+@pytest.mark.parametrize(("pitch", "word"), [(-20, 0), (0, 1), (15, 1), (40, 2), (80, 3)])
+def test_height_follows_pitch(pitch: float, word: int) -> None:
+    assert int(height_class(angles(pitch=pitch))) == word
+
+
+@pytest.mark.parametrize(("yaw", "word"), [(0, 0), (-45, 1), (90, 2), (-130, 3), (180, 4), (-179, 4), (350, 0)])
+def test_side_follows_yaw_either_way_round(yaw: float, word: int) -> None:
+    assert int(side_class(angles(yaw=yaw))) == word
+
+
+def test_a_canted_camera_is_dutch() -> None:
+    assert [int(dutch_class(angles(roll=r))) for r in (0, -20, 20, math.nan)] == [0, 1, 1, -1]
+
+
+def test_staging_is_the_widest_step_between_layers() -> None:
+    features = sample_features(0, 2)
+    subject, post = features.layers[:, 1], features.layers[:, 0]
+
+    def staged(before: float, behind: float) -> int:
+        depth = torch.where(subject, 2.0, torch.where(post, 2.0 / before, 2.0 * behind))
+        return int(staging_class(replace(features, depth=depth))[0])
+
+    assert [staged(1.1, 1.2), staged(1.1, 1.6), staged(1.1, 3.0), staged(3.0, 1.2)] == [0, 1, 2, 2]
+
+
+def test_the_json_has_null_and_a_reason_and_no_nan() -> None:
+    nobody = replace(without_person(sample_features(0, 6)), depth=None)
+    value = json.loads(json.dumps(described(nobody).to_json(), allow_nan=False))
+    assert value["scale"]["values"] == [None] * 6
+    assert value["scale"]["reason"] == "too few joints"
+    assert value["staging"]["reason"] == "no depth network"
+    assert "no depth network" in value["text"]
+
+
+def test_a_whole_person_before_the_camera_is_a_long_shot_from_the_front(tmp_path: Path) -> None:
+    person = sample_subject()
+    shot("push_in", person, (160, 90), 12, setup=Setup(azimuth=0.0)).save(tmp_path / "trajectory.json")
+    person.save(tmp_path / "subject.json")
+    text = describe_path(tmp_path / "trajectory.json").text()
+    assert "long shot" in text
+    assert "eye level, from the front" in text
+    assert "push in" in text
+    assert "a camera path has no depth" in text
+
+
+def test_a_path_without_a_person_says_what_to_name(tmp_path: Path) -> None:
+    shot("pan", sample_subject(), (160, 90), 3).save(tmp_path / "trajectory.json")
+    with pytest.raises(InputError, match="--subject"):
+        describe_path(tmp_path / "trajectory.json")
+
+
+def test_the_strip_is_the_same_twice(tmp_path: Path) -> None:
+    features = sample_features(1, 6)
+    shown = described(features)
+    image = (features.image * 255).byte()
+    write_strip(tmp_path / "a.svg", shown, image)
+    write_strip(tmp_path / "b.svg", shown, image)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    assert "shot size" in (tmp_path / "a.svg").read_text()

@@ -1,0 +1,124 @@
+"""Movement: the canonical shots get their names, from pixels' motion and from the cameras themselves."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.bench.describe import NAMES
+from cltransfer.config import load_config
+from cltransfer.describe.flow_motion import background_cells, flow_motion, robust_fit
+from cltransfer.describe.motion import PRIMITIVES, Motion
+from cltransfer.describe.movement import movement
+from cltransfer.describe.path_motion import path_motion
+from cltransfer.features import Features
+from cltransfer.graph import run_clip
+from cltransfer.reference import SCENE_SOURCE, Components
+from cltransfer.shots import SHOTS, builtin_reference, shot
+from cltransfer.testing import sample_features, sample_subject
+
+SIZE = (96, 54)
+
+
+def flowing(right: float = 0.0, down: float = 0.0, growth: float = 0.0, frames: int = 8) -> Features:
+    """Frames with a person in the middle whose background moves by so much a frame [frame widths, log size]."""
+    width, height = SIZE
+    y, x = torch.meshgrid(torch.arange(height) + 0.5 - height / 2, torch.arange(width) + 0.5 - width / 2, indexing="ij")
+    flow = torch.stack([right * width + growth * x, down * width + growth * y]).expand(frames, 2, height, width).clone()
+    flow[0] = float("nan")
+    person = ((x.abs() < 8) & (y.abs() < 20)).expand(frames, height, width)
+    layers = torch.stack([torch.zeros_like(person), person, ~person], dim=1)
+    return Features(SIZE, flow=-flow, layers=layers, subject=person)
+
+
+def named(features: Features, fps: float = 12.0) -> str:
+    times = torch.arange(len(features)).double() / fps
+    return movement(flow_motion(features, times)).name
+
+
+@pytest.mark.parametrize(
+    "name", ["push_in", "pan", "orbit", "zoom", "dolly_zoom", "dutch", "boom", "truck", "handheld"]
+)
+def test_a_canonical_shot_is_named_from_what_its_frames_show(name: str) -> None:
+    scene, path = builtin_reference(name, SIZE, 16)
+    parts = Components.build(load_config())
+    plan = parts.plan("scene")
+    buffers = plan.buffers - SCENE_SOURCE
+    features = run_clip(plan, lambda a, b: parts.renderer.render(scene, path.camera[a:b], buffers), len(path))
+    assert movement(flow_motion(features, path.times)).name == NAMES[name]
+
+
+@pytest.mark.parametrize("name", SHOTS)
+def test_a_canonical_shot_is_named_from_its_cameras(name: str) -> None:
+    path = shot(name, sample_subject(), (160, 90), 24)
+    assert movement(path_motion(path, sample_subject())).name == NAMES[name]
+
+
+@pytest.mark.parametrize(
+    ("motion", "name"),
+    [({}, "static"), ({"right": -0.01}, "pan right"), ({"right": 0.01}, "pan left"), ({"down": 0.01}, "tilt up"),
+     ({"down": -0.01}, "tilt down"), ({"growth": 0.03}, "zoom in"), ({"growth": -0.03}, "zoom out")],
+)  # fmt: skip
+def test_a_background_that_moves_as_one_is_a_turn_or_a_zoom(motion: dict[str, float], name: str) -> None:
+    assert named(flowing(**motion)) == name
+
+
+def test_a_person_who_walks_before_a_still_camera_does_not_move_it() -> None:
+    features = flowing()
+    flow = features.flow.clone()
+    walking = features.layers[:, 1:2].expand(-1, 2, -1, -1).clone()
+    walking[0] = False
+    flow[walking] = 3.0
+    assert named(replace(features, flow=flow)) == "static"
+
+
+def test_fast_zooms_and_pans_have_names_of_their_own() -> None:
+    assert named(flowing(growth=0.15)) == "crash zoom"
+    assert named(flowing(right=-0.2)) == "whip pan"
+
+
+def test_upright_and_wide_frames_agree() -> None:
+    def turned(value: torch.Tensor) -> torch.Tensor:
+        return value.transpose(-1, -2)
+
+    wide = flowing(right=-0.02)
+    upright = Features(
+        (SIZE[1], SIZE[0]), flow=turned(wide.flow).flip(1), layers=turned(wide.layers), subject=turned(wide.subject)
+    )
+    times = torch.arange(len(wide)).double()
+    ahead, up = flow_motion(wide, times).track[-1], flow_motion(upright, times).track[-1]
+    torch.testing.assert_close(ahead[0], -up[1], atol=1e-9, rtol=0)
+
+
+def test_outliers_of_the_flow_do_not_move_the_fit() -> None:
+    features = flowing(right=-0.02)
+    velocity, there, place = background_cells(features)
+    design = torch.eye(2, dtype=torch.float64).expand(len(place), 2, 2)
+    clean, _ = robust_fit(design, velocity, there)
+    velocity[:, ::9] += 0.3
+    spoilt, _ = robust_fit(design, velocity, there)
+    assert (clean - spoilt)[1:].abs().max() < 0.004  # the mean moves by 0.033
+
+
+def test_frames_without_a_background_are_not_read() -> None:
+    features = flowing(right=-0.02)
+    layers = features.layers.clone()
+    layers[3:5, 2] = False
+    motion = flow_motion(replace(features, layers=layers), torch.arange(8).double())
+    assert motion.read == 6
+    assert torch.isfinite(motion.track).all()
+
+
+def test_shaking_is_handheld_and_a_shaking_pan_says_both() -> None:
+    random = torch.Generator().manual_seed(0)
+    times = torch.arange(24).double() / 12
+    rates = torch.zeros(24, len(PRIMITIVES), dtype=torch.float64)
+    rates[1:, 0] = 0.09 * torch.randn(23, generator=random, dtype=torch.float64)
+    rates[1:, 0] -= rates[1:, 0].mean()
+    assert movement(Motion(rates, times, 0.0)).name == "handheld"
+    rates[1:, 0] += 0.04
+    assert movement(Motion(rates, times, 0.0)).text == "pan right, handheld"
+
+
+def test_samples_of_one_frame_stand_still() -> None:
+    assert named(sample_features(0, 1)) == "static"
