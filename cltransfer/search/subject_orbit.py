@@ -21,6 +21,7 @@ from ..subject import Subject
 # azimuth, elevation, roll [rad], log(distance / height), screen x, screen y [frame], log apparent size
 SCALE = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
 
+BESIDE = 6.0  # frame sizes from the frame's middle to the subject's: an eye fills the frame
 AIM_STEPS = 8  # of the fixed point; the error halves at least with each
 
 
@@ -56,10 +57,20 @@ class SubjectOrbit:
             raise ValueError(f"expected elevation in (0, pi/2), got {self.elevation}")
 
     def bounds(self) -> tuple[Tensor, Tensor]:
-        """Azimuth is free (it wraps), roll a half turn; the subject may stand up to a frame beside the frame."""
-        low = [-math.inf, -self.elevation, -math.pi, math.log(self.nearest), -1.5, -1.5, math.log(0.02)]
-        high = [math.inf, self.elevation, math.pi, math.log(self.farthest), 1.5, 1.5, math.log(50.0)]
+        """Azimuth is free (it wraps), roll a half turn; the subject's middle may stand outside the frame.
+
+        In a close-up of the face it stands below, by almost half of the person's height on screen.
+        """
+        low = [-math.inf, -self.elevation, -math.pi, math.log(self.nearest), -BESIDE, -BESIDE, math.log(0.02)]
+        high = [math.inf, self.elevation, math.pi, math.log(self.farthest), BESIDE, BESIDE, math.log(50.0)]
         return torch.tensor(low, dtype=torch.float64) / SCALE, torch.tensor(high, dtype=torch.float64) / SCALE
+
+    @property
+    def lens(self) -> Tensor:
+        """Direction (7,) along which the log of the focal length changes: apparent size times distance."""
+        direction = torch.zeros(7, dtype=torch.float64)
+        direction[[3, 6]] = SCALE[[3, 6]]
+        return direction
 
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
         """B cameras of x (B, 7) or (B, 6)."""

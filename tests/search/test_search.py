@@ -9,7 +9,9 @@ import torch
 
 from cltransfer.camera import Camera
 from cltransfer.registry import SEARCHES
+from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.subject import Subject
+from cltransfer.testing.samples import sample_subject
 
 SIZE = (160, 90)
 
@@ -120,3 +122,13 @@ def test_the_orbit_says_that_it_needs_a_subject() -> None:
     search = SEARCHES.build("subject_orbit")
     with pytest.raises(ValueError, match="needs a lifted subject"):
         search.cameras(torch.zeros(1, 7), home(person()), None)
+
+
+def test_a_close_up_of_the_face_lies_within_the_orbit_s_bounds() -> None:
+    person = sample_subject()
+    face = person.anchor + 0.4 * person.height * person.up
+    eye = face + 0.8 * person.height * person.facing
+    camera = Camera.look_at(eye[None], face, person.up, 0.12, (160, 90))  # the frame is a tenth of the body high
+    low, high = SubjectOrbit().bounds()
+    x = SubjectOrbit().vector(camera, camera, person)[0]
+    assert bool(((x > low) & (x < high)).all())
