@@ -29,6 +29,7 @@ class Setup:
         offset: where the point that is aimed at stands, right and down of the frame's middle [frame sizes].
         seed: for moves that are random (handheld).
         aim: the point that is aimed at, above the subject's middle [subject heights]: 0.4 is the face.
+        reach: share of the shot's pan, tilt and truck that is made, > 0: in a close-up the whole would lose the face.
     """
 
     azimuth: float = math.radians(30)
@@ -38,11 +39,12 @@ class Setup:
     offset: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
     aim: float = 0.0
+    reach: float = 1.0
 
     def __post_init__(self) -> None:
         if not abs(self.elevation) < math.pi / 2:
             raise ValueError(f"elevation must lie in (-pi/2, pi/2), got {self.elevation}")
-        for name in ("distance", "coverage"):
+        for name in ("distance", "coverage", "reach"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ValueError(f"{name} must be positive, got {value}")
@@ -172,6 +174,7 @@ def shot(
     progress = torch.linspace(0, 1, frames, dtype=torch.float64)
     still = {n: torch.full((frames,), _NEUTRAL.get(n, 0.0), dtype=torch.float64) for n in Moves.__annotations__}
     moves = Moves(**{**still, **_SHOTS[name][2](progress, setup.seed)})
+    moves = replace(moves, **{n: setup.reach * getattr(moves, n) for n in ("pan", "tilt", "truck")})
     return Trajectory(cameras(subject, size, setup, moves), torch.arange(frames, dtype=torch.float64) / fps)
 
 

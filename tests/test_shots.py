@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from kornia.metrics import angle_error_mat
 
 from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
@@ -165,3 +166,9 @@ def test_aiming_at_the_face_puts_it_in_the_middle_at_the_asked_size(subject):
     pixels, _ = camera.project(torch.stack([face, face + 0.1 * subject.height * subject.up]))
     assert pixels[0, 0].tolist() == pytest.approx([SIZE[0] / 2, SIZE[1] / 2])
     assert float(pixels[0, 0, 1] - pixels[0, 1, 1]) == pytest.approx(0.1 * 5 * own.coverage * SIZE[1], rel=0.05)
+
+
+def test_a_shorter_reach_pans_less(subject):
+    whole, part = (shot("pan", subject, SIZE, 2, setup=Setup(reach=reach)).camera for reach in (1.0, 0.25))
+    turned = [float(angle_error_mat(c.w2c[:1, :3, :3], c.w2c[1:, :3, :3])) for c in (whole, part)]
+    assert turned == pytest.approx([40, 10], abs=1e-3)
