@@ -30,7 +30,7 @@ def machine() -> list[str]:
     """Lines that say what was measured on, and by which commit."""
     return [
         f"Machine: {_cpu()}, {os.cpu_count()} logical cores, load average {os.getloadavg()[1]:.1f} while measured;",
-        f"torch {torch.__version__}; commit {_commit()}.",
+        f"torch {torch.__version__}; commit {commit()}.",
     ]
 
 
@@ -64,7 +64,7 @@ def _cpu() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def _commit() -> str:
+def commit() -> str:
     """Commit of the checkout this runs from, else the version of the package."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
     try:

@@ -1,0 +1,131 @@
+"""The judge: one reading and one set of losses for every method, whatever it searched by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..config import load_config
+from ..driver.stage import Stage
+from ..features import Features
+from ..objective import Objective
+from ..readback import read_path
+from ..reference import Components
+from ..scenes import Scene
+from ..search.subject_orbit import SCALE, SubjectOrbit
+from .failure import Shown
+from .methods import renderer_override
+
+SIDE = 240  # longer side of the judged frames [px]; no method searches at it
+NETWORK_SIDE = 640
+RANDOM_VIEWS = 48
+FAITHFUL = tuple(
+    f"losses.{name}.mode=faithful"
+    for name in ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+)
+# readings by extractors that no method's objective has: pixels instead of the scene's geometry
+HELD_OUT = {
+    "dis_flow": ("extractors.scene_flow=null", "losses.shot_size=null", "losses.framing=null",
+                 "losses.filmic_space=null", "losses.camera_angle=null"),
+    "networks": ("extractors.scene_flow=null", "extractors.scene_joints=null", "extractors.scene_orientation=null",
+                 "losses.filmic_space=null"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How takes are read and scored.
+
+    Args:
+        parts: of the judge's config.
+        side: longer side of the frames [px].
+    """
+
+    parts: Components
+    side: int = SIDE
+
+    @classmethod
+    def of(cls, scene: str, overrides: Sequence[str] = (), side: int = SIDE) -> Reader:
+        """A reader of takes in the built-in scene called ``scene``."""
+        config = load_config(overrides=["preset=balanced", *renderer_override(scene), *overrides])
+        return cls(Components.build(config), side)
+
+    @property
+    def objective(self) -> Objective:
+        """Eq. 15 with the reader's losses."""
+        return Objective(self.parts.losses)
+
+    def stage(self, scene: Scene, shared: frozenset[str] | None = None) -> Stage:
+        """The stage of a scene; ``shared`` names the features of the side that was read before."""
+        size = (self.side, round(self.side * 9 / 16))
+        return Stage(scene, self.parts.renderer, self.parts.plan("scene", shared), self.objective, size)
+
+    def read(self, scene: Scene, cameras: Camera, shared: frozenset[str] | None = None) -> Features:
+        """Features of N frames."""
+        return read_path(self.stage(scene, shared), cameras)
+
+    def shown(self, scene: Scene, cameras: Camera, features: Features) -> Shown:
+        """What else tells whether frames have failed."""
+        buffers = frozenset({"alpha", "label", "depth"})
+        size = self.stage(scene).size
+        seen = [self.parts.renderer.render(scene, cameras[i].at_size(size), buffers) for i in range(len(cameras))]
+        alpha, label, depth = (
+            torch.cat([getattr(frame, name) for frame in seen]) for name in ("alpha", "label", "depth")
+        )
+        assert scene.subject is not None
+        return Shown(features, alpha, label, depth, scene.subject.height)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Terms of N frames by one reader.
+
+    Args:
+        names: of the losses.
+        terms: raw, (N, L); NaN where undefined.
+        priced: with the penalty where only the render lacks a term, NaN where the reference does, (N, L).
+        totals: Eq. 15, (N,).
+    """
+
+    names: tuple[str, ...]
+    terms: Tensor  # (N, L)
+    priced: Tensor  # (N, L)
+    totals: Tensor  # (N,)
+
+
+def judge(objective: Objective, reference: Features, rendered: Features) -> Verdict:
+    """Score N rendered frames against N reference frames."""
+    terms, defined = objective.terms(reference, rendered), objective.defined(reference)
+    priced = torch.where(torch.isfinite(terms), terms, objective.penalties).masked_fill(~defined, float("nan"))
+    return Verdict(objective.names, terms, priced, objective.totals(terms, defined))
+
+
+def random_total(reader: Reader, reference: Features, scene: Scene, seed: int) -> float:
+    """Median over random views of the mean total they have when they are held for the whole clip.
+
+    All round the subject, 10 degrees below to 45 above, 1 to 8 subject heights away, the subject's middle in the frame
+    and 0.2 to 2 frame heights tall.
+    """
+    rng = np.random.Generator(np.random.PCG64([seed, RANDOM_VIEWS]))
+    low = [-np.pi, np.radians(-10), 0.0, np.log(1.0), -0.4, -0.4, np.log(0.2)]
+    high = [np.pi, np.radians(45), 0.0, np.log(8.0), 0.4, 0.4, np.log(2.0)]
+    x = torch.from_numpy(rng.uniform(low, high, (RANDOM_VIEWS, 7)))
+    stage = reader.stage(scene, reference.names())
+    assert scene.subject is not None
+    home = Camera.look_at(
+        scene.subject.anchor + scene.subject.facing[None], scene.subject.anchor, scene.up, 0.7, stage.size
+    )
+    views = SubjectOrbit().cameras(x / SCALE, home, scene.subject)
+    seen: list[Any] = [stage.features(views[i], None) for i in range(len(views))]
+    held = Features.concatenate([replace(stage.features(views[i], seen[i]), image=None) for i in range(len(views))])
+    defined = reader.objective.defined(reference)
+    totals = [
+        reader.objective.totals(reader.objective.terms(reference[i], held), defined[i]) for i in range(len(reference))
+    ]
+    return float(torch.stack(totals).mean(0).median())

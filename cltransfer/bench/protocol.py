@@ -1,0 +1,150 @@
+"""The protocol: which shot, drawn how, from which scene into which; see docs/protocol.md."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from ..shots import SHOTS, Setup, own_setup
+from .methods import config_of
+
+PROTOCOL = 1  # raise it when the same trial means something else: rows of older protocols are then measured anew
+SCENES = ("room", "stage", "path", "plaza")  # two indoors, two outdoors
+FIRST_HELD_OUT = 1000  # seeds below were looked at while the methods were made
+SIZE = (640, 360)  # [px] of a reference
+FPS = 12.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """How close a shot starts.
+
+    Args:
+        closer: times its own coverage: half (as factors go) by a longer lens, half by standing nearer; pans, tilts and
+            trucks are so much shorter, or the person would leave the frame.
+        aim: above the subject's middle [subject heights].
+    """
+
+    closer: float
+    aim: float
+
+
+STARTS = {"LS": Start(1.0, 0.0), "MS": Start(2.4, 0.24), "CU": Start(5.0, 0.38)}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One transfer that is measured.
+
+    Args:
+        method: see :mod:`cltransfer.bench.methods`.
+        shot: canonical shot.
+        teacher: built-in scene that the reference is shot in, with its seed.
+        pupil: the one it is taught to, with its seed and form; the teacher itself makes the true cameras known.
+        seed: of where the shot stands, and of the method.
+        frames: N.
+        options: config overrides over the method's.
+    """
+
+    method: str
+    shot: str
+    teacher: str
+    pupil: str
+    seed: int
+    frames: int = 24
+    options: tuple[str, ...] = ()
+
+    @property
+    def clip(self) -> tuple[str, str, str, int, int]:
+        """What is equal for all methods: trials are paired by it."""
+        return self.shot, self.teacher, self.pupil, self.seed, self.frames
+
+    def key(self) -> str:
+        """Digest of the trial, the config it comes to, and the protocol."""
+        config = config_of(self.method, self.pupil, self.seed, self.options).to_yaml()
+        text = json.dumps([PROTOCOL, asdict(self), config], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def drawn_start(shot: str, teacher: str, seed: int) -> tuple[str, Setup]:
+    """Start (a key of :data:`STARTS`) and setup of a shot, drawn by its name, its scene and the seed.
+
+    Within 50 degrees of the face, up to 12 above; off the middle by up to 0.12 of the width and 0.05 of the height.
+    """
+    digest = hashlib.sha256(f"{shot} {teacher}".encode()).digest()
+    rng = np.random.Generator(np.random.PCG64([seed, int.from_bytes(digest[:8], "little")]))
+    name = tuple(STARTS)[rng.integers(len(STARTS))]
+    azimuth, elevation = rng.uniform(-50, 50), rng.uniform(0, 12)
+    offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
+    own, start = own_setup(shot), STARTS[name]
+    assert own.coverage is not None
+    assert own.distance is not None
+    setup = Setup(
+        azimuth=math.radians(azimuth),
+        elevation=math.radians(elevation),
+        distance=own.distance / math.sqrt(start.closer),
+        coverage=start.closer * own.coverage,
+        offset=offset,
+        seed=seed,
+        aim=start.aim,
+        reach=1 / start.closer,
+    )
+    return name, setup
+
+
+@dataclass(frozen=True)
+class Tier:
+    """How much is measured.
+
+    Args:
+        shots: canonical shots.
+        pairs: teacher and pupil; the same twice is a self-transfer.
+        per_shot: pairs of each shot, going round ``pairs`` from shot to shot.
+        seeds: how many, from :data:`FIRST_HELD_OUT` where none are named.
+        frames: of each clip.
+        options: config overrides of every trial.
+    """
+
+    shots: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    per_shot: int
+    seeds: int
+    frames: int
+    options: tuple[str, ...] = ()
+
+    def clips(self, seeds: Sequence[int] = ()) -> Iterator[tuple[str, str, str, int]]:
+        """Shot, teacher, pupil and seed of every clip; people and furniture differ from clip to clip."""
+        chosen = seeds or range(FIRST_HELD_OUT, FIRST_HELD_OUT + self.seeds)
+        for number, seed in enumerate(chosen):
+            for index, shot in enumerate(self.shots):
+                first = index * self.per_shot + number
+                for k in range(self.per_shot):
+                    teacher, pupil = self.pairs[(first + k) % len(self.pairs)]
+                    taught = 2 * seed if pupil == teacher else 2 * seed + 1  # another person, unless it is itself
+                    yield shot, f"{teacher}-{2 * seed}", f"{pupil}-{taught}", seed
+
+    def trials(self, methods: Sequence[str], seeds: Sequence[int] = ()) -> list[Trial]:
+        """Every method on every clip, clip by clip."""
+        return [Trial(method, *clip, self.frames, self.options) for clip in self.clips(seeds) for method in methods]
+
+
+# neighbours in this order share no scene where that can be: the few pairs of a small tier are spread over all scenes
+CROSS = tuple(
+    (SCENES[i], SCENES[(i + step) % len(SCENES)]) for step, i in itertools.product((1, 2, 3), range(len(SCENES)))
+)
+SELF = tuple((scene, scene) for scene in SCENES)
+
+# smoke cuts the budgets of the gradient baselines to a tenth: it shows that a bench works and compares nothing
+TIERS = {
+    "smoke": Tier(
+        ("push_in", "orbit", "dolly_zoom"), (("plaza", "room"),), 1, 1, 8, ("adam.iterations=4", "search_side=96")
+    ),
+    "standard": Tier(SHOTS, CROSS, 2, 1, 24),
+    "full": Tier(SHOTS, CROSS + SELF, len(CROSS + SELF), 5, 24),
+}

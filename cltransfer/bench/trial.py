@@ -1,0 +1,186 @@
+"""One trial: a shot is drawn and shot, a method finds cameras, the judge measures them; one row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..camera import resized
+from ..features import Features
+from ..scenes import Scene
+from ..scenes.load import load_scene
+from ..shot_scale import shot_scale
+from ..shots import shot
+from ..subject import Subject
+from ..trajectory import Trajectory
+from ..transfer import Inputs, Result, transfer
+from .failure import failed_clip, failed_frames, pinned_frames
+from .judge import FAITHFUL, HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, random_total
+from .methods import config_of, method
+from .protocol import FPS, SIZE, Trial, drawn_start
+from .replay import replayed
+from .truth import jerk, path_errors
+
+Row = dict[str, Any]  # plain values, as JSON gives them back
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A reference and the scene it is taught to.
+
+    Args:
+        teacher, pupil: the scenes.
+        start: key of :data:`cltransfer.bench.protocol.STARTS`.
+        reference: the cameras in the teacher.
+        true: the same program about the pupil's person, in that person's heights; in a self-transfer the very cameras.
+    """
+
+    teacher: Scene
+    pupil: Scene
+    start: str
+    reference: Trajectory
+    true: Trajectory
+
+    @classmethod
+    def drawn(cls, trial: Trial) -> Clip:
+        """The clip of ``trial``."""
+        teacher, pupil = (load_scene(f"builtin:{name}") for name in (trial.teacher, trial.pupil))
+        start, setup = drawn_start(trial.shot, trial.teacher, trial.seed)
+        paths = [shot(trial.shot, person(scene), SIZE, trial.frames, FPS, setup) for scene in (teacher, pupil)]
+        return cls(teacher, pupil, start, *paths)
+
+
+@dataclass(frozen=True)
+class Take:
+    """What a method found.
+
+    Args:
+        trajectory: N cameras.
+        pinned: frames with a parameter at its bound, (N,) bool.
+        spent: what it cost, by name.
+    """
+
+    trajectory: Trajectory
+    pinned: Tensor  # (N,)
+    spent: Mapping[str, float]
+
+
+def run_trial(trial: Trial, key: str, folder: Path, networks: bool = False) -> Row:
+    """The row of one trial.
+
+    Args:
+        trial: what is run.
+        key: of the trial.
+        folder: gets shots/NAME.json, the reference's cameras, and paths/KEY.json, the cameras that were found.
+        networks: the result is also read by the networks, which no method saw.
+
+    Raises:
+        UsageError: there is no such method, shot or scene.
+        ModelError: ``networks`` was asked for and one is missing.
+    """
+    clip = Clip.drawn(trial)
+    shots = folder / "shots" / f"{trial.shot}-{trial.teacher}-{trial.seed}-{trial.frames}.json"
+    clip.reference.save(shots)
+    take = _taken(trial, clip, shots)
+    take.trajectory.save(folder / "paths" / f"{key}.json")
+    cameras, height = take.trajectory.camera, person(clip.pupil).height
+    readings = ("dis_flow", "networks") if networks else ("dis_flow",)
+    return _plain(
+        {
+            "key": key,
+            **asdict(trial),
+            "start": clip.start,
+            **_judged(trial, clip, take),
+            "held_out": {name: _held_out(clip, take, trial, name) for name in readings},
+            "truth": asdict(path_errors(cameras, clip.true.camera, height)),
+            "jerk": jerk(cameras, height),
+            "reference_jerk": jerk(clip.reference.camera, person(clip.teacher).height),
+            **take.spent,
+        }
+    )
+
+
+def person(scene: Scene) -> Subject:
+    """The subject of a built-in scene, which always has one."""
+    assert scene.subject is not None
+    return scene.subject
+
+
+def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
+    """Run the method; a replay searches its first frame only."""
+    drift = method(trial.method).drift
+    options = trial.options if drift is None else (*trial.options, "frames=1")
+    config = config_of(trial.method, trial.pupil, trial.seed, options)
+    result = transfer(Inputs(f"builtin:{trial.pupil}", f"builtin:{trial.teacher}@{shots}"), config)
+    if drift is None:
+        pinned = pinned_frames(result.kept.found.x, config.build_one("search").bounds(), next(iter(config.search)))
+        return Take(result.trajectory, pinned, _spent(result, trial.frames))
+    scale = person(clip.pupil).height / person(clip.teacher).height
+    camera = replayed(clip.reference.camera, result.trajectory.camera[0], scale, drift)
+    still = torch.zeros(trial.frames, dtype=torch.bool)
+    return Take(Trajectory(camera, clip.reference.times), still, _spent(result, trial.frames))
+
+
+def _spent(result: Result, frames: int) -> dict[str, float]:
+    """Evaluations a frame and seconds of the search, the initial view among them."""
+    seconds = result.seconds["search"] + result.seconds["initial view"]
+    return {"evaluations": result.spent.evaluations / frames, "seconds": seconds}
+
+
+def _judged(trial: Trial, clip: Clip, take: Take) -> Row:
+    """Terms, totals, failures and classes by the judge's reading."""
+    reader, faithful = (Reader.of(trial.pupil, overrides) for overrides in ((), FAITHFUL))
+    reference, rendered = _both(clip, take, reader, Reader.of(trial.teacher))
+    verdict, printed = (judge(by.objective, reference, rendered) for by in (reader, faithful))
+    cameras = take.trajectory.camera
+    finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
+    shown = reader.shown(clip.pupil, cameras, rendered)
+    reasons = failed_frames(reference, shown, finite, take.pinned)
+    failed = torch.stack(list(reasons.values())).any(0)
+    total, chance = float(verdict.totals.mean()), random_total(reader, reference, clip.pupil, trial.seed)
+    classes, wanted = shot_scale(rendered), shot_scale(reference)
+    return {
+        "terms": _columns(verdict, verdict.terms),
+        "priced": _columns(verdict, verdict.priced),
+        "faithful": _columns(printed, printed.terms),
+        "totals": verdict.totals.tolist(),
+        "total": total,
+        "random_total": chance,
+        "failed": {reason: where.nonzero()[:, 0].tolist() for reason, where in reasons.items() if where.any()},
+        "failed_clip": failed_clip(failed, total, chance),
+        "scale_agreement": float((classes == wanted)[wanted >= 0].double().mean()),
+    }
+
+
+def _held_out(clip: Clip, take: Take, trial: Trial, name: str) -> dict[str, list[float]]:
+    """Raw terms by extractors that no objective had."""
+    side = NETWORK_SIDE if name == "networks" else SIDE
+    reader, other = (Reader.of(scene, HELD_OUT[name], side) for scene in (trial.pupil, trial.teacher))
+    verdict = judge(reader.objective, *_both(clip, take, reader, other))
+    return _columns(verdict, verdict.terms)
+
+
+def _both(clip: Clip, take: Take, reader: Reader, other: Reader) -> tuple[Features, Features]:
+    """Features of the reference and of what was found, read by one rule; ``other`` draws the teacher's form."""
+    reference = other.read(clip.teacher, clip.reference.camera)
+    cameras = resized(take.trajectory.camera, SIZE)
+    return reference, reader.read(clip.pupil, cameras, reference.names())
+
+
+def _columns(verdict: Verdict, values: Tensor) -> dict[str, list[float]]:
+    return dict(zip(verdict.names, values.T.tolist()))
+
+
+def _plain(value: Any) -> Any:
+    """The same with lists for tuples and None for what is not finite, as JSON has it."""
+    if isinstance(value, Mapping):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

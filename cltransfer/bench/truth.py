@@ -1,0 +1,74 @@
+"""A path against the true one, and how smooth it is. Lengths in subject heights, so scenes of any unit compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from kornia.geometry.conversions import rotation_matrix_to_axis_angle
+from kornia.geometry.linalg import inverse_transformation
+from kornia.metrics import angle_error_mat
+from torch import Tensor
+
+from ..camera import Camera
+
+STANDING = 0.02  # subject heights: a path that travels less has no scale
+
+
+@dataclass(frozen=True)
+class PathErrors:
+    """How far N cameras are from the true ones; medians over frames, of the path as it is and of its shape.
+
+    Args:
+        position: [subject heights].
+        rotation: [degrees].
+        log_focal: natural log of the ratio of focal lengths, >= 0.
+        path_position: root mean square after the first frames and the lengths travelled were made equal [subject
+            heights]; no rotation is fitted, since the centres of a dolly lie on a line and leave one open.
+        path_rotation: after the first frames were made equal [degrees].
+        path_scale: travel of the true path over that of the found one, 1 where either stands.
+    """
+
+    position: float
+    rotation: float
+    log_focal: float
+    path_position: float
+    path_rotation: float
+    path_scale: float
+
+
+def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
+    """Errors of N cameras against the true ones; ``height`` is the subject's, scene units."""
+    position = (found.center - true.center).norm(dim=1) / height
+    rotation = angle_error_mat(found.w2c[:, :3, :3], true.w2c[:, :3, :3])
+    focal = torch.log((found.focal / found.size[1]) / (true.focal / true.size[1])).abs()
+    aligned = true.c2w[:1] @ inverse_transformation(found.c2w[:1]) @ found.c2w
+    moved, wanted = ((c2w[:, :3, 3] - true.center[:1]) / height for c2w in (aligned, true.c2w))
+    travel, true_travel = (float(path.pow(2).sum(1).mean().sqrt()) for path in (moved, wanted))
+    scale = true_travel / travel if min(travel, true_travel) > STANDING else 1.0
+    turned = angle_error_mat(aligned[:, :3, :3].transpose(1, 2), true.w2c[:, :3, :3])
+    return PathErrors(
+        position=float(position.median()),
+        rotation=float(rotation.median()),
+        log_focal=float(focal.median()),
+        path_position=float((scale * moved - wanted).pow(2).sum(1).mean().sqrt()),
+        path_rotation=float(turned.median()),
+        path_scale=scale,
+    )
+
+
+def jerk(camera: Camera, height: float) -> float:
+    """Root mean square third difference of N cameras from frame to frame: position, rotation and log focal length.
+
+    One number of [subject heights], [rad] and log per frame cubed; NaN for fewer than four frames.
+    """
+    if len(camera) < 4:
+        return float("nan")
+    R = camera.w2c[:, :3, :3]
+    turns = rotation_matrix_to_axis_angle(R[1:] @ R[:-1].transpose(1, 2))  # (N - 1, 3) [rad]
+    thirds: list[Tensor] = [
+        (camera.center / height).diff(dim=0).diff(dim=0).diff(dim=0),
+        turns.diff(dim=0).diff(dim=0),
+        camera.focal.log()[:, None].diff(dim=0).diff(dim=0).diff(dim=0),
+    ]
+    return float(torch.cat(thirds, dim=1).pow(2).sum(1).mean().sqrt())

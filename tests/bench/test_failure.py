@@ -1,0 +1,89 @@
+"""Each way to fail, alone."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.bench.failure import REASONS, Shown, failed_clip, failed_frames, pinned_frames
+from cltransfer.features import Features
+from cltransfer.search.paper_box import PaperBox
+from cltransfer.search.subject_orbit import SubjectOrbit
+
+SIZE = (32, 18)
+YES, NO = torch.tensor([True]), torch.tensor([False])
+
+
+def _frame() -> tuple[Features, Shown]:
+    keypoints = torch.cat(
+        [torch.rand(1, 14, 2, generator=torch.Generator().manual_seed(0)) * 18, torch.ones(1, 14, 1)], 2
+    )
+    mask = torch.zeros(1, 18, 32, dtype=torch.bool)
+    mask[:, 4:12, 10:16] = True
+    features = Features(SIZE, keypoints=keypoints, subject=mask)
+    return features, Shown(features, torch.ones(1, 18, 32), mask.float(), torch.full((1, 18, 32), 4.0), 1.7)
+
+
+def _reasons(reference: Features, shown: Shown, finite: torch.Tensor = YES, pinned: torch.Tensor = NO) -> set[str]:
+    found = failed_frames(reference, shown, finite, pinned)
+    assert tuple(found) == REASONS
+    return {reason for reason, where in found.items() if bool(where)}
+
+
+def test_a_sound_frame_has_not_failed():
+    assert _reasons(*_frame()) == set()
+
+
+def test_half_of_the_reference_s_joints_must_be_found():
+    reference, shown = _frame()
+    lost = reference.keypoints.clone()
+    lost[:, :7, 2] = 0
+    assert _reasons(reference, replace(shown, features=replace(reference, keypoints=lost))) == set()
+    lost[:, 7, 2] = 0
+    assert _reasons(reference, replace(shown, features=replace(reference, keypoints=lost))) == {"joints"}
+
+
+def test_a_tenth_of_the_frame_may_be_empty():
+    reference, shown = _frame()
+    assert _reasons(reference, replace(shown, alpha=0.91 * shown.alpha)) == set()
+    assert _reasons(reference, replace(shown, alpha=0.89 * shown.alpha)) == {"coverage"}
+
+
+def test_the_subject_must_be_there_unless_the_reference_is_without_it():
+    reference, shown = _frame()
+    gone = replace(shown, label=torch.zeros_like(shown.label))
+    assert _reasons(reference, gone) == {"subject"}
+    assert _reasons(replace(reference, subject=torch.zeros_like(reference.subject)), gone) == set()
+
+
+def test_a_surface_before_the_lens_fails_a_frame():
+    reference, shown = _frame()
+    depth = shown.depth.clone()
+    depth[:, :2] = 0.1
+    assert _reasons(reference, replace(shown, depth=depth)) == {"near"}
+
+
+def test_what_is_not_finite_or_pinned_has_failed():
+    assert _reasons(*_frame(), finite=NO) == {"not_finite"}
+    assert _reasons(*_frame(), pinned=YES) == {"bound"}
+
+
+def test_a_free_azimuth_and_an_axis_at_its_bound_are_not_pinned():
+    x = torch.zeros(3, 7, dtype=torch.float64)
+    x[0, 0] = 1e6
+    x[1, 3] = SubjectOrbit().bounds()[1][3]
+    assert pinned_frames(x, SubjectOrbit().bounds(), "subject_orbit").tolist() == [False, True, False]
+    box = torch.zeros(2, 8, dtype=torch.float64)
+    box[0, 4] = 1.0
+    box[1, 7] = 1.0
+    assert pinned_frames(box, PaperBox().bounds(), "paper_box").tolist() == [False, True]
+
+
+@pytest.mark.parametrize(("failed", "expected"), [(2, False), (3, True)])
+def test_a_clip_fails_with_more_than_a_tenth_of_its_frames(failed, expected):
+    frames = torch.arange(24) < failed
+    assert failed_clip(frames, 1.0, 10.0) is expected
+
+
+def test_a_clip_without_a_finite_total_has_failed():
+    assert failed_clip(torch.zeros(4, dtype=torch.bool), float("nan"), 10.0)

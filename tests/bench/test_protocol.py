@@ -1,0 +1,75 @@
+"""What a trial is: drawn without end, the same for every method, told apart by its key."""
+
+from collections import Counter
+
+import pytest
+
+from cltransfer.bench.methods import METHODS, config_of, renderer_override
+from cltransfer.bench.protocol import CROSS, FIRST_HELD_OUT, STARTS, TIERS, Trial, drawn_start
+from cltransfer.errors import UsageError
+from cltransfer.shots import SHOTS
+
+TRIAL = Trial("fast", "pan", "plaza-2000", "room-2001", 1000)
+
+
+def test_starts_are_drawn_evenly_and_repeat():
+    names = Counter(drawn_start(shot, "room-0", seed)[0] for shot in SHOTS for seed in range(30))
+    assert set(names) == set(STARTS)
+    assert min(names.values()) > 90
+    assert drawn_start("pan", "room-0", 4) == drawn_start("pan", "room-0", 4)
+    assert drawn_start("pan", "room-0", 4) != drawn_start("pan", "stage-0", 4)
+
+
+def test_a_close_up_starts_closer_than_a_long_shot_and_at_the_face():
+    drawn = dict(drawn_start("pan", "room-0", seed) for seed in range(20))
+    assert drawn["CU"].coverage > drawn["MS"].coverage > drawn["LS"].coverage
+    assert drawn["CU"].distance < drawn["MS"].distance < drawn["LS"].distance
+    assert drawn["CU"].aim > drawn["LS"].aim == 0
+
+
+def test_the_standard_tier_has_every_shot_and_every_pair_of_scenes():
+    clips = list(TIERS["standard"].clips())
+    assert {shot for shot, *_ in clips} == set(SHOTS)
+    pairs = {(teacher.split("-")[0], pupil.split("-")[0]) for _, teacher, pupil, _ in clips}
+    assert pairs == set(CROSS)
+    assert all(seed >= FIRST_HELD_OUT for *_, seed in clips)
+
+
+def test_reference_and_target_have_other_people_except_in_a_self_transfer():
+    for _, teacher, pupil, _ in TIERS["full"].clips([7]):
+        same = teacher.split("-")[0] == pupil.split("-")[0]
+        assert (teacher == pupil) == same
+
+
+def test_every_method_gets_the_same_clips():
+    trials = TIERS["smoke"].trials(["fast", "balanced"])
+    assert [t.clip for t in trials[::2]] == [t.clip for t in trials[1::2]]
+    assert len(trials) == 6
+
+
+def test_a_key_tells_trials_and_configs_apart():
+    others = [
+        Trial("balanced", *TRIAL.clip[:4]),
+        Trial("fast", *TRIAL.clip[:4], options=("steps=2",)),
+        Trial("fast", *TRIAL.clip[:4], frames=8),
+        Trial("fast", "tilt", *TRIAL.clip[1:4]),
+    ]
+    assert len({TRIAL.key(), *(trial.key() for trial in others)}) == 5
+    assert TRIAL.key() == Trial("fast", *TRIAL.clip[:4]).key()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_searches_the_same_features_at_the_same_size(name):
+    config = config_of(name, "room-1", 3)
+    assert (config.extract.inner, config.search_side, config.threads, config.seed) == ("geometric", 160, 1, 3)
+
+
+def test_a_scene_s_form_chooses_its_renderer():
+    assert renderer_override("room-3") == ()
+    assert list(config_of("fast", "room-3-mesh", 0).renderer) == ["mesh"]
+    assert list(config_of("fast", "room-3-grid", 0).renderer) == ["nerf_grid"]
+
+
+def test_an_unknown_method_names_the_known():
+    with pytest.raises(UsageError, match="method 'magic': no such method"):
+        config_of("magic", "room-1", 0)

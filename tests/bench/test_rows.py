@@ -1,0 +1,48 @@
+"""Rows survive a kill, and what is there is not run again."""
+
+import json
+
+import pytest
+
+from cltransfer.bench.protocol import Trial
+from cltransfer.bench.rows import FILE, Bench, append_row, read_rows, run_trials
+from cltransfer.errors import InputError
+
+TRIALS = [Trial("fast", shot, "plaza-2000", "plaza-2000", 1000, 4, ("search_side=64",)) for shot in ("pan", "zoom")]
+
+
+def test_a_torn_last_line_is_cut_off_and_the_rest_kept(tmp_path):
+    append_row(tmp_path, {"key": "a", "total": 1.0})
+    with (tmp_path / FILE).open("ab") as stream:
+        stream.write(b'{"key": "b", "tot')
+    assert list(read_rows(tmp_path)) == ["a"]
+    append_row(tmp_path, {"key": "c", "total": 2.0})
+    assert list(read_rows(tmp_path)) == ["a", "c"]
+
+
+def test_a_damaged_line_is_one_error_that_says_where(tmp_path):
+    append_row(tmp_path, {"key": "a"})
+    append_row(tmp_path, {"nokey": 1})
+    with pytest.raises(InputError, match="line 2: is no row"):
+        read_rows(tmp_path)
+
+
+def test_a_bench_goes_on_where_it_was_stopped(tmp_path):
+    heard: list[str] = []
+    first = run_trials(TRIALS[:1], Bench(tmp_path), heard.append)
+    both = run_trials(TRIALS, Bench(tmp_path), heard.append)
+    assert both[0] == first[0]
+    assert heard[0] == "1 trials, 0 of them done before"
+    assert heard[2] == "2 trials, 1 of them done before"
+    assert len(heard) == 4
+    again = run_trials(TRIALS, Bench(tmp_path))
+    assert again == both
+    assert len((tmp_path / FILE).read_text().splitlines()) == 2
+    for row, trial in zip(both, TRIALS):
+        assert row["shot"] == trial.shot
+        assert row["key"] == trial.key()
+        assert len(row["terms"]["framing"]) == 4
+        assert row["terms"]["camera_movement"][0] is None  # a first frame has no flow
+        assert json.loads((tmp_path / "paths" / f"{row['key']}.json").read_text())["format"] == "cltransfer.trajectory"
+    assert both[0]["truth"]["position"] < 0.3
+    assert both[0]["random_total"] > 5 * both[0]["total"]

@@ -1,0 +1,69 @@
+"""Errors against true cameras, on paths that are wrong by a known amount."""
+
+import math
+
+import pytest
+import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix
+
+from cltransfer.bench.truth import jerk, path_errors
+from cltransfer.camera import Camera, intrinsics
+
+SIZE = (160, 90)
+
+
+def _dolly(count: int = 8, step: float = 0.2, start: float = -6.0) -> Camera:
+    z = start + step * torch.arange(count, dtype=torch.float64)
+    eye = torch.stack([torch.zeros(count, dtype=torch.float64), torch.zeros(count, dtype=torch.float64), z], 1)
+    up = torch.tensor([0.0, -1.0, 0.0])
+    return Camera.look_at(eye, eye + torch.tensor([0.0, 0.0, 1.0]), up, 0.7, SIZE)
+
+
+def test_the_true_path_has_no_error():
+    errors = path_errors(_dolly(), _dolly(), 2.0)
+    assert (errors.position, errors.log_focal, errors.path_position) == pytest.approx((0, 0, 0), abs=1e-9)
+    assert errors.path_scale == pytest.approx(1.0)
+
+
+def test_a_collinear_path_of_another_scale_and_place_has_the_right_shape():
+    errors = path_errors(_dolly(step=0.1, start=-9.0), _dolly(), 2.0)
+    assert errors.path_scale == pytest.approx(2.0)
+    assert errors.path_position == pytest.approx(0, abs=1e-9)
+    assert errors.position > 1
+
+
+def test_the_opposite_direction_is_no_matter_of_scale():
+    errors = path_errors(_dolly(step=-0.2), _dolly(), 1.0)
+    assert errors.path_scale == pytest.approx(1.0)
+    assert errors.path_position > 1
+
+
+def test_position_is_told_in_subject_heights_and_focal_as_a_log():
+    true = _dolly()
+    found = Camera(true.w2c.clone(), intrinsics(true.focal * 1.5, SIZE), SIZE)
+    found.w2c[:, 0, 3] += 0.5
+    errors = path_errors(found, true, 2.0)
+    assert errors.position == pytest.approx(0.25)
+    assert errors.log_focal == pytest.approx(math.log(1.5))
+    assert errors.path_position == pytest.approx(0, abs=1e-9)
+
+
+def test_a_constant_turn_is_an_error_of_rotation_and_not_of_the_path_s():
+    true = _dolly()
+    turn = torch.eye(4, dtype=torch.float64)
+    turn[:3, :3] = axis_angle_to_rotation_matrix(torch.tensor([[0.0, math.radians(5), 0.0]], dtype=torch.float64))[0]
+    errors = path_errors(Camera(turn @ true.w2c, true.K, SIZE), true, 1.0)
+    assert errors.rotation == pytest.approx(5, abs=1e-3)
+    assert errors.path_rotation == pytest.approx(0, abs=1e-3)
+
+
+def test_a_standing_camera_has_no_scale():
+    assert path_errors(_dolly(step=0.2), _dolly(step=0.0), 1.0).path_scale == 1.0
+
+
+def test_an_even_move_has_no_jerk_and_a_shaken_one_has():
+    assert jerk(_dolly(), 1.0) == pytest.approx(0, abs=1e-9)
+    shaken = _dolly()
+    shaken.w2c[::2, 0, 3] += 0.01
+    assert jerk(shaken, 1.0) == pytest.approx(0.04, rel=1e-6)
+    assert math.isnan(jerk(_dolly(3), 1.0))
