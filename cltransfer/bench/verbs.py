@@ -7,7 +7,11 @@ from typing import Annotated
 
 import typer
 
+from .protocol_verbs import bench_chart, bench_table1
+
 app = typer.Typer(help="Measure: every figure in docs/benchmarks.md is made here.", no_args_is_help=True)
+app.command("table1")(bench_table1)
+app.command("chart")(bench_chart)
 
 
 @app.command("speed")
@@ -165,3 +169,27 @@ def bench_flow(
     print("\n".join(table(HEADER, summary(scores))))
     if out is not None:
         write_flow(scores, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+
+
+@app.command("describe")
+def bench_describe(
+    seed: Annotated[list[int] | None, typer.Option(help="Seeds of where the cameras stand (repeatable).")] = None,
+    networks: Annotated[bool, typer.Option("--networks", help="Read renders by networks too.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose description section is rewritten.")
+    ] = None,
+) -> None:
+    """Descriptions against the known labels of canonical shots and shot sizes: confusion matrices."""
+    import shlex
+    import sys
+
+    from ..config import load_config
+    from ..reference import Components
+    from .describe import report_lines, run_describe, write_describe
+
+    readers = ("geometry", "networks") if networks else ("geometry",)
+    parts = Components.build(load_config())
+    answers = run_describe(seed or [1, 2, 3], readers, parts, lambda step: print(step, file=sys.stderr))
+    print("\n".join(report_lines(answers)))
+    if out is not None:
+        write_describe(answers, out, shlex.join(["cltransfer", *sys.argv[1:]]))

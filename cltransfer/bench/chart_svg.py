@@ -1,0 +1,150 @@
+"""The chart as SVG, and its section of docs/benchmarks.md; the same points give the same bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..ablate.tables import Table, to_markdown
+from ..files import write_text
+from ..report.metrics import number as written
+from .chart import TARGETS, Hits, Point, hits_csv, pareto, points_csv
+from .section import machine, write_section
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BY_SECONDS = ("resolution", "level of detail")  # families whose settings all take as many evaluations
+COSTS = {"evaluations": "evaluations a frame", "seconds": "seconds a clip"}
+_INK, _FRONT = "#333333", "#999999"
+_COLORS = ("#3b6fb6", "#d1603d", "#4f9d69", "#8a63a8", "#b58a2c", "#5aa5b8", "#c25b8b", "#6b6b6b")
+_MARKERS = "osD^vP*X"
+
+
+def write_chart(found: Sequence[Point], curves: Sequence[Hits], folder: Path, out: Path | None, command: str) -> None:
+    """Write chart.svg, hits.svg, chart.csv and hits.csv; ``out`` has its section rewritten, the charts beside it."""
+    places = [folder] if out is None else [folder, out.parent]
+    for place in places:
+        write_text(place / "chart.svg", svg(lambda figure: _draw_points(figure, found), (9.0, 7.4)))
+        write_text(place / "hits.svg", svg(lambda figure: _draw_hits(figure, curves), (9.0, 3.2)))
+        write_text(place / "chart.csv", points_csv(found))
+        write_text(place / "hits.csv", hits_csv(curves))
+    if out is not None:
+        lines = [
+            f"Made by `{command}`; protocol: docs/protocol.md. Means over the same clips; a total of 1 means every",
+            "term at its tolerance. A line joins settings that differ in one budget; the grey steps are the Pareto",
+            "front.",
+            *machine(),
+            "",
+            "![Loss and success against evaluations and seconds](chart.svg)",
+            "",
+            "![Share of clips at or below a total, against evaluations](hits.svg)",
+            "",
+            *to_markdown(_table(found)),
+        ]
+        write_section(out, "Speed against accuracy", lines)
+
+
+def _table(found: Sequence[Point]) -> Table:
+    header = ("setting", "family", "clips", "evaluations a frame", "seconds a clip", "total, mean", "median", "success")
+    cells = [
+        (p.label, p.family, str(p.clips), *map(written, costs), f"{100 * p.success:.0f} %")
+        for p in found
+        for costs in [(p.evaluations, p.seconds, p.total, p.median_total)]
+    ]
+    return Table(header, tuple(cells))
+
+
+def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
+    """The SVG of a figure of ``size`` [inch], without a date."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    style: Any = {"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8, "text.parse_math": False}
+    with matplotlib.rc_context(style):
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()
+
+
+def _draw_points(figure: Figure, found: Sequence[Point]) -> None:
+    axes = figure.subplots(2, 2, sharex="col")
+    families = list(dict.fromkeys(p.family for p in found))
+    for column, cost in enumerate(COSTS):
+        _losses(axes[0, column], found, families, cost)
+        _successes(axes[1, column], found, families, cost)
+        axes[1, column].set_xlabel(COSTS[cost])
+    axes[0, 0].set_title("mean total (1: every term at its tolerance)", loc="left", fontsize=9)
+    axes[1, 0].set_title("share of clips that do not fail [%]", loc="left", fontsize=9)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncol=5, frameon=False)
+
+
+def _losses(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
+    from matplotlib.ticker import FixedLocator
+
+    front = pareto([getattr(p, cost) for p in found], [p.total for p in found])
+    steps = [(getattr(found[i], cost), found[i].total) for i in front]
+    ax.step(*zip(*steps), where="post", color=_FRONT, linewidth=4, alpha=0.4, label="Pareto front")
+    _families(ax, found, families, cost, "total")
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(FixedLocator([a * 10**n for n in range(-3, 4) for a in (1, 2, 5)]))
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.minorticks_off()
+    for i in front:
+        ax.plot(getattr(found[i], cost), found[i].total, marker="o", markersize=10, fillstyle="none", color=_INK)
+    _finish(ax)
+
+
+def _successes(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
+    _families(ax, found, families, cost, "success")
+    ax.set_ylim(-0.04, 1.08)
+    ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f}")
+    _finish(ax)
+
+
+def _families(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str, value: str) -> None:
+    named = set()
+    for number, family in enumerate(families):
+        own = sorted((p for p in found if p.family == family), key=lambda p: getattr(p, cost))
+        joined = family not in ("presets", "baselines")
+        place = ([getattr(p, cost) for p in own], [getattr(p, value) for p in own])
+        color, marker = _COLORS[number % len(_COLORS)], _MARKERS[number % len(_MARKERS)]
+        line = "-" if joined else ""
+        ax.plot(*place, linestyle=line, linewidth=0.7, color=color, marker=marker, markersize=5, label=family)
+        for p, x, y in zip(own, *place):
+            told = (x, y) in named or (cost == "evaluations" and family in BY_SECONDS)
+            if value == "total" and not told:  # a ladder's base is a preset or a baseline that has its name already
+                named.add((x, y))
+                ax.annotate(p.label, (x, y), xytext=(5, 4), textcoords="offset points", fontsize=6.5, color=color)
+
+
+def _finish(ax: Axes) -> None:
+    ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.xaxis.set_minor_formatter(lambda value, _: "")
+    ax.grid(linewidth=0.3)
+    ax.margins(x=0.12)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_hits(figure: Figure, curves: Sequence[Hits]) -> None:
+    axes = figure.subplots(1, len(TARGETS), sharey=True)
+    families = list(dict.fromkeys(c.family for c in curves))
+    for ax, target in zip(axes, TARGETS):
+        for curve in (c for c in curves if c.target == target):
+            color = _COLORS[families.index(curve.family) % len(_COLORS)]
+            x, y = (curve.least, *curve.evaluations, curve.most), (0.0, *curve.share)
+            ax.step(x, (*y, y[-1]), where="post", color=color, label=curve.family)
+        ax.set_title(f"share of clips with a total of {target:g} or less [%]", loc="left", fontsize=8)
+        ax.set_ylim(-0.04, 1.04)
+        ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f}")
+        ax.set_xlabel("evaluations a frame")
+        _finish(ax)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncol=5, frameon=False)

@@ -1,0 +1,75 @@
+"""The verbs that run the protocol: ``bench table1`` and ``bench chart``."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+TierName = Literal["smoke", "standard", "full"]
+Tier = Annotated[TierName, typer.Option(help="How much: smoke shows that it works; full takes days.")]
+Seeds = Annotated[
+    list[int] | None,
+    typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of the held-out ones from 1000 on."),
+]
+Jobs = Annotated[int, typer.Option(min=1, help="Trials at a time, one thread each.")]
+Rows = Annotated[Path, typer.Option(help="Folder of rows, tables and found paths; what is there is not run again.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Markdown file whose section is rewritten.")]
+Networks = Annotated[bool, typer.Option(help="Read the results by the networks too, which no method saw; slow.")]
+
+
+def bench_table1(
+    tier: Tier = "standard",
+    seed: Seeds = None,
+    baseline: Annotated[list[str] | None, typer.Option(help="Methods to beat (repeatable).")] = None,
+    ours: Annotated[str, typer.Option(help="The method held against them.")] = "balanced",
+    jobs: Jobs = 1,
+    networks: Networks = False,
+    rows: Rows = Path("outputs/table1"),
+    out: Out = None,
+) -> None:
+    """Table 1: JAWS against ours on the five metrics, clip by clip, with and without the frames that failed."""
+    from ..files import check_out
+    from .protocol import TIERS
+    from .rows import Bench, run_trials
+    from .table1 import duels, markdown, write_table1
+
+    check_out(rows)
+    baselines = baseline or ["jaws_clean"]
+    trials = TIERS[tier].trials([*baselines, ours], seed or ())
+    measured = run_trials(trials, Bench(rows, jobs, networks), _told)
+    found = duels(measured, baselines, ours)
+    write_table1(measured, found, rows, out, _command())
+    print("\n".join(markdown(found)))
+
+
+def bench_chart(
+    tier: Tier = "standard",
+    seed: Seeds = None,
+    jobs: Jobs = 1,
+    rows: Rows = Path("outputs/chart"),
+    out: Out = None,
+) -> None:
+    """The chart: loss and success against evaluations and seconds, for every preset, baseline and budget."""
+    from ..files import check_out
+    from .chart import CHART_TIERS, SETTINGS, SMOKE_SETTINGS, chart_trials, hit_curves, points, points_csv
+    from .chart_svg import write_chart
+    from .rows import Bench, run_trials
+
+    check_out(rows)
+    settings = SMOKE_SETTINGS if tier == "smoke" else SETTINGS
+    measured = run_trials(chart_trials(settings, CHART_TIERS[tier], seed or ()), Bench(rows, jobs), _told)
+    found = points(settings, measured)
+    write_chart(found, hit_curves(measured), rows, out, _command())
+    print(points_csv(found), end="")
+
+
+def _told(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def _command() -> str:
+    return shlex.join(["cltransfer", *sys.argv[1:]])
