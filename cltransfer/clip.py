@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -14,15 +13,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .decoding import IMAGE_DEMUXERS, Frame, decode
+from .decoding import Frame, decode
 from .errors import InputError, ResourceError
 from .features import Features
-from .files import atomic, read_json
+from .files import atomic
+from .image_folder import FOLDER_RATE, folder_times, image_files
 from .threads import thread_count
 
 FRAME_LIMIT = 2000  # frames kept in memory
 BYTE_LIMIT = 4 * 2**30  # of all frames kept
-FOLDER_RATE = 24.0  # frames a second where a folder of images does not say
+_TICK = 1e-6  # [s] by which a time may miss the end of a span
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,17 @@ class Clip:
 
     Args:
         image: RGB, (N, 3, H, W) uint8.
-        times: (N,) float64 [s], increasing, the first frame of the file is at 0.
+        times: (N,) float64 [s], increasing, the first frame is at 0.
         path: where it was read from.
         source_size: (W, H) [px] of the file as shown: upright and with square pixels.
+        start: when the first of them is shown in the file [s].
     """
 
     image: Tensor  # (N, 3, H, W)
     times: Tensor  # (N,) [s]
     path: Path
     source_size: tuple[int, int]
+    start: float = 0.0
 
     def __len__(self) -> int:
         return len(self.times)
@@ -54,14 +56,17 @@ class Clip:
         return Features(self.size, image=self.image.float() / 255)
 
 
-def read_clip(path: str | Path, frames: int | None = None, max_side: int = 960) -> Clip:
+def read_clip(
+    path: str | Path, frames: int | None = None, max_side: int = 960, span: tuple[float, float] = (0.0, math.inf)
+) -> Clip:
     """Read a video file, or a folder of PNG or JPEG images in the natural order of their names.
 
     Args:
         path: the video or folder. A folder plays at 24 images a second, or as its ``times.json`` says (a list
             of seconds, one per image).
-        frames: keep at most this many, evenly by index, first and last included; None keeps all.
+        frames: keep at most this many, evenly by time, first and last included; None keeps all.
         max_side: larger frames are averaged down to this longer side [px].
+        span: from when to when to read, both included [s] after the first frame.
 
     Raises:
         InputError: the clip is missing, damaged, too large or not what its header says.
@@ -70,21 +75,46 @@ def read_clip(path: str | Path, frames: int | None = None, max_side: int = 960) 
     path = Path(path)
     if (frames is not None and frames < 1) or max_side < 1:
         raise ValueError(f"frames and max_side must be at least 1, got {frames} and {max_side}")
-    files = _image_files(path) if path.is_dir() else []
-    times = _folder_times(path, files) if files else np.array([frame.time for frame in decode(path)])
-    kept = _evenly(len(times), frames)
+    files = image_files(path) if path.is_dir() else []
+    times = folder_times(path, files) if files else np.array([frame.time for frame in decode(path)])
+    times = times - times[0]
+    inside = np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
+    if len(inside) == 0:
+        raise InputError(path, "t", f"no frame between {span[0]:g} and {span[1]:g} s, it ends at {times[-1]:.3f} s")
+    kept = inside[_evenly(times[inside], frames)]
     if len(kept) > FRAME_LIMIT:
         reason = f"expected at most {FRAME_LIMIT} to keep, got {len(kept)}"
         raise InputError(path, "frames", reason, "keep fewer of them, or cut the clip")
     chosen = _images([files[i] for i in kept]) if files else _video_frames(path, set(kept.tolist()))
     image, source_size = _stack(path, chosen, len(kept), max_side)
-    return Clip(image, torch.from_numpy(times[kept] - times[0]), path, source_size)
+    start = float(times[kept[0]])
+    return Clip(image, torch.from_numpy(times[kept] - start), path, source_size, start)
 
 
-def _evenly(count: int, wanted: int | None) -> np.ndarray:
+def timed_frames(path: Path) -> Iterator[tuple[float, Frame]]:
+    """Every frame of a video or image folder with its time after the first [s]."""
+    if path.is_dir():
+        files = image_files(path)
+        times = folder_times(path, files)
+        yield from zip((times - times[0]).tolist(), _images(files))
+        return
+    first = None
+    for frame in decode(path):
+        first = frame.time if first is None else first
+        yield frame.time - first, frame
+
+
+def _evenly(times: np.ndarray, wanted: int | None) -> np.ndarray:
+    """Indices of ``wanted`` frames that are nearest to evenly spaced times, each another one."""
+    count = len(times)
     if wanted is None or wanted >= count:
         return np.arange(count)
-    return np.linspace(0, count - 1, wanted).round().astype(int)
+    even = np.linspace(times[0], times[-1], wanted)
+    after = np.searchsorted(times, even).clip(1, count - 1)
+    nearest = np.where(even - times[after - 1] <= times[after] - even, after - 1, after)
+    order = np.arange(wanted)
+    distinct = np.maximum.accumulate(nearest - order) + order  # pushed on where two would be the same
+    return np.minimum(distinct, count - wanted + order)
 
 
 def _video_frames(path: Path, wanted: set[int]) -> Iterator[Frame]:
@@ -116,50 +146,6 @@ def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tu
     for index, frame in enumerate(frames, start=1):
         image[index] = torch.from_numpy(frame.rgb(size)).permute(2, 0, 1)
     return image, first.size
-
-
-def natural_order(name: str) -> list[tuple[int, str]]:
-    """Key by which names sort as people count.
-
-    >>> sorted(["cam10", "cam9"], key=natural_order)
-    ['cam9', 'cam10']
-    """
-    parts = re.split(r"(\d+)", name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
-
-
-def _image_files(folder: Path) -> list[Path]:
-    files = [f for f in folder.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS]
-    files.sort(key=lambda file: natural_order(file.name))
-    if not files:
-        raise InputError(folder, "images", "expected PNG or JPEG files, found none")
-    return files
-
-
-def _folder_times(folder: Path, files: list[Path]) -> np.ndarray:
-    if not (folder / "times.json").exists():
-        _check_no_gap(files)
-        return np.arange(len(files)) / FOLDER_RATE
-    given = read_json(folder / "times.json")
-    try:
-        times = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        times = np.empty(0)
-    if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise InputError(folder / "times.json", "", f"expected {len(files)} increasing seconds, one per image")
-    return times
-
-
-def _check_no_gap(files: list[Path]) -> None:
-    found = [re.search(r"(\d+)\D*$", file.stem) for file in files]
-    numbers = [int(match[1]) for match in found if match]
-    if len(numbers) < len(files):
-        return
-    step = min((b - a for a, b in pairwise(numbers)), default=1)
-    for (a, b), file in zip(pairwise(numbers), files[1:]):
-        if b - a != step:
-            reason = f"follows number {a}, expected {a + step}"
-            raise InputError(file, "number", reason, "an image is missing; a times.json states other times")
 
 
 def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool = False) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .motion import PRIMITIVES, Motion
+from .motion import APPARENT, PRIMITIVES, Motion
 
 STILL = 0.009  # apparent motion over the clip below which nothing moves [frame sides]
 BESIDE = 0.6  # part of the leading motion that another needs to be named beside it
@@ -92,8 +92,9 @@ def _fastest(motion: Motion, primitive: str) -> float:
     """Largest rate of ``primitive`` per second."""
     if len(motion.times) < 2:
         return 0.0
-    rates = motion.rates[1:, PRIMITIVES.index(primitive)].nan_to_num(0)
-    return float((rates.abs() / motion.times.diff()).max())
+    column = PRIMITIVES.index(primitive)
+    steps = _filtered(motion.track)[:, column].diff().abs() / APPARENT[column]
+    return float((steps / motion.times.diff()).max())
 
 
 def _word(primitive: str, amount: float) -> str:

@@ -113,10 +113,10 @@ def test_shaking_is_handheld_and_a_shaking_pan_says_both() -> None:
     random = torch.Generator().manual_seed(0)
     times = torch.arange(24).double() / 12
     rates = torch.zeros(24, len(PRIMITIVES), dtype=torch.float64)
-    rates[1:, 0] = 0.09 * torch.randn(23, generator=random, dtype=torch.float64)
+    rates[1:, 0] = 0.05 * torch.randn(23, generator=random, dtype=torch.float64)
     rates[1:, 0] -= rates[1:, 0].mean()
     assert movement(Motion(rates, times, 0.0)).name == "handheld"
-    rates[1:, 0] += 0.04
+    rates[1:, 0] += 0.03
     assert movement(Motion(rates, times, 0.0)).text == "pan right, handheld"
 
 

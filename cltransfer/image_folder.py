@@ -1,0 +1,69 @@
+"""A folder of images as a clip: in which order they play, and when."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from .decoding import IMAGE_DEMUXERS
+from .errors import InputError
+from .files import read_json
+
+FOLDER_RATE = 24.0  # images a second where a folder does not say
+
+
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """Key by which names sort as people count.
+
+    >>> sorted(["cam10", "cam9"], key=natural_order)
+    ['cam9', 'cam10']
+    """
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def image_files(folder: Path) -> list[Path]:
+    """PNG and JPEG files of ``folder`` as people count.
+
+    Raises:
+        InputError: there are none.
+    """
+    files = [f for f in folder.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS]
+    files.sort(key=lambda file: natural_order(file.name))
+    if not files:
+        raise InputError(folder, "images", "expected PNG or JPEG files, found none")
+    return files
+
+
+def folder_times(folder: Path, files: list[Path]) -> np.ndarray:
+    """When each of ``files`` is shown, (N,) increasing [s].
+
+    Raises:
+        InputError: ``times.json`` does not fit, or there is none and an image is missing.
+    """
+    if not (folder / "times.json").exists():
+        _check_no_gap(files)
+        return np.arange(len(files)) / FOLDER_RATE
+    given = read_json(folder / "times.json")
+    try:
+        times = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        times = np.empty(0)
+    if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise InputError(folder / "times.json", "", f"expected {len(files)} increasing seconds, one per image")
+    return times
+
+
+def _check_no_gap(files: list[Path]) -> None:
+    found = [re.search(r"(\d+)\D*$", file.stem) for file in files]
+    numbers = [int(match[1]) for match in found if match]
+    if len(numbers) < len(files):
+        return
+    step = min((b - a for a, b in pairwise(numbers)), default=1)
+    for (a, b), file in zip(pairwise(numbers), files[1:]):
+        if b - a != step:
+            reason = f"follows number {a}, expected {a + step}"
+            raise InputError(file, "number", reason, "an image is missing; a times.json states other times")

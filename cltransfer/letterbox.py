@@ -1,0 +1,47 @@
+"""Black bars about the picture of a film, which belong to the file and not to the frame."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+BLACK = 24  # of 255: a pixel no brighter on any frame may belong to a bar
+FULL = 0.5  # part of the picture's first row or column that must be brighter: bars end at once
+EVEN = 0.25  # by which the two bars may differ, of the wider one, and two pixels
+LEAST = 0.02  # of the frame that two bars take
+MOST = 0.6  # of the frame that two bars take; more is a dark picture
+
+
+def find_letterbox(image: Tensor) -> tuple[int, int, int, int]:
+    """The picture inside the bars that all frames (N, 3, H, W) uint8 have.
+
+    Bars come in pairs of one width, are black on every frame and end in a straight line.
+
+    Returns:
+        Left, top, right, bottom [px], right and bottom excluded; the whole frame where there are no bars.
+    """
+    bright = image.amax(0).amax(0) > BLACK  # (H, W): lit on any frame
+    top, bottom = _bars(bright)
+    left, right = _bars(bright[top:bottom].T)
+    return left, top, right, bottom
+
+
+def _bars(bright: Tensor) -> tuple[int, int]:
+    """First and last + 1 of the rows of (H, W) that are between two bars."""
+    count = len(bright)
+    lit = bright.any(1).nonzero()[:, 0]
+    if len(lit) == 0:
+        return 0, count
+    first, last = int(lit[0]), int(lit[-1]) + 1
+    before, after = first, count - last
+    even = abs(before - after) <= max(2, EVEN * max(before, after))
+    sharp = bool((bright[[first, last - 1]].float().mean(1) > FULL).all())
+    if min(before, after) > 0 and even and sharp and LEAST * count <= before + after <= MOST * count:
+        return first, last
+    return 0, count
+
+
+def cropped(image: Tensor, picture: tuple[int, int, int, int]) -> Tensor:
+    """``image`` (N, 3, H, W) without what is outside ``picture``."""
+    left, top, right, bottom = picture
+    return torch.narrow(torch.narrow(image, 2, top, bottom - top), 3, left, right - left).contiguous()

@@ -1,0 +1,126 @@
+"""Cleaning a clip: which part, one shot, no bars; times by pts."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.clip import read_clip, write_video
+from cltransfer.clip_source import ClipSource
+from cltransfer.cuts import find_cuts, small_pictures
+from cltransfer.errors import InputError, UsageError
+from cltransfer.letterbox import find_letterbox
+from cltransfer.open_clip import open_clip
+
+VIDEOS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "video"
+SIZE = (64, 36)
+
+
+def scenery(seed: int, count: int = 10, drift: int = 1, size: tuple[int, int] = SIZE) -> Tensor:
+    """Frames of a camera that pans over a blotchy wall of its own colours."""
+    random = torch.Generator().manual_seed(seed)
+    coarse = torch.rand(1, 3, 6, 24, generator=random) ** torch.tensor([1.0, 1 + seed % 4, 0.5])[:, None, None]
+    wall = torch.nn.functional.interpolate(coarse, (size[1], 4 * size[0]), mode="bilinear")[0]
+    frames = [wall[:, :, i * drift : i * drift + size[0]] for i in range(count)]
+    return (torch.stack(frames) * 255).round().to(torch.uint8)
+
+
+def small(image: Tensor) -> np.ndarray:
+    return torch.nn.functional.interpolate(image.float(), (18, 32), mode="area").byte().permute(0, 2, 3, 1).numpy()
+
+
+def saved(path: Path, image: Tensor, times: Tensor | None = None) -> ClipSource:
+    write_video(path, image, torch.arange(len(image)).double() / 10 if times is None else times, lossless=True)
+    return ClipSource(path)
+
+
+def test_a_cut_is_refused_with_its_frame_and_both_shots(tmp_path: Path) -> None:
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
+    with pytest.raises(InputError, match=r"frame 10: a cut at 1\.000 s") as caught:
+        open_clip(where, 4)
+    assert "a.mkv#t=0.000,0.900 or a.mkv#t=1.000,1.900" in str(caught.value)
+    for part in ((0.0, 0.9), (1.0, 1.9)):
+        clip, _ = open_clip(replace(where, span=part))
+        assert (len(clip), clip.start) == (10, part[0])
+    assert len(open_clip(replace(where, cuts="keep"))[0]) == 20
+
+
+@pytest.mark.parametrize("drift", [0, 1, 8, 15])
+def test_a_camera_however_fast_is_no_cut(drift: int) -> None:
+    assert find_cuts(small(scenery(2, 12, drift))) == []
+
+
+def test_a_flash_is_no_cut() -> None:
+    frames = scenery(3, 12)
+    frames[6] = 255
+    assert find_cuts(small(frames)) == []
+
+
+def test_every_cut_is_found() -> None:
+    assert find_cuts(small(torch.cat([scenery(s, 8) for s in range(4)]))) == [8, 16, 24]
+
+
+@pytest.mark.skipif(not VIDEOS.exists(), reason="the shared video data are not here")
+def test_a_real_shot_has_no_cut_and_two_joined_have_one() -> None:
+    first, second = (small_pictures(VIDEOS / name)[1] for name in ("sintel_alley", "intel_asl_walk.mkv"))
+    assert find_cuts(first) == find_cuts(second) == []
+    assert find_cuts(np.concatenate([first, second])) == [len(first)]
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(5, 0), (0, 8), (4, 6), (0, 0)])
+def test_bars_are_cropped_and_told(tmp_path: Path, rows: int, columns: int) -> None:
+    frames = 40 + scenery(4) // 2
+    frames[:, :, :rows] = frames[:, :, SIZE[1] - rows :] = 3
+    frames[..., :columns] = frames[..., SIZE[0] - columns :] = 3
+    where = saved(tmp_path / "a.mkv", frames)
+    clip, flags = open_clip(where)
+    assert clip.size == (SIZE[0] - 2 * columns, SIZE[1] - 2 * rows)
+    assert torch.equal(clip.image, frames[:, :, rows : SIZE[1] - rows, columns : SIZE[0] - columns])
+    assert len(flags) == (rows + columns > 0)
+    assert open_clip(replace(where, letterbox="keep"))[0].size == SIZE
+
+
+def test_a_dark_picture_and_a_thing_before_black_are_no_letterbox() -> None:
+    whole = (0, 0, *SIZE)
+    assert find_letterbox(torch.zeros(3, 3, SIZE[1], SIZE[0], dtype=torch.uint8)) == whole
+    thing = torch.zeros(3, 3, SIZE[1], SIZE[0], dtype=torch.uint8)
+    y, x = torch.meshgrid(torch.arange(SIZE[1]), torch.arange(SIZE[0]), indexing="ij")
+    thing[:, :, (y - 18) ** 2 + (x - 32) ** 2 < 200] = 200
+    assert find_letterbox(thing) == whole
+    night = 40 + scenery(5) // 2
+    night[:, :, :8] = 2  # a black sky over a lit street: no bar below
+    assert find_letterbox(night) == whole
+
+
+def test_uneven_frames_are_thinned_evenly_in_time(tmp_path: Path) -> None:
+    times = torch.cat([torch.arange(10) * 0.01, 0.1 + torch.arange(10) * 0.1]).double()
+    saved(tmp_path / "a.mkv", scenery(6, 20), times)
+    kept = read_clip(tmp_path / "a.mkv", 5).times
+    torch.testing.assert_close(kept, torch.tensor([0.0, 0.2, 0.5, 0.7, 1.0]).double(), atol=0.055, rtol=0)
+    assert bool((read_clip(tmp_path / "a.mkv", 19).times.diff() > 0).all())
+
+
+def test_a_span_counts_from_the_first_frame_and_keeps_both_ends(tmp_path: Path) -> None:
+    saved(tmp_path / "a.mkv", scenery(7, 10), 5 + torch.arange(10).double() / 10)
+    clip = read_clip(tmp_path / "a.mkv", span=(0.2, 0.5))
+    torch.testing.assert_close(clip.times, torch.tensor([0.0, 0.1, 0.2, 0.3]).double(), atol=1e-6, rtol=0)
+    assert clip.start == pytest.approx(0.2)
+    with pytest.raises(InputError, match="it ends at"):
+        read_clip(tmp_path / "a.mkv", span=(2.0, 3.0))
+
+
+def test_a_source_names_its_part(tmp_path: Path) -> None:
+    assert ClipSource.parse("a.mp4#t=,4&person=2&letterbox=keep") == ClipSource(
+        Path("a.mp4"), (0.0, 4.0), 2, "keep", "refuse"
+    )
+    (tmp_path / "b#t=1.mp4").touch()
+    assert ClipSource.parse(str(tmp_path / "b#t=1.mp4")).path.name == "b#t=1.mp4"
+
+
+@pytest.mark.parametrize("part", ["t=4,1", "t=x", "t=-1,2", "person=-1", "speed=2", "cuts=no", "t=1&t=2"])
+def test_a_part_that_cannot_be_meant_is_a_usage_error(part: str) -> None:
+    with pytest.raises(UsageError, match=rf"#{part.partition('=')[0]}"):
+        ClipSource.parse(f"a.mp4#{part}")
