@@ -44,6 +44,7 @@ class FeatureFile:
                 tensors[name] = self.features.require(name).contiguous()
         tensors.update({f"extras.{name}": value.contiguous() for name, value in self.features.extras.items()})
         meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": self.origin}
+        meta["reasons"] = json.dumps(dict(self.features.reasons))
         with atomic(path) as temporary:
             save_file(tensors, temporary, metadata=meta)
 
@@ -89,7 +90,18 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
     own: dict[str, Any] = {name: tensors[name] for name in STORED if name in tensors}
     extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
-    return replace(Features((width, height)), **own, extras=extras)
+    return replace(Features((width, height)), **own, extras=extras, reasons=_reasons(path, meta))
+
+
+def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:
+    """Why features are missing; a file from before they were noted has none."""
+    try:
+        told = json.loads(meta.get("reasons", "{}"))
+    except ValueError:
+        told = None
+    if not isinstance(told, dict) or not all(isinstance(reason, str) for reason in told.values()):
+        raise InputError(path, "reasons", "expected reasons by feature")
+    return told
 
 
 _SHAPES: dict[str, tuple[int | None, ...]] = {

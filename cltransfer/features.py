@@ -41,6 +41,7 @@ class Features:
         camera: who looks, where known (a renderer knows, a clip does not).
         person: who stands in the scene, where known.
         extras: plugins' own features, each with batch first.
+        reasons: why a feature is not there, by name, where an extractor looked and could not tell.
     """
 
     size: tuple[int, int]
@@ -59,6 +60,7 @@ class Features:
     camera: Camera | None = None
     person: Subject | None = None
     extras: Mapping[str, Tensor] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         for value in self._batched().values():
@@ -113,4 +115,4 @@ class Features:
         return replace(first, **new, extras=extras)
 
 
-_NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras"))
+_NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons"))

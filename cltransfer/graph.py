@@ -1,178 +1,35 @@
-"""Which extractors the active losses need, in which order; running them; nothing else is computed.
-
-A source has features of its own: a clip has ``image``, a renderer its buffers, the camera and the person. The plan
-starts from what the losses require and walks back to the source, so a loss that is switched off takes its networks
-and buffers with it.
-"""
+"""Running a plan: on frames that stand alone, or along a clip."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from .errors import UsageError
 from .features import Features
+from .plan import CLIP_SOURCE, Family, Plan, Step, make_plan
 
-Family = Literal["image", "scene"]
-CLIP_SOURCE = frozenset({"image"})
+__all__ = ["CLIP_SOURCE", "Family", "Plan", "Step", "make_plan", "run", "run_clip"]
+
 CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB as float
-
-
-@dataclass(frozen=True)
-class Step:
-    """One extractor, and the optional features it must not see because the other side lacks them."""
-
-    name: str
-    extractor: Any
-    hidden: tuple[str, ...] = ()
-
-    def __call__(self, now: Features, before: Features | None) -> Features:
-        """``now`` with what this extractor provides."""
-        blank: dict[str, Any] = dict.fromkeys(self.hidden)
-        got = self.extractor(replace(now, **blank), before)
-        missing = [name for name in self.extractor.provides if not got.has(name)]
-        if missing:
-            raise UsageError("", f"extractor {self.name}", f"promised {missing[0]!r} and did not provide it")
-        return replace(got, **{name: getattr(now, name) for name in self.hidden})
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What to run for one source.
-
-    Args:
-        steps: extractors in order.
-        buffers: what the source has to deliver, a subset of what it has.
-        wanted: features the losses ask for, and those they use that can be had.
-        missing: wanted features that this source cannot give, with the reason.
-    """
-
-    steps: tuple[Step, ...]
-    buffers: frozenset[str]
-    wanted: frozenset[str]
-    missing: Mapping[str, str]
-
-    @property
-    def passes(self) -> int:
-        """Network passes one frame costs."""
-        return sum(getattr(step.extractor, "passes", 0) for step in self.steps)
-
-    def load_networks(self) -> None:
-        """Load every network now, so that a missing one is told before any frame is read or rendered.
-
-        Raises:
-            ModelError: a network is missing or refused.
-        """
-        for step in self.steps:
-            network = getattr(step.extractor, "network", None)
-            if network is not None:
-                _ = network.session
-
-    @property
-    def needs_before(self) -> bool:
-        """Whether a step compares with the frame before."""
-        return any(_needs_before(step) for step in self.steps)
-
-
-def make_plan(
-    wanted: frozenset[str],
-    extractors: Mapping[str, Any],
-    source: frozenset[str],
-    family: Family,
-    shared: frozenset[str] | None = None,
-    uses: frozenset[str] = frozenset(),
-) -> Plan:
-    """Plan for the ``wanted`` features from ``source``.
-
-    Args:
-        wanted: what the losses require.
-        extractors: configured extractors by name.
-        source: features the source has.
-        family: image reads with image extractors only; scene prefers scene extractors.
-        shared: features the other side of the comparison has, None if this side is read first. An extractor's
-            optional inputs are used only when both sides have them, so that both are read by one rule.
-        uses: what the losses take where it can be had; nothing is missing without it.
-
-    Raises:
-        UsageError: two extractors of one family provide the same feature, or extractors need one another in a circle.
-    """
-    planner = _Planner(extractors, source, family, shared)
-    missing = {}
-    for name in sorted(wanted):
-        reason = planner.reach(name, ())
-        if reason:
-            missing[name] = reason
-    welcome = {name for name in sorted(uses) if planner.welcomes(name)}
-    return Plan(tuple(planner.steps), frozenset(planner.buffers), wanted | welcome, missing)
-
-
-class _Planner:
-    """Walks back from a feature to the source, collecting steps in the order they must run."""
-
-    def __init__(
-        self, extractors: Mapping[str, Any], source: frozenset[str], family: Family, shared: frozenset[str] | None
-    ) -> None:
-        self.extractors, self.source, self.family, self.shared = extractors, source, family, shared
-        self.steps: list[Step] = []
-        self.buffers: set[str] = set()
-        self.done: set[str] = set()
-
-    def reach(self, feature: str, path: tuple[str, ...]) -> str:
-        """Empty if ``feature`` can be had (and its steps are planned), else the reason."""
-        if feature in self.done:
-            return ""
-        if feature in self.source:
-            self.buffers.add(feature)
-            return ""
-        if feature in path:
-            raise UsageError("", "extractors", f"circle: {' -> '.join((*path, feature))}")
-        name = self._provider(feature)
-        if name is None:
-            return f"no {self.family} extractor provides {feature!r}"
-        before = (len(self.steps), set(self.buffers), set(self.done))
-        for needed in self.extractors[name].requires:
-            reason = self.reach(needed, (*path, feature))
-            if reason:
-                del self.steps[before[0] :]
-                self.buffers, self.done = before[1], before[2]
-                return f"{name} needs {needed!r}: {reason}"
-        self.steps.append(Step(name, self.extractors[name], self._hidden(name, (*path, feature))))
-        self.done.update(self.extractors[name].provides)
-        return ""
-
-    def welcomes(self, feature: str) -> bool:
-        """Plan a feature that nobody requires, unless its provider would replace what another was planned for."""
-        name = None if feature in self.done | self.source else self._provider(feature)
-        if name is not None and self.done & set(self.extractors[name].provides):
-            return False
-        return not self.reach(feature, ())
-
-    def _hidden(self, name: str, path: tuple[str, ...]) -> tuple[str, ...]:
-        hidden = []
-        for optional in getattr(self.extractors[name], "uses", ()):
-            allowed = self.shared is None or optional in self.shared
-            if not allowed or self.reach(optional, path):
-                hidden.append(optional)
-        return tuple(hidden)
-
-    def _provider(self, feature: str) -> str | None:
-        order = (("scene", "both"), ("image",)) if self.family == "scene" else (("image", "both"),)
-        for families in order:
-            found = [n for n, e in self.extractors.items() if feature in e.provides and e.family in families]
-            if len(found) > 1:
-                raise UsageError("", "extractors", f"{' and '.join(found)} both provide {feature!r}", "set one to null")
-            if found:
-                return found[0]
-        return None
+Load = Callable[[int, int], Features]
 
 
 def run(plan: Plan, now: Features, before: Features | None) -> Features:
-    """``now`` with every step of ``plan`` done; ``before`` is the frame before, None for a first frame."""
+    """``now`` with every step of ``plan`` done; ``before`` is the frame before, None for a first frame.
+
+    Raises:
+        UsageError: a step reads whole clips only.
+    """
     for step in plan.steps:
+        if step.whole_clip:
+            raise UsageError(
+                "", f"extractor {step.name}", "reads a whole clip, not single renders", "use extract.inner=geometric"
+            )
         if _needs_before(step) and before is None:
             now = _undefined(now, step)
         else:
@@ -182,29 +39,97 @@ def run(plan: Plan, now: Features, before: Features | None) -> Features:
 
 def run_clip(
     plan: Plan,
-    load: Callable[[int, int], Features],
+    load: Load,
     count: int,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Features:
     """Features of a clip of ``count`` frames, without its pixels.
 
     ``load(start, stop)`` delivers the source's features of a few frames at a time, so that memory does not grow with
-    the clip. The first frame has no flow: NaN.
+    the clip. The first frame has no flow: NaN. What a step that reads the whole clip cannot tell is left out with the
+    reason, and so is what needs it.
     """
+    keep = plan.wanted | {"camera", "person"}
+    between = keep if not plan.reads_whole_clip else keep | plan.passed_on - CLIP_SOURCE
+    found: Features | None = None
+    for steps, whole in _stages(plan.steps):
+        if steps or found is None:
+            found = _in_chunks(steps, found, load, count, between, progress)
+        if whole is not None:
+            found = _read_whole(whole, found, load)
+            dear = frozenset(whole.extractor.provides)
+            keep, between = keep | dear, between | dear
+    assert found is not None  # there is at least one stage
+    return _only(found, keep)
+
+
+def _stages(steps: Sequence[Step]) -> list[tuple[list[Step], Step | None]]:
+    """Steps that look at few frames at a time, each time up to the next that reads the whole clip."""
+    stages: list[tuple[list[Step], Step | None]] = []
+    waiting: list[Step] = []
+    for step in steps:
+        if step.whole_clip:
+            stages.append((waiting, step))
+            waiting = []
+        else:
+            waiting.append(step)
+    return [*stages, (waiting, None)]
+
+
+def _read_whole(step: Step, found: Features, load: Load) -> Features:
+    lost = _lost(step, found.reasons)
+    if lost:
+        return replace(found, reasons={**found.reasons, **lost})
+    got: Features = step.extractor.read_clip(found, load)
+    for name in step.extractor.provides:
+        if not got.has(name) and name not in got.reasons:
+            raise UsageError("", f"extractor {step.name}", f"gave neither {name!r} nor a reason")
+    return got
+
+
+def _lost(step: Step, reasons: Mapping[str, str]) -> dict[str, str]:
+    """Why ``step`` cannot give what it provides, because of what it requires; empty if it can."""
+    lacking = [name for name in step.extractor.requires if name in reasons]
+    return dict.fromkeys(step.extractor.provides, reasons[lacking[0]]) if lacking else {}
+
+
+def _in_chunks(
+    steps: Sequence[Step],
+    found: Features | None,
+    load: Load,
+    count: int,
+    keep: frozenset[str],
+    progress: Callable[[int], None],
+) -> Features:
+    """Every frame through ``steps``, beside what was ``found`` before; of all that, ``keep``."""
+    reasons = dict(found.reasons) if found else {}
+    possible = []
+    for step in steps:
+        lost = _lost(step, reasons)
+        reasons.update(lost)
+        possible += [] if lost else [step]
     parts: list[Features] = []
     last: Features | None = None
     for start in range(0, count, CHUNK):
-        now = load(start, min(start + CHUNK, count))
-        done = _run_chunk(plan, now, last)
+        stop = min(start + CHUNK, count)
+        now = load(start, stop)
+        if found is not None:
+            now = joined(now, found[slice(start, stop)])
+        done = _run_chunk(possible, now, last)
         last = done[len(done) - 1]
-        keep = plan.wanted | {"camera", "person"}
         parts.append(_only(done, keep))
-        progress(min(start + CHUNK, count))
-    return Features.concatenate(parts)
+        progress(stop)
+    return replace(Features.concatenate(parts), reasons=reasons)
 
 
-def _run_chunk(plan: Plan, now: Features, last: Features | None) -> Features:
-    for step in plan.steps:
+def joined(features: Features, more: Features) -> Features:
+    """``features`` with what ``more`` has of the same frames."""
+    new = {name: more.require(name) for name in more.names() if name not in more.extras}
+    return replace(features, **new, extras={**features.extras, **more.extras})
+
+
+def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> Features:
+    for step in steps:
         if not _needs_before(step):
             now = step(now, None)
         elif last is not None:

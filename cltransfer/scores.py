@@ -85,5 +85,6 @@ def tabulate(objective: Objective, reference: Features, values: Tensor, missing:
 def _reason(loss: object, reference: Features, defined: bool, missing: Mapping[str, str]) -> str:
     lacking = [name for name in loss.requires if not reference.has(name)]  # type: ignore[attr-defined]
     if lacking:
-        return missing.get(lacking[0], f"the reference has no {lacking[0]!r}")
+        told = {**missing, **reference.reasons}
+        return told.get(lacking[0], f"the reference has no {lacking[0]!r}")
     return "" if defined else "undefined on every frame of the reference"

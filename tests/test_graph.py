@@ -122,6 +122,66 @@ def test_a_first_frame_has_no_flow_and_the_others_compare_with_the_one_before() 
     torch.testing.assert_close(got[1:], torch.ones(19))
 
 
+@dataclass(frozen=True)
+class Whole:
+    """An extractor that reads a whole clip: the mean of all its pixels, or a reason."""
+
+    provides: tuple[str, ...] = ("depth", "trust")
+    requires: tuple[str, ...] = ("image", "box")
+    family: str = "image"
+    whole_clip: bool = True
+    reason: str = ""
+
+    def read_clip(self, found: Features, load) -> Features:
+        assert not found.has("image")
+        if self.reason:
+            return replace(found, reasons=dict.fromkeys(self.provides, self.reason))
+        mean = torch.stack([load(i, i + 1).image.mean() for i in range(len(found))]).mean()
+        boxes = found.require("box")
+        return replace(found, depth=boxes + mean, extras={**found.extras, "trust": boxes})
+
+
+def along_clip(whole: Whole, wanted: set[str]) -> Features:
+    image = torch.arange(20.0)[:, None, None, None].expand(20, 3, 2, 2)
+    steps = {
+        "a": Making(("box",)), "whole": whole, "l": Making(("layers",), ("image",), uses=("depth",)),
+        "n": Making(("flow",), needs_before=True), "d": Making(("gaze",), ("depth",)),
+    }  # fmt: skip
+    made = plan(wanted, steps)
+    return run_clip(made, lambda a, b: Features((2, 2), image=image[a:b]), 20)
+
+
+def test_a_step_that_reads_the_whole_clip_has_what_came_before_and_gives_to_what_comes_after() -> None:
+    got = along_clip(Whole(), {"layers", "flow", "depth"})
+    assert got.names() == {"layers", "flow", "depth", "trust"}  # what it made is kept, it was dear
+    torch.testing.assert_close(got.require("depth")[:, 0], torch.arange(20.0) + 9.5)
+    assert bool((got.require("layers")[:, 0] >= 100).all())  # they saw the depth
+    torch.testing.assert_close(got.require("flow")[1:, 0], torch.ones(19))  # across chunks too
+
+
+def test_what_a_whole_clip_does_not_tell_is_told_and_so_is_what_needs_it() -> None:
+    got = along_clip(Whole(reason="it stands still"), {"layers", "depth", "gaze"})
+    assert got.names() == {"layers"}
+    assert dict(got.reasons) == dict.fromkeys(("depth", "trust", "gaze"), "it stands still")
+    assert bool((got.require("layers")[:, 0] < 100).all())
+
+
+def test_a_whole_clip_step_that_says_nothing_is_named() -> None:
+    @dataclass(frozen=True)
+    class Silent(Whole):
+        def read_clip(self, found: Features, load) -> Features:
+            return found
+
+    with pytest.raises(UsageError, match="extractor whole: gave neither 'depth' nor a reason"):
+        along_clip(Silent(), {"depth"})
+
+
+def test_a_single_frame_is_not_for_a_step_that_reads_whole_clips() -> None:
+    made = plan({"depth"}, {"a": Making(("box",)), "whole": Whole()})
+    with pytest.raises(UsageError, match="extractor whole: reads a whole clip, not single renders"):
+        run(made, Features((2, 2), image=torch.zeros(1, 3, 2, 2)), None)
+
+
 def test_a_clip_keeps_what_was_wanted_and_not_its_pixels() -> None:
     made = plan({"box"}, {"a": Making(("box",))})
     got = run_clip(made, lambda a, b: Features((2, 2), image=torch.zeros(b - a, 3, 2, 2)), 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -120,11 +121,13 @@ def test_features_index_concatenate_and_require() -> None:
 
 def test_a_feature_file_comes_back_and_a_foreign_one_is_refused(tmp_path: Path) -> None:
     features = Features((8, 4), keypoints=torch.rand(2, 14, 3), layers=torch.zeros(2, 3, 4, 8, dtype=torch.bool))
+    features = replace(features, reasons={"depth": "the camera stands still"})
     path = tmp_path / "clip.safetensors"
     FeatureFile(features, torch.tensor([0.0, 0.5], dtype=torch.float64), "clip.mp4").save(path)
     again = FeatureFile.load(path)
     assert torch.equal(again.features.require("keypoints"), features.require("keypoints"))
     assert again.features.size == (8, 4)
+    assert again.features.reasons == {"depth": "the camera stands still"}
     path.write_bytes(b"\xff" * 100)
     with pytest.raises(InputError, match="not a feature file"):
         FeatureFile.load(path)

@@ -27,6 +27,9 @@ class Extractor(Protocol):
     #   needs_before: True if it compares with the frame before; frames without one get NaN
     #   passes: network passes one frame costs (0 where absent)
     #   network: the cltransfer.onnx.Network it runs, loaded before any frame is read
+    #   whole_clip: True if it reads whole clips only; it then has, instead of __call__,
+    #     read_clip(found, load) -> found with what it provides, or with the reasons why not: ``found`` has the N frames
+    #     without pixels, ``load(start, stop)`` gives the pixels of a few
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` (B frames) with the provided features added; nothing is changed in place.
