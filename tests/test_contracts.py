@@ -57,6 +57,8 @@ class TestImageExtractors(ExtractorCase):
     def use(self, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
         if "???" in EXTRACTORS.options(request.param).values():
             pytest.skip("needs a network that the user names")
+        if getattr(EXTRACTORS.get(request.param), "whole_clip", False):
+            pytest.skip("reads whole clips; tested on its own")
         if not (DATA / "models").is_dir() or not (DATA / "video").is_dir():
             pytest.skip("needs the models and clips of shared/data")
         monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))

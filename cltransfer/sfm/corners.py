@@ -1,0 +1,79 @@
+"""Points that are found again from frame to frame: SIFT (https://doi.org/10.1023/B:VISI.0000029664.99615.94)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+CORNERS = 1500  # of a frame at most
+CONTRAST = 0.02  # half of OpenCV's: smooth walls must give some too
+WINDOW = 6  # frames apart that are matched at most
+RATIO = 0.85  # distance of the nearest descriptor over that of the second nearest
+FEWEST = 20  # matches a pair of frames needs to count
+
+
+@dataclass(frozen=True)
+class Corners:
+    """What one frame shows.
+
+    Args:
+        pixels: (P, 2) float64 [px], the centre of the first pixel at 0.5.
+        descriptors: (P, 128) float32 of unit length.
+        hidden: which lie on the subject, (P,) bool.
+    """
+
+    pixels: NDArray  # (P, 2) [px]
+    descriptors: NDArray  # (P, 128)
+    hidden: NDArray  # (P,) bool
+
+
+@dataclass(frozen=True)
+class Match:
+    """Corners of two frames that look alike.
+
+    Args:
+        frames: the earlier and the later.
+        index: of the corners in both, (M, 2).
+    """
+
+    frames: tuple[int, int]
+    index: NDArray  # (M, 2)
+
+
+def find_corners(frame: NDArray, subject: NDArray) -> Corners:
+    """Corners of ``frame`` (H, W, 3) uint8 RGB; those within 2 % of its width of ``subject`` (H, W) bool are hidden."""
+    height, width = frame.shape[:2]
+    grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+    sift = cv2.SIFT.create(nfeatures=CORNERS, contrastThreshold=CONTRAST)
+    keypoints, descriptors = sift.detectAndCompute(grey, np.ones_like(grey))
+    if descriptors is None:
+        return Corners(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0, bool))
+    places = np.array([point.pt for point in keypoints])  # integer-centred
+    margin = 2 * round(0.02 * width) + 1
+    near = cv2.dilate(subject.astype(np.uint8), np.ones((margin, margin), np.uint8)) > 0
+    column, row = (places.round().astype(int).clip(0, [width - 1, height - 1])).T
+    rooted = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))  # Hellinger distance
+    return Corners(places + 0.5, rooted, near[row, column])
+
+
+def match_clip(corners: list[Corners]) -> list[Match]:
+    """Matches of all pairs of frames that are near in time; mutual, clear, and at least :data:`FEWEST` a pair."""
+    pairs = [pair for pair in combinations(range(len(corners)), 2) if pair[1] - pair[0] <= WINDOW]
+    found = (Match(pair, _alike(corners[pair[0]], corners[pair[1]])) for pair in pairs)
+    return [match for match in found if len(match.index) >= FEWEST]
+
+
+def _alike(first: Corners, second: Corners) -> NDArray:
+    """Index pairs (M, 2) of mutual nearest neighbours that beat the second nearest."""
+    if min(len(first.pixels), len(second.pixels)) < 2:
+        return np.zeros((0, 2), int)
+    likeness = first.descriptors @ second.descriptors.T
+    forth, back = likeness.argmax(1), likeness.argmax(0)
+    second_best, best = np.partition(likeness, -2, axis=1)[:, -2:].T
+    clear = (1 - best) < RATIO**2 * (1 - second_best)  # |a - b|^2 = 2 - 2 a.b
+    kept = np.flatnonzero(clear & (back[forth] == np.arange(len(forth))))
+    return np.stack([kept, forth[kept]], axis=1)

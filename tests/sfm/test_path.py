@@ -1,0 +1,111 @@
+"""The camera path of a clip from its frames, against the path it was rendered along."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from cltransfer.sfm import NoPathError
+from cltransfer.sfm.path import reconstruct_path
+
+
+@pytest.fixture(scope="module")
+def orbit(filmed):
+    true, image, depth, subject = filmed("orbit", 12)
+    return true, reconstruct_path(image, subject, true.times), depth
+
+
+def test_every_frame_gets_a_camera_at_its_time(orbit):
+    true, found, _ = orbit
+    assert found.placed.all()
+    assert torch.equal(found.trajectory.times, true.times)
+    assert found.trajectory.camera.size == true.camera.size
+    torch.testing.assert_close(found.trajectory.camera.w2c[0], torch.eye(4, dtype=torch.float64))
+
+
+def test_the_path_is_right_up_to_scale(orbit):
+    true, found, _ = orbit
+    relative = true.camera.w2c @ true.camera.c2w[:1]  # in the axes of the first camera
+    turned = Rotation.from_matrix((found.trajectory.camera.w2c @ relative.inverse())[:, :3, :3]).magnitude()
+    assert np.degrees(turned).max() < 1.5  # of 60 degrees
+    got, wanted = found.trajectory.camera.center, -(relative[:, :3, :3].mT @ relative[:, :3, 3:])[..., 0]
+    scale = float((got * wanted).sum() / got.square().sum())
+    assert float((scale * got - wanted).norm(dim=1).max() / wanted.norm(dim=1).max()) < 0.04
+
+
+def test_the_lens_is_found_where_the_camera_turns(orbit):
+    true, found, _ = orbit
+    assert float(found.trajectory.camera.focal[0]) == pytest.approx(float(true.camera.focal[0]), rel=0.05)
+
+
+def test_depth_of_points_is_right_up_to_scale_on_the_subject_too(orbit):
+    _, found, depth = orbit
+    points = found.points
+    column, row = points.pixels.floor().long().T
+    off = (points.depth / depth[points.frames, row, column]).log()
+    off -= off.nanmedian()
+    sure = points.confidence > 0.5
+    for side in (points.hidden, ~points.hidden):
+        assert int((sure & side).sum()) > 50
+        assert float(off[sure & side].abs().nanmedian()) < 0.05
+    assert float(points.depth.median()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("name", "reason"), [("pan", "no parallax"), ("zoom", "no parallax")])
+def test_a_camera_that_only_turns_or_zooms_is_told_before_anything_is_mapped(filmed, monkeypatch, name, reason):
+    import pycolmap
+
+    def refuse(*args, **options):
+        raise AssertionError("mapping was started")
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", refuse)
+    true, image, _, subject = filmed(name)
+    with pytest.raises(
+        NoPathError, match=f"clip: camera path: {reason}: a homography of each pair of frames explains 9. %"
+    ):
+        reconstruct_path(image, subject, true.times)
+
+
+def test_a_still_camera_is_told(filmed):
+    true, image, _, subject = filmed("pan")
+    with pytest.raises(NoPathError, match=r"the camera stands still: points move by at most 0\.00 %"):
+        reconstruct_path(image[[0] * 5], subject[[0] * 5], true.times[:5])
+
+
+def test_a_zoom_on_the_move_is_told(filmed):
+    true, image, _, subject = filmed("dolly_zoom", 12)
+    with pytest.raises(NoPathError, match=r"only \d+ of 12 frames could be placed with one lens"):
+        reconstruct_path(image, subject, true.times)
+
+
+def test_frames_without_texture_are_told():
+    flat = np.full((4, 90, 160, 3), 128, np.uint8)
+    with pytest.raises(NoPathError, match="no two frames share 50 points off the subject, at best 0"):
+        reconstruct_path(flat, None, torch.arange(4.0))
+
+
+@pytest.mark.parametrize("count", [2, 121])
+def test_too_few_and_too_many_frames_are_told(count):
+    with pytest.raises(NoPathError, match=f"expected 3 to 120 frames, got {count}"):
+        reconstruct_path(np.zeros((count, 9, 16, 3), np.uint8), None, torch.arange(float(count)))
+
+
+def test_the_same_clip_gives_the_same_bits_leaves_no_file_and_says_nothing(filmed, orbit, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    true, image, _, subject = filmed("orbit", 12)
+    first, second = orbit[1], reconstruct_path(image, subject, true.times)
+    assert torch.equal(first.trajectory.camera.w2c, second.trajectory.camera.w2c)
+    assert torch.equal(first.points.depth, second.points.depth)
+    assert list(Path(tmp_path).iterdir()) == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_known_lens_is_kept(filmed):
+    true, image, _, subject = filmed("orbit", 12)
+    found = reconstruct_path(image, subject, true.times, lens=1.1)
+    assert float(found.trajectory.camera.focal[0]) == pytest.approx(1.1 * 480)
