@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -122,10 +121,14 @@ def random_total(reader: Reader, reference: Features, scene: Scene, seed: int) -
         scene.subject.anchor + scene.subject.facing[None], scene.subject.anchor, scene.up, 0.7, stage.size
     )
     views = SubjectOrbit().cameras(x / SCALE, home, scene.subject)
-    seen: list[Any] = [stage.features(views[i], None) for i in range(len(views))]
-    held = Features.concatenate([replace(stage.features(views[i], seen[i]), image=None) for i in range(len(views))])
+    held = Features.concatenate([_standing(stage.features(views[i], None)) for i in range(len(views))])
     defined = reader.objective.defined(reference)
     totals = [
         reader.objective.totals(reader.objective.terms(reference[i], held), defined[i]) for i in range(len(reference))
     ]
     return float(torch.stack(totals).mean(0).median())
+
+
+def _standing(frame: Features) -> Features:
+    """A frame as a camera that stands still sees it again: nothing flows."""
+    return replace(frame, image=None, flow=torch.zeros_like(frame.require("flow")))

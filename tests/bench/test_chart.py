@@ -1,0 +1,66 @@
+"""The chart: fronts and curves by their definitions, and drawn from trials that were run."""
+
+from xml.etree import ElementTree
+
+import pytest
+
+from cltransfer.bench.chart import SETTINGS, Setting, chart_trials, hits, pareto, points, points_csv
+from cltransfer.bench.chart_svg import write_chart
+from cltransfer.bench.protocol import Tier
+from cltransfer.bench.rows import Bench, run_trials
+
+
+def _row(shot, evaluations, total):
+    clip = {"shot": shot, "teacher": "room-0", "pupil": "room-0", "seed": 1, "frames": 8}
+    return {**clip, "evaluations": evaluations, "total": total}
+
+
+def test_a_front_holds_what_no_other_beats_in_both():
+    costs, losses = [5.0, 1.0, 2.0, 3.0, 2.0], [0.1, 9.0, 4.0, 5.0, 6.0]
+    front = pareto(costs, losses)
+    beaten = {i for i in range(5) if any(costs[j] <= costs[i] and losses[j] <= losses[i] and j != i for j in range(5))}
+    assert set(front) == set(range(5)) - beaten
+    assert front == [1, 2, 0]
+
+
+def test_a_clip_is_hit_by_the_cheapest_run_that_reaches_the_target():
+    rows = [
+        _row("pan", 10, 3.0),
+        _row("pan", 50, 0.9),
+        _row("pan", 90, 0.2),
+        _row("zoom", 20, 1.0),
+        _row("tilt", 20, 5.0),
+    ]
+    curve = hits("any", rows, 1.0)
+    assert curve.evaluations == (20, 50)
+    assert curve.share == pytest.approx((1 / 3, 2 / 3))
+    assert (curve.least, curve.most) == (10, 90)
+
+
+def test_settings_are_told_apart_by_name_within_their_family():
+    names = [(s.family, s.label) for s in SETTINGS]
+    assert len(set(names)) == len(names)
+    assert {"presets", "baselines", "resolution", "level of detail", "CMA-ES, population", "CMA-ES, generations"} <= {
+        s.family for s in SETTINGS
+    }
+
+
+def test_the_chart_is_drawn_from_trials(tmp_path):
+    settings = (Setting("presets", "fast", "fast"), Setting("resolution", "64 px", "fast", ("search_side=64",)))
+    tier = Tier(("pan",), (("room", "room"),), 1, 1, 4)
+    rows = run_trials(chart_trials(settings, tier), Bench(tmp_path / "rows"))
+    found = points(settings, rows)
+    assert [p.clips for p in found] == [1, 1]
+    assert found[0].total == rows[0]["total"]
+    page = tmp_path / "docs" / "benchmarks.md"
+    write_chart(
+        found, [hits("ours", rows, target) for target in (0.5, 1.0, 2.0)], tmp_path / "rows", page, "bench chart"
+    )
+    for name in ("chart.svg", "hits.svg"):
+        texts = [t.text for t in ElementTree.parse(page.parent / name).iter("{http://www.w3.org/2000/svg}text")]
+        assert "evaluations a frame" in texts
+        assert (tmp_path / "rows" / name).read_bytes() == (page.parent / name).read_bytes()
+    lines = points_csv(found).splitlines()
+    assert len(lines) == 3
+    assert sum(line.split(",")[8] == "1" for line in lines[1:]) >= 1
+    assert "](chart.svg)" in page.read_text()

@@ -1,0 +1,95 @@
+"""Table 1 on the smoke tier, end to end, and its arithmetic on rows that are given."""
+
+import csv
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from cltransfer.bench.measures import TERMS, failed_frames, paired, term
+from cltransfer.bench.rows import read_rows
+from cltransfer.bench.table1 import duel, latex, markdown
+from cltransfer.bench.verbs import app
+
+
+def _row(method, value, failed=(), shot="pan", **more):
+    terms = {name: [value, value, 3 * value] for name in TERMS}
+    row = {
+        "method": method,
+        **{"shot": shot, "teacher": "room-0", "pupil": "stage-1", "seed": 1, "frames": 3, "options": []},
+        **{"priced": terms, "faithful": terms, "held_out": {"dis_flow": {"camera_movement": [None, value, value]}}},
+        **{"failed": {"joints": list(failed)} if failed else {}, "failed_clip": bool(failed)},
+        **{"total": value, "jerk": 0.2, "reference_jerk": 0.1, "scale_agreement": 1.0},
+        **{"evaluations": 10.0, "seconds": 1.0, "commit": "abc"},
+        "truth": dict.fromkeys(("position", "rotation", "log_focal", "path_position", "path_rotation"), value),
+    }
+    return {**row, **more}
+
+
+def test_frames_that_failed_by_either_method_are_left_out_of_both():
+    rows = [_row("old", 2.0, failed=[2]), _row("new", 1.0)]
+    found = duel(rows, "old", "new", "cross")
+    assert found.all_frames[0].baseline.mean == pytest.approx(10 / 3)
+    assert found.all_frames[0].ours.mean == pytest.approx(5 / 3)
+    assert found.sound_frames[0].baseline.mean == pytest.approx(2.0)
+    assert found.sound_frames[0].ours.mean == pytest.approx(1.0)
+
+
+def test_a_clip_of_failed_frames_alone_is_left_out_and_counted():
+    rows = [
+        _row("old", 2.0, failed=[0, 1, 2]),
+        _row("new", 1.0),
+        _row("old", 2.0, shot="tilt"),
+        _row("new", 1.0, shot="tilt"),
+    ]
+    found = duel(rows, "old", "new", "cross")
+    assert found.all_frames[0].difference.count == 2
+    assert found.sound_frames[0].difference.count == 1
+    rates = {c.name: c for c in found.beside}
+    assert rates["failed clips"].baseline.mean == 0.5
+    assert rates["failed frames"].baseline.mean == 0.5
+
+
+def test_rows_are_paired_by_their_clip_alone():
+    rows = [_row("old", 2.0), _row("new", 1.0, shot="tilt"), _row("new", 3.0)]
+    assert [(a["total"], b["total"]) for a, b in paired(rows, "old", "new")] == [(2.0, 3.0)]
+
+
+def test_what_was_not_read_is_no_line():
+    rows = [_row("old", 2.0), _row("new", 1.0)]
+    assert not [c.name for c in duel(rows, "old", "new", "cross").beside if "networks" in c.name]
+
+
+def test_an_undefined_frame_of_the_reference_counts_for_nothing():
+    row = _row("old", 1.0)
+    row["priced"]["framing"] = [None, 1.0, 2.0]
+    assert term(row, "framing") == pytest.approx(1.5)
+
+
+def test_the_smoke_tier_measures_jaws_against_ours(tmp_path):
+    folder, page = tmp_path / "rows", tmp_path / "benchmarks.md"
+    arguments = ["table1", "--tier", "smoke", "--rows", str(folder), "--out", str(page)]
+    ran = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert ran.exit_code == 0
+    rows = list(read_rows(folder).values())
+    assert sorted({(row["method"], row["shot"]) for row in rows}) == [
+        (method, shot) for method in ("balanced", "jaws_clean") for shot in ("dolly_zoom", "orbit", "push_in")
+    ]
+    assert all(row["frames"] == 8 and row["evaluations"] > 5 for row in rows)
+    lines = list(csv.DictReader((folder / "table1.csv").read_text().splitlines()))
+    means = {line["metric"]: line for line in lines if line["frames"] == "all"}
+    assert set(TERMS) < set(means)
+    of_ours = [term(row, "framing") for row in rows if row["method"] == "balanced"]
+    assert float(means["framing"]["ours_mean"]) == pytest.approx(sum(of_ours) / 3)
+    assert "## Table 1" in page.read_text()
+    assert "Budgets are cut" in page.read_text()
+    assert (folder / "table1.tex").read_text().count(r"\begin{tabular}") == 1
+    for row in rows:
+        assert set(failed_frames(row)) <= set(range(8))
+        assert json.loads((folder / "paths" / f"{row['key']}.json").read_text())["size"] == [160, 90]
+
+
+def test_text_for_people_and_for_papers():
+    found = [duel([_row("old", 2.0), _row("new_one", 1.0)], "old", "new_one", "self")]
+    assert "### new_one against old, within a scene (true cameras known)" in markdown(found)
+    assert r"new\_one" in "\n".join(latex(found))
