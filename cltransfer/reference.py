@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from .errors import InputError
 from .feature_file import FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
-from .graph import CLIP_SOURCE, Family, Plan, make_plan, run_clip
+from .graph import CHUNK, CLIP_SOURCE, Family, Plan, make_plan, run_clip
+from .persons import join
 
 Progress = Callable[[str, int, int], None]
 SCENE_SOURCE = frozenset({"camera", "person"})
@@ -113,53 +115,96 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
     """Read ``source``.
 
     Args:
-        source: a video, an image folder, a feature file (.safetensors), ``builtin:SHOT``, or ``SCENE@TRAJECTORY``.
+        source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it
+            (:class:`cltransfer.clip_source.ClipSource`), a feature file (.safetensors), ``builtin:SHOT``, or
+            ``SCENE@TRAJECTORY``.
         parts: the config's components.
         reading: frames, size, extractors.
         progress: called with a step, frames done, frames in all.
 
     Raises:
-        InputError: it is missing, damaged, or shows no person in any frame.
+        InputError: it is missing, damaged, has a cut, or shows no person in any frame.
+        UsageError: the part asked for cannot be.
     """
     if source.startswith("builtin:") or "@" in Path(source).name:
         reference = _from_scene(source, parts, reading, progress)
     elif source.endswith(".safetensors"):
         reference = _from_file(Path(source), parts, reading.frames)
     else:
-        reference = _from_clip(Path(source), parts, reading.frames, progress)
+        reference = _from_clip(source, parts, reading.frames, progress)
     _require_person(reference)
     return reference
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
-    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``."""
+    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's."""
+    return read_frames(image, plan, None, progress)[0]
+
+
+def read_frames(
+    image: Tensor, plan: Plan, person: int | None, progress: Progress = silent
+) -> tuple[Features, tuple[str, ...]]:
+    """Features of frames (N, 3, H, W) uint8, and what a reader should know.
+
+    Where the plan's detector sees all persons, they are joined along the clip and one is followed.
+
+    Args:
+        image: the frames.
+        plan: of image extractors.
+        person: whom to follow; None is the largest.
+        progress: called with a step, frames done, frames in all.
+
+    Raises:
+        UsageError: there is no such person.
+    """
+    count = len(image)
+    load = partial(_loaded, image, None)
+    detector = next((s for s in plan.steps if hasattr(s.extractor, "persons")), None)
+    flags: tuple[str, ...] = ()
+    if detector is not None:
+        found = []
+        for start in range(0, count, CHUNK):
+            found += detector.extractor.persons(load(start, start + CHUNK))
+            progress("finding persons", min(start + CHUNK, count), count)
+        box, flags = join(found).follow(person)
+        load = partial(_loaded, image, torch.from_numpy(box).float())
+        plan = replace(plan, steps=tuple(s for s in plan.steps if s is not detector), wanted=plan.wanted | {"box"})
+    features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
+    return features, flags
+
+
+def _loaded(image: Tensor, box: Tensor | None, start: int, stop: int) -> Features:
     size = (image.shape[3], image.shape[2])
-
-    def load(start: int, stop: int) -> Features:
-        return Features(size, image=image[start:stop].float() / 255)
-
-    return run_clip(plan, load, len(image), lambda done: progress("reading frames", done, len(image)))
+    return Features(size, image=image[start:stop].float() / 255, box=None if box is None else box[start:stop])
 
 
-def _from_clip(path: Path, parts: Components, frames: int | None, progress: Progress) -> Reference:
-    from .clip import read_clip
+def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
+    from .clip_source import ClipSource
+    from .open_clip import open_clip
 
-    clip = read_clip(path, frames)
+    where = ClipSource.parse(source)
+    clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
-    digest = content_hash(path)
-    cached = cache_dir() / "features" / f"{_key(digest, plan, frames)}.safetensors"
+    digest = content_hash(where.path)
+    cached = (
+        cache_dir()
+        / "features"
+        / f"{_key([digest, frames, str(where.span), where.person, clip.size], plan)}.safetensors"
+    )
     if cached.is_file():
-        features = FeatureFile.load(cached).features
+        stored = FeatureFile.load(cached)
+        features, read = stored.features, tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
-        features = clip_features(clip.image, plan, progress)
-        FeatureFile(features, clip.times, path.name).save(cached)
-    return Reference(features, clip.times, clip.image, path.stem, digest, "image", plan.missing)
+        features, read = read_frames(clip.image, plan, where.person, progress)
+        FeatureFile(features, clip.times, "\n".join([where.path.name, *read])).save(cached)
+    flags = (*flags, *read)
+    return Reference(features, clip.times, clip.image, where.path.stem, digest, "image", plan.missing, flags)
 
 
-def _key(digest: str, plan: Plan, frames: int | None) -> str:
+def _key(what: list[Any], plan: Plan) -> str:
     steps = [[s.name, asdict(s.extractor), list(s.hidden)] for s in plan.steps]
-    text = json.dumps([__version__, digest, frames, sorted(plan.wanted), steps], sort_keys=True, default=str)
+    text = json.dumps([__version__, what, sorted(plan.wanted), steps], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 

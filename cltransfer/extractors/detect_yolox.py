@@ -19,6 +19,7 @@ SIDE = 416  # of the square the network sees [px]
 STRIDES = (8, 16, 32)
 GREY = 114  # fills the square beyond the image
 PERSON = 0  # class of COCO
+SAME_PERSON = 0.5  # intersection over union of two boxes of one person
 
 
 def letterbox(image: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
@@ -71,6 +72,24 @@ def main_box(boxes: np.ndarray, scores: np.ndarray, min_score: float) -> np.ndar
     return np.where(weight[rows, best, None] > 0, found, np.nan)
 
 
+def all_boxes(boxes: np.ndarray, scores: np.ndarray, min_score: float) -> np.ndarray:
+    """The boxes that are sure enough and overlap no surer one by half.
+
+    Args:
+        boxes: (P, 4) as x, y, width, height.
+        scores: (P,) in [0, 1].
+        min_score: what a box needs to count.
+
+    Returns:
+        (Q, 5) as x, y, width, height, score, the surest first.
+    """
+    sure = np.flatnonzero(scores >= min_score)
+    corners = boxes[sure].astype(np.float64).tolist()
+    kept = cv2.dnn.NMSBoxes(corners, scores[sure].tolist(), min_score, SAME_PERSON) if len(sure) else []
+    rows = sure[np.array(kept, dtype=int).reshape(-1)]
+    return np.concatenate([boxes[rows], scores[rows, None]], axis=1)
+
+
 @EXTRACTORS.register("detect_yolox")
 @dataclass(frozen=True)
 class DetectYolox:
@@ -104,10 +123,23 @@ class DetectYolox:
         Raises:
             ModelError: the network is missing or refused.
         """
+        boxes, scores = self._look(now)
+        found = main_box(boxes, scores, self.min_score)
+        return replace(now, box=torch.from_numpy(found).float().to(now.require("image").device))
+
+    def persons(self, now: Features) -> list[np.ndarray]:
+        """Boxes of all persons of each frame, (P, 5) as x, y, width, height [px], score, the surest first.
+
+        Raises:
+            ModelError: the network is missing or refused.
+        """
+        return [all_boxes(*frame, self.min_score) for frame in zip(*self._look(now))]
+
+    def _look(self, now: Features) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes (B, P, 4) [px of the features' size] and scores (B, P)."""
         image = now.require("image")
         squares, sizes = zip(*(letterbox(frame) for frame in to_uint8(image)))
         bgr = np.stack(squares)[..., ::-1].transpose(0, 3, 1, 2).astype(np.float32)
-        found = main_box(*decode_grid(self.network({"images": bgr})["output"]), self.min_score)
+        boxes, scores = decode_grid(self.network({"images": bgr})["output"])
         scale = np.array(now.size) / np.array(sizes)  # (B, 2)
-        found[:, :4] *= np.tile(scale, 2)
-        return replace(now, box=torch.from_numpy(found).float().to(image.device))
+        return boxes * np.tile(scale, 2)[:, None], scores

@@ -1,0 +1,83 @@
+"""Persons along a clip: one id through gaps and crossings, and doubts are said."""
+
+import numpy as np
+import pytest
+
+from cltransfer.errors import UsageError
+from cltransfer.extractors.detect_yolox import all_boxes
+from cltransfer.persons import join, overlap
+
+
+def walk(start: float, step: float, frames: int, width: float = 20.0) -> np.ndarray:
+    """Boxes (N, 5) of a person who walks to the right."""
+    x = start + step * np.arange(frames)
+    return np.stack([x, np.full(frames, 10.0), np.full(frames, width), np.full(frames, 3 * width), np.ones(frames)], 1)
+
+
+def frames_of(*persons: np.ndarray) -> list[np.ndarray]:
+    """What a detector finds, in changing order; NaN rows are not found."""
+    rows = zip(*persons)
+    found = [np.stack(row)[:: -1 if i % 2 else 1] for i, row in enumerate(rows)]
+    return [boxes[np.isfinite(boxes[:, 0])] for boxes in found]
+
+
+def test_the_largest_is_person_0_in_whatever_order_they_are_found() -> None:
+    small, large = walk(0, 3, 12, 10), walk(200, -3, 12, 30)
+    persons = join(frames_of(small, large))
+    np.testing.assert_array_equal(persons.boxes, [large, small])
+    box, flags = persons.follow(None)
+    np.testing.assert_array_equal(box, large)
+    assert flags == ("person 0 is followed, seen in 12 frames; also seen: 1 in 12 frames",)
+    np.testing.assert_array_equal(persons.follow(1)[0], small)
+
+
+def test_a_gap_keeps_the_id_and_has_no_box() -> None:
+    one, other = walk(0, 1, 20), walk(300, 1, 20, 10)
+    one[5:10] = np.nan
+    persons = join(frames_of(one, other))
+    np.testing.assert_array_equal(persons.boxes[0], one)
+
+
+def test_one_who_comes_after_an_empty_stretch_is_another() -> None:
+    first, second = walk(0, 2, 30), walk(0, 2, 30, 12)
+    first[10:] = np.nan
+    second[:20] = np.nan
+    assert np.isfinite(join(frames_of(first, second)).boxes[..., 0]).sum(1).tolist() == [10, 10]
+
+
+def test_a_crossing_is_told() -> None:
+    persons = join(frames_of(walk(0, 4, 30), walk(116, -4, 30)))
+    assert len(persons.boxes) == 2
+    assert any("who is who is not certain" in flag for flag in persons.follow(0)[1])
+
+
+def test_one_alone_who_jumps_is_the_same_and_told() -> None:
+    lone = walk(0, 2, 10)
+    lone[6:, 0] += 300
+    box, flags = join(frames_of(lone)).follow(None)
+    np.testing.assert_array_equal(box, lone)
+    assert flags == ("the person jumps in frames 6: it may be another",)
+
+
+def test_nobody_is_no_box_and_no_flag() -> None:
+    box, flags = join([np.empty((0, 5))] * 4).follow(None)
+    assert np.isnan(box).all()
+    assert box.shape == (4, 5)
+    assert flags == ()
+
+
+def test_a_person_who_is_not_there_cannot_be_followed() -> None:
+    with pytest.raises(UsageError, match="expected 0 to 0"):
+        join(frames_of(walk(0, 1, 4))).follow(1)
+
+
+def test_overlap_is_intersection_over_union() -> None:
+    boxes = np.array([[0.0, 0, 2, 2], [1, 0, 2, 2], [5, 5, 1, 1]])
+    np.testing.assert_allclose(overlap(boxes[:1], boxes), [[1, 1 / 3, 0]])
+
+
+def test_one_person_seen_by_several_cells_is_one_box() -> None:
+    boxes = np.array([[0.0, 0, 10, 30], [1, 0, 10, 30], [50, 0, 10, 30], [80, 0, 10, 30]])
+    found = all_boxes(boxes, np.array([0.7, 0.9, 0.5, 0.1]), 0.3)
+    np.testing.assert_allclose(found, [[1, 0, 10, 30, 0.9], [50, 0, 10, 30, 0.5]])
+    assert all_boxes(boxes, np.zeros(4), 0.3).shape == (0, 5)
