@@ -57,7 +57,7 @@ class Stage:
     journal: Journal | None = None
 
     def reduced(self, camera: Camera, k: float) -> Stage:
-        """The stage for a search about ``camera`` (1), merged to voxels of ``k`` pixels; all of it where k is 0.
+        """The stage for a search about ``camera`` (1), merged to voxels of ``k`` pixels at first; whole where k is 0.
 
         Raises:
             UsageError: k is not 0 and the scene is not made of splats.
@@ -68,7 +68,7 @@ class Stage:
         return replace(self, scene=working.scene, working=working)
 
     def about(self, camera: Camera) -> Stage:
-        """The stage as the search goes on about ``camera`` (1): merged anew where it has moved far."""
+        """The stage for the next frame, about ``camera`` (1): merged anew where it is to be finer, or has moved far."""
         if self.working is None:
             return self
         working = self.working.about(camera.at_size(self.size))

@@ -10,12 +10,13 @@ from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage
-from cltransfer.driver.working_set import WorkingSet
+from cltransfer.driver.working_set import SHARES, WorkingSet
 from cltransfer.errors import UsageError
 from cltransfer.graph import make_plan
 from cltransfer.objective import Objective
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
+from cltransfer.scenes.simplify import working_set
 from cltransfer.transfer import Inputs, transfer
 
 UP = torch.tensor([0.0, 0, 1], dtype=torch.float64)
@@ -31,9 +32,21 @@ def moved(camera: Camera, distance: float) -> Camera:
     return replace(camera, w2c=w2c)
 
 
+def test_frames_are_searched_coarse_first_and_finer_later() -> None:
+    here = room_cameras(1, (160, 90))
+    sets = [WorkingSet(room(), here, 4)]
+    for _ in range(4):
+        sets.append(sets[-1].about(here))
+    counts = [len(one.scene.geometry) for one in sets]
+    assert counts[0] < counts[1] < counts[2] < 30_000
+    assert sets[2] is sets[3] is sets[4]
+    whole = working_set(room(), here, 2)  # half as coarse in the end
+    assert torch.equal(sets[-1].scene.geometry.means, whole.geometry.means)
+
+
 def test_a_working_set_is_kept_near_its_view_and_built_anew_beyond() -> None:
     here = room_cameras(1, (160, 90))
-    first = WorkingSet(room(), here, 4)
+    first = WorkingSet(room(), here, 4, frame=len(SHARES) - 1)
     assert first.about(moved(here, 0.2)) is first
     farther = first.about(moved(here, 2.0))
     assert farther is not first
@@ -52,8 +65,9 @@ def test_a_stage_without_level_of_detail_is_itself() -> None:
     small = stage.reduced(here, 4)
     assert len(small.scene.geometry) < len(stage.scene.geometry)
     assert small.spent is stage.spent
-    assert small.about(moved(here, 0.1)).scene is small.scene
-    assert small.about(moved(here, 2.0)).scene is not small.scene
+    finest = small.about(here).about(here)
+    assert finest.about(moved(here, 0.1)).scene is finest.scene
+    assert finest.about(moved(here, 2.0)).scene is not finest.scene
 
 
 @pytest.mark.parametrize("k", [0, 2])
