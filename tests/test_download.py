@@ -12,9 +12,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+import requests
 
 from cltransfer.catalogue import Entry, pinned
-from cltransfer.download import pull
+from cltransfer.download import Resuming, pull
 from cltransfer.errors import CltransferError, InputError, ModelError
 
 CONTENT = bytes(range(256)) * 2000  # 512,000 bytes
@@ -281,6 +282,15 @@ def test_redirects_lead_to_http_only(entry):
     entry("good").path.unlink()
     refused(entry("file"), "file:///etc/passwd")
     refused(entry("round"), "redirects")
+
+
+def test_https_is_not_left(entry):
+    answer = requests.Response()
+    answer.status_code, answer.url = 200, "http://example.org/net.onnx"
+    getter = Resuming(entry("good"), silent)
+    with pytest.raises(Exception, match="leads away from https"):
+        getter._check(answer, "https://example.org/net.onnx")
+    getter._check(answer, "http://example.org/net.onnx")
 
 
 def test_nobody_there_is_told_with_file_address_hash_and_folder(entry):

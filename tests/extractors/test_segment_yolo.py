@@ -116,6 +116,12 @@ def test_of_overlapping_boxes_the_surest_stays_and_of_the_rest_the_largest_times
     assert main_person(columns(sure, far), 0.92, 0.7) == 1
 
 
+def test_overlap_is_that_of_boxes_about_their_centres():
+    sure, larger = ((50, 50, 40, 80), (0.9, 0, 0)), ((70, 50, 80, 80), (0.8, 0, 0))  # 30-70 and 30-110: half
+    assert main_person(columns(sure, larger), 0.25, 0.45) == 0
+    assert main_person(columns(sure, larger), 0.25, 0.55) == 1
+
+
 def test_a_box_that_is_surer_of_another_class_is_no_person():
     dog, person = ((50, 50, 90, 90), (0.5, 0.8, 0)), ((50, 50, 20, 40), (0.4, 0.3, 0))
     assert main_person(columns(dog, person), 0.25, 0.7) == 1
