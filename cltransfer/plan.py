@@ -137,6 +137,7 @@ class _Planner:
     def reach(self, feature: str, path: tuple[str, ...]) -> str:
         """Empty if ``feature`` can be had (and its steps are planned), else the reason."""
         if feature in self.done:
+            self._provider(feature)  # two are a mistake even where one of them runs for another feature
             return ""
         if feature in self.source:
             self.buffers.add(feature)

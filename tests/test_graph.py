@@ -72,6 +72,13 @@ def test_two_providers_of_one_feature_are_ambiguous() -> None:
         plan({"box"}, {"one": Making(("box",)), "two": Making(("box",))})
 
 
+def test_two_providers_are_ambiguous_even_where_one_runs_for_another_feature() -> None:
+    both = {"pose": Making(("box", "subject")), "mask": Making(("subject",))}
+    with pytest.raises(UsageError, match="pose and mask both provide 'subject'"):
+        plan({"box", "subject"}, both)
+    assert [s.name for s in plan({"box"}, both).steps] == ["pose"]
+
+
 def test_a_circle_is_named() -> None:
     with pytest.raises(UsageError, match="circle: box -> gaze -> box"):
         plan({"box"}, {"a": Making(("box",), ("gaze",)), "b": Making(("gaze",), ("box",))})
