@@ -8,10 +8,12 @@ from typing import Annotated
 import typer
 
 from .protocol_verbs import bench_chart, bench_table1
+from .stress.verb import bench_stress
 
 app = typer.Typer(help="Measure: every figure in docs/benchmarks.md is made here.", no_args_is_help=True)
 app.command("table1")(bench_table1)
 app.command("chart")(bench_chart)
+app.command("stress")(bench_stress)
 
 
 @app.command("speed")

@@ -1,0 +1,51 @@
+"""Success against level, one small chart a stressor, one line a method."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...files import write_text
+from .trial import STRESSORS
+from .verdicts import StressVerdict
+
+COLUMNS = 4
+MARKERS = "os^Dv<>P"
+
+
+def write_chart(found: Sequence[StressVerdict], path: Path) -> None:
+    """Draw all verdicts as SVG; the same verdicts give the same bytes."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    stressors = list(dict.fromkeys(verdict.stressor for verdict in found))
+    methods = list(dict.fromkeys(verdict.method for verdict in found))
+    columns = min(COLUMNS, len(stressors))
+    rows = math.ceil(len(stressors) / columns)
+    with matplotlib.rc_context({"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8}):
+        figure = Figure(figsize=(2.6 * columns, 0.5 + 2.2 * rows), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
+        for ax in axes.flat[len(stressors) :]:
+            ax.set_visible(False)
+        for ax, stressor in zip(axes.flat, stressors):
+            for verdict in (v for v in found if v.stressor == stressor):
+                i = methods.index(verdict.method)
+                nudge = 0.01 * (i - (len(methods) - 1) / 2)  # lines that lie on one another are both seen
+                shares = [share + nudge for share in verdict.success]
+                ax.plot(shares, marker=MARKERS[i % len(MARKERS)], markersize=4, color=f"C{i}", label=verdict.method)
+            levels = ["none", *(f"{value:g}" for value in STRESSORS[stressor].levels)]
+            ax.set_xticks(range(len(levels)), levels, fontsize=7)
+            ax.set_ylim(-0.07, 1.07)
+            ax.axhline(0.5, linewidth=0.5, color="0.5", linestyle=":")
+            ax.set_title(stressor.replace("_", " "), loc="left", fontsize=9)
+            ax.set_xlabel(STRESSORS[stressor].unit, fontsize=7)
+            ax.spines[["top", "right"]].set_visible(False)
+        for ax in axes[:, 0]:
+            ax.set_ylabel("clips that did not fail")
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper left", ncols=len(methods), frameon=False)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    write_text(path, text.getvalue())

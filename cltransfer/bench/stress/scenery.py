@@ -1,0 +1,111 @@
+"""Stress by the scene: reconstructions with holes and floaters, things and people in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...scenes.splats import Splats
+from ...subject import Subject
+from .case import Case, Stressor
+
+SPACING = 0.02  # subject heights between the Gaussians of an occluder
+REACH = 4.0  # subject heights around the person in which floaters hang
+
+
+def pruned(case: Case, share: float, rng: np.random.Generator) -> Case:
+    """``share`` of the Gaussians are gone, as after too few training views."""
+    splats = _splats(case)
+    keep = torch.from_numpy(rng.permutation(len(splats))[round(share * len(splats)) :].copy()).sort().values
+    return _with(case, _take(splats, keep))
+
+
+def floaters(case: Case, count: float, rng: np.random.Generator) -> Case:
+    """So many large, half transparent Gaussians hang in the air about the person."""
+    subject, n = _subject(case), round(count)
+    directions = rng.normal(size=(n, 3))
+    offset = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(0.5, REACH, (n, 1))
+    upward = torch.from_numpy(offset) @ subject.up
+    offset = torch.from_numpy(offset) + (upward.abs() - upward)[:, None] * subject.up  # none below the ground
+    sizes = torch.from_numpy(rng.uniform(0.04, 0.16, (n, 1))).expand(n, 3)
+    opacity = torch.from_numpy(rng.uniform(0.5, 0.9, n))
+    colour = torch.from_numpy(rng.uniform(0, 1, (n, 3)))
+    means = subject.anchor + subject.height * offset
+    return _with(case, _add(_splats(case), means, subject.height * sizes, opacity, colour))
+
+
+def occluder(case: Case, width: float, rng: np.random.Generator) -> Case:
+    """A board ``width`` subject heights wide, as high as the person, stands halfway to the first view."""
+    subject = _subject(case)
+    middle = (subject.anchor + case.view.center[0]) / 2
+    right, down, _ = case.view.w2c[0, :3, :3]
+    steps = [torch.arange(-e / 2, e / 2, SPACING, dtype=torch.float64) for e in (width, 1.0)]
+    across, along = torch.meshgrid(*steps, indexing="ij")
+    means = middle + subject.height * (across.reshape(-1, 1) * right + along.reshape(-1, 1) * down)
+    n = len(means)
+    grey = torch.full((n, 3), float(rng.uniform(0.2, 0.6)), dtype=torch.float64)
+    sizes = torch.full((n, 3), 0.7 * SPACING * subject.height, dtype=torch.float64)
+    return _with(case, _add(_splats(case), means, sizes, torch.ones(n, dtype=torch.float64), grey))
+
+
+def second_person(case: Case, apart: float, rng: np.random.Generator) -> Case:
+    """The person's double, of whom nobody knows, stands ``apart`` subject heights to one side."""
+    splats, subject = _splats(case), _subject(case)
+    double = _take(splats, (splats.label > 0.5).nonzero()[:, 0])
+    side = float(rng.choice([-1.0, 1.0])) * apart * subject.height * subject.left
+    double = replace(double, means=double.means + side.to(double.means), label=torch.zeros_like(double.label))
+    return _with(case, _joined([splats, double]))
+
+
+def _splats(case: Case) -> Splats:
+    geometry = case.scene.geometry
+    if not isinstance(geometry, Splats):
+        raise ValueError(f"scenes are stressed as splats, got {type(geometry).__name__}")
+    return geometry
+
+
+def _subject(case: Case) -> Subject:
+    if case.scene.subject is None:
+        raise ValueError("the scene has no person")
+    return case.scene.subject
+
+
+def _tensors(splats: Splats) -> tuple[Tensor, ...]:
+    return splats.means, splats.scales, splats.quats, splats.opacity, splats.sh, splats.label
+
+
+def _take(splats: Splats, index: Tensor) -> Splats:
+    return _made([tensor[index] for tensor in _tensors(splats)])
+
+
+def _joined(parts: Sequence[Splats]) -> Splats:
+    return _made([torch.cat([t.to(column[0]) for t in column]) for column in zip(*map(_tensors, parts))])
+
+
+def _made(tensors: Sequence[Tensor]) -> Splats:
+    means, scales, quats, opacity, sh, label = tensors
+    return Splats(means, scales, quats, opacity, sh, label)
+
+
+def _add(splats: Splats, means: Tensor, scales: Tensor, opacity: Tensor, colour: Tensor) -> Splats:
+    """The splats and M more, unturned, of one colour (M, 3) in [0, 1] each, none of them the person."""
+    sh = torch.zeros(len(means), *splats.sh.shape[1:], dtype=torch.float64)
+    sh[:, 0] = (colour - 0.5) / 0.28209479177387814  # the constant harmonic
+    quats = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64).expand(len(means), 4)
+    return _joined([splats, Splats(means, scales, quats, opacity, sh, torch.zeros(len(means)))])
+
+
+def _with(case: Case, splats: Splats) -> Case:
+    return replace(case, scene=replace(case.scene, geometry=splats))
+
+
+SCENERY = {
+    "pruned": Stressor("Gaussians gone", "of the Gaussians", (0.3, 0.5, 0.7, 0.85, 0.95), pruned),
+    "floaters": Stressor("Gaussians in the air", "floaters", (20, 50, 100, 200, 400), floaters),
+    "occluder": Stressor("a board before the person", "subject heights wide", (0.04, 0.08, 0.12, 0.18, 0.3), occluder),
+    "second_person": Stressor("the person's double", "subject heights apart", (2.0, 1.2, 0.8, 0.5, 0.3), second_person),
+}

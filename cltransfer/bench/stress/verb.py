@@ -1,0 +1,46 @@
+"""The verb ``cltransfer bench stress``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+
+def bench_stress(
+    tier: Annotated[
+        Literal["smoke", "standard", "full"], typer.Option(help="How much; full takes about a day on two cores.")
+    ] = "standard",
+    method: Annotated[list[str] | None, typer.Option(help="Methods to compare (repeatable).")] = None,
+    stressor: Annotated[list[str] | None, typer.Option(help="Stressors; all of the tier where none is named.")] = None,
+    seed: Annotated[
+        list[int] | None, typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of the held-out ones.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Trials at a time, one thread each.")] = 1,
+    rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
+        "outputs/stress"
+    ),
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Markdown file whose stress section is rewritten.")
+    ] = None,
+) -> None:
+    """Where methods fail: what they are given is made worse, step by step; success, breakdown, tail, spread, cause."""
+    import shlex
+    import sys
+    from dataclasses import replace
+
+    from ..section import table
+    from .bench import TIERS, run_bench, write_stress
+    from .verdicts import HEADER, summary, verdicts
+
+    bench = TIERS[tier]
+    bench = replace(
+        bench,
+        methods=tuple(method or bench.methods),
+        stressors=tuple(stressor or bench.stressors),
+        seeds=tuple(seed or bench.seeds),
+    )
+    measured = run_bench(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
+    print("\n".join(table(HEADER, summary(verdicts(measured)))))
+    write_stress(measured, out or rows / "stress.md", shlex.join(["cltransfer", *sys.argv[1:]]))

@@ -1,0 +1,131 @@
+"""What stressed trials come to: success by level, the breakdown point, the tail, the spread, the growth, the cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean, quantiles
+
+from ..trial import Row
+from .trial import STRESSORS
+
+LEVELS = 6  # none and five
+HEADER = (
+    "stressor", "method", "success by level, none first", "breakdown", "worst tenth", "spread by seed",
+    "growth along the clip", "breaks first",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StressVerdict:
+    """One method under one stressor.
+
+    Args:
+        method, stressor: which.
+        success: share of clips that did not fail, by level, none first.
+        breakdown: level at which success falls to a half, between levels on the line; None if it never does.
+        worst_tenth: mean total of the worst tenth of all stressed clips, at least one.
+        spread: distance of the quartiles of the total over clips and seeds, mean over the levels.
+        growth: mean total of the last third of the frames less that of the first, over stressed clips.
+        first: the term that has grown most at the breakdown, or at the last level, against none.
+    """
+
+    method: str
+    stressor: str
+    success: tuple[float, ...]
+    breakdown: float | None
+    worst_tenth: float
+    spread: float
+    growth: float
+    first: str
+
+
+def verdicts(rows: Sequence[Row]) -> list[StressVerdict]:
+    """One for each stressor and method of ``rows``; rows without stress serve every stressor."""
+    found = []
+    for stressor in dict.fromkeys(row["stressor"] for row in rows if row["stressor"]):
+        for method in dict.fromkeys(row["method"] for row in rows):
+            mine = [row for row in rows if row["method"] == method and row["stressor"] in ("", stressor)]
+            by_level = [[row for row in mine if row["level"] == level] for level in range(LEVELS)]
+            if all(by_level):
+                found.append(_verdict(method, stressor, by_level))
+    return found
+
+
+def _verdict(method: str, stressor: str, by_level: Sequence[Sequence[Row]]) -> StressVerdict:
+    success = tuple(1 - fmean(row["failed"] for row in rows) for rows in by_level)
+    breakdown = breakdown_point(success)
+    stressed = [row for rows in by_level[1:] for row in rows]
+    totals = sorted((row["total"] for row in stressed), reverse=True)
+    worst = totals[: max(1, round(len(totals) / 10))]
+    broken = LEVELS - 1 if breakdown is None else min(LEVELS - 1, int(breakdown + 1))
+    return StressVerdict(
+        method,
+        stressor,
+        success,
+        breakdown,
+        fmean(worst),
+        fmean(_spread([row["total"] for row in rows]) for rows in by_level[1:]),
+        fmean(_growth(row["totals"]) for row in stressed),
+        _grown_most(by_level[0], by_level[broken]),
+    )
+
+
+def breakdown_point(success: Sequence[float]) -> float | None:
+    """Level at which ``success`` by level falls to a half, on the line between levels; None if it never does.
+
+    >>> breakdown_point([1.0, 0.8, 0.2, 0.0])
+    1.5
+    """
+    if success[0] <= 0.5:
+        return 0.0
+    for level in range(1, len(success)):
+        before, now = success[level - 1], success[level]
+        if now <= 0.5:
+            return level - (0.5 - now) / (before - now)
+    return None
+
+
+def _spread(totals: Sequence[float]) -> float:
+    if len(totals) < 2:
+        return float("nan")
+    low, _, high = quantiles(totals, n=4, method="inclusive")
+    return high - low
+
+
+def _growth(totals: Sequence[float]) -> float:
+    third = max(1, len(totals) // 3)
+    return fmean(totals[-third:]) - fmean(totals[:third])
+
+
+def _grown_most(before: Sequence[Row], after: Sequence[Row]) -> str:
+    def mean(rows: Sequence[Row], name: str) -> float:
+        known = [row["terms"][name] for row in rows if row["terms"][name] is not None]
+        return fmean(known) if known else 0.0
+
+    names = list(after[0]["terms"])
+    return max(names, key=lambda name: mean(after, name) - mean(before, name))
+
+
+def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
+    """Rows under :data:`HEADER`."""
+    rows = []
+    for verdict in found:
+        success = " ".join(f"{share:.2f}" for share in verdict.success)
+        numbers = [f"{n:.2f}" for n in (verdict.worst_tenth, verdict.spread, verdict.growth)]
+        rows.append([verdict.stressor, verdict.method, success, _told(verdict), *numbers, verdict.first])
+    return rows
+
+
+def _told(verdict: StressVerdict) -> str:
+    """The breakdown as a level and in the stressor's own unit."""
+    if verdict.breakdown is None:
+        return "none"
+    if verdict.breakdown == 0:
+        return "0, without stress"
+    stressor = STRESSORS[verdict.stressor]
+    if verdict.breakdown < 1:
+        return f"{verdict.breakdown:.1f}, before {stressor.levels[0]:g} {stressor.unit}"
+    low = int(verdict.breakdown)
+    below, above = stressor.levels[low - 1], stressor.levels[min(low, len(stressor.levels) - 1)]
+    return f"{verdict.breakdown:.1f}, {below + (verdict.breakdown - low) * (above - below):.2g} {stressor.unit}"

@@ -1,0 +1,108 @@
+"""From trials to rows to verdicts to a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.bench.stress.bench import TIERS, StressBench, run_bench, write_stress
+from cltransfer.bench.stress.trial import STRESSORS, StressTrial, run_stress
+from cltransfer.bench.stress.verdicts import breakdown_point, summary, verdicts
+from cltransfer.errors import UsageError
+
+CLIP = ("push_in", "plaza-2", "room-3", 1)
+
+
+def row(level: int, failed: bool, total: float, method: str = "a", **terms: float) -> dict[str, Any]:
+    return {
+        "method": method,
+        "stressor": "turned_view" if level else "",
+        "level": level,
+        "failed": failed,
+        "total": total,
+        "totals": [total - 0.5, total, total + 0.5],
+        "terms": {"framing": terms.get("framing", total), "shot_size": terms.get("shot_size"), "space": 0.0},
+    }
+
+
+def made_up() -> list[dict[str, Any]]:
+    """Two clips a level: from level 3 on one of them fails, from level 4 on both."""
+    return [
+        row(level, failed=level >= 3 + clip, total=1.0 + level + clip, framing=0.1, shot_size=1.0 * level)
+        for level in range(6)
+        for clip in range(2)
+    ]
+
+
+def test_a_verdict_says_when_how_badly_how_unevenly_and_why() -> None:
+    (verdict,) = verdicts(made_up())
+    assert verdict.success == (1.0, 1.0, 1.0, 0.5, 0.0, 0.0)
+    assert verdict.breakdown == 3.0
+    assert verdict.worst_tenth == 7.0
+    assert verdict.spread == pytest.approx(0.5)
+    assert verdict.growth == pytest.approx(1.0)
+    assert verdict.first == "shot_size"
+    assert summary([verdict])[0][3] == "3.0, 90 degrees"
+
+
+def test_a_term_that_the_reference_lacks_breaks_nothing() -> None:
+    rows = [{**r, "terms": {**r["terms"], "space": None}} for r in made_up()]
+    assert verdicts(rows)[0].first == "shot_size"
+
+
+def test_a_method_that_was_not_run_at_every_level_has_no_verdict() -> None:
+    assert verdicts([*made_up(), row(0, False, 1.0, method="b")])[0].method == "a"
+    assert len(verdicts([*made_up(), row(0, False, 1.0, method="b")])) == 1
+
+
+def test_never_failing_has_no_breakdown_and_failing_without_stress_has_it_at_none() -> None:
+    assert breakdown_point([1.0, 1.0, 0.9, 0.8, 0.7, 0.6]) is None
+    assert breakdown_point([0.4, 1.0, 1.0, 1.0, 1.0, 1.0]) == 0.0
+
+
+def test_an_unstressed_replay_succeeds_and_one_from_behind_does_not() -> None:
+    calm = run_stress(StressTrial("replay", "", 0, *CLIP, 3))
+    behind = run_stress(StressTrial("replay", "turned_view", 5, *CLIP, 3))
+    assert not calm["failed"]
+    assert behind["failed"]
+    assert behind["terms"]["camera_angle"] > calm["terms"]["camera_angle"] + 5
+    assert calm["random_total"] == behind["random_total"]
+
+
+def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it() -> None:
+    hidden = StressTrial("fast", "second_person", 3, *CLIP, 2)
+    found = run_stress(hidden)
+    assert found == run_stress(hidden)
+    assert len(found["totals"]) == 2
+    assert found["total"] < 0.5 * found["random_total"]
+
+
+def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path) -> None:
+    bench = StressBench(("replay",), ("moved_view",), seeds=(1,), frames=2)
+    first = run_bench(bench, tmp_path)
+    told: list[str] = []
+    again = run_bench(bench, tmp_path, told=told.append)
+    assert told == ["6 trials, 6 of them done before"]
+    assert again == first
+    page = tmp_path / "page.md"
+    write_stress(again, page, "cltransfer bench stress")
+    chart = (tmp_path / "stress.svg").read_bytes()
+    assert b"moved view" in chart
+    assert "| moved_view | replay |" in page.read_text()
+    write_stress(again, page, "cltransfer bench stress")
+    assert (tmp_path / "stress.svg").read_bytes() == chart
+
+
+def test_tiers_say_what_they_run() -> None:
+    standard = TIERS["standard"].trials()
+    assert len(standard) == (1 + 5 * len(STRESSORS)) * 4 * 3
+    assert len({trial.key for trial in standard[:9]}) == 9
+
+
+def test_an_unknown_stressor_is_one_line() -> None:
+    with pytest.raises(UsageError, match="no such stressor"):
+        StressTrial("replay", "rain", 1, *CLIP, 2)
+    with pytest.raises(ValueError, match="level must be"):
+        StressTrial("replay", "pruned", 0, *CLIP, 2)
