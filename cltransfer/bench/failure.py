@@ -62,13 +62,15 @@ def failed_frames(reference: Features, shown: Shown, finite: Tensor, pinned: Ten
 def pinned_frames(x: Tensor, bounds: tuple[Tensor, Tensor], search: str) -> Tensor:
     """Whether a parameter stands at a finite bound, (N,) bool, of vectors x (N, D).
 
-    The axis of a rotation is left out: its length means nothing.
+    The axis of a rotation is left out: its length means nothing. Of ``se3_jaws`` only the lens is looked at: every
+    frame moves about the one before, so where it stands from the first view is no parameter that has a bound.
     """
     low, high = (bound[: x.shape[1]] for bound in bounds)
     margin = PINNED * (high - low)
     at_bound = torch.isfinite(margin) & ((x <= low + margin) | (x >= high - margin))
-    if search in ("paper_box", "se3_jaws"):
-        at_bound[:, 3:6] = False
+    free = {"paper_box": slice(3, 6), "se3_jaws": slice(0, 7)}
+    if search in free:
+        at_bound[:, free[search]] = False
     return at_bound.any(1)
 
 

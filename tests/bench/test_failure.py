@@ -8,6 +8,7 @@ import torch
 from cltransfer.bench.failure import REASONS, Shown, failed_clip, failed_frames, pinned_frames
 from cltransfer.features import Features
 from cltransfer.search.paper_box import PaperBox
+from cltransfer.search.se3_jaws import Se3Jaws
 from cltransfer.search.subject_orbit import SubjectOrbit
 
 SIZE = (32, 18)
@@ -87,3 +88,9 @@ def test_a_clip_fails_with_more_than_a_tenth_of_its_frames(failed, expected):
 
 def test_a_clip_without_a_finite_total_has_failed():
     assert failed_clip(torch.zeros(4, dtype=torch.bool), float("nan"), 10.0)
+
+
+def test_of_jaws_parameters_only_the_lens_has_a_bound() -> None:
+    """A path that has gone far from the first view is no failure of its own."""
+    x = torch.tensor([[1.0e6, 0, 0, 0, 0, 1, 3.0, 1.0], [0, 0, 0, 0, 0, 1, 0, 6.0]], dtype=torch.float64)
+    assert pinned_frames(x, Se3Jaws().bounds(), "se3_jaws").tolist() == [False, True]
