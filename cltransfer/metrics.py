@@ -1,0 +1,91 @@
+"""The losses as torchmetrics: summed over batches and processes, in collections and bootstraps.
+
+>>> from cltransfer.testing import sample_features
+>>> metrics = camera_language_metrics()
+>>> features = sample_features(0, 4)
+>>> metrics.update(features, features)
+>>> {name: float(value) for name, value in metrics.compute().items()}["shot_size"]
+0.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+from torchmetrics import Metric, MetricCollection
+
+from .features import Features
+from .registry import LOSSES
+
+PAPER = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+
+
+class LossMetric(Metric):
+    """Mean raw value of a loss over the frames that have one, with its coverage.
+
+    Args:
+        name: of the loss in the registry, ``shot_size`` for one.
+        options: of the loss.
+        kwargs: of :class:`torchmetrics.Metric`.
+    """
+
+    higher_is_better = False
+    full_state_update = False
+    is_differentiable = False
+
+    def __init__(self, name: str, options: Mapping[str, Any] | None = None, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.name, self.loss = name, LOSSES.build(name, options)
+        # by name, or a collection would take two losses with equal values for one
+        for state in ("total", "defined", "frames"):
+            self.add_state(f"{name}_{state}", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+
+    def update(self, reference: Features | Tensor, rendered: Features | None = None) -> None:
+        """Add N frames.
+
+        Args:
+            reference: of 1 or N frames; or, without ``rendered``, raw values (N,) of the loss, NaN where undefined:
+                a :class:`torchmetrics.wrappers.BootStrapper` draws again from tensors, and cannot from features.
+            rendered: of N frames.
+        """
+        values = reference if isinstance(reference, Tensor) else self.values(reference, rendered)
+        there = torch.isfinite(values)
+        self._add("total", values[there].double().sum())
+        self._add("defined", there.sum())
+        self._add("frames", torch.tensor(len(values)))
+
+    def values(self, reference: Features, rendered: Features | None) -> Tensor:
+        """Raw values of the loss, (N,); NaN where a side lacks what the loss needs.
+
+        Raises:
+            ValueError: there is nothing rendered.
+        """
+        if rendered is None:
+            raise ValueError("expected features of both sides, or a tensor of values")
+        if not all(side.has(name) for side in (reference, rendered) for name in self.loss.requires):
+            return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
+        return self.loss(reference, rendered)
+
+    def compute(self) -> Tensor:
+        """Mean over the defined frames, (); NaN where there is none."""
+        return self._state("total") / self._state("defined")
+
+    @property
+    def coverage(self) -> tuple[int, int]:
+        """How many frames have a value, of how many."""
+        return int(self._state("defined")), int(self._state("frames"))
+
+    def _state(self, state: str) -> Tensor:
+        return getattr(self, f"{self.name}_{state}")
+
+    def _add(self, state: str, value: Tensor) -> None:
+        setattr(self, f"{self.name}_{state}", self._state(state) + value.to(self._state(state)))
+
+
+def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | None = None) -> MetricCollection:
+    """A collection of loss metrics by name; ``losses`` are their options by name, None is the paper's five."""
+    chosen: Mapping[str, Mapping[str, Any]] = {name: {} for name in PAPER} if losses is None else losses
+    return MetricCollection({name: LossMetric(name, options) for name, options in chosen.items()})

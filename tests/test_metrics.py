@@ -1,0 +1,73 @@
+"""The losses as torchmetrics: means, coverage, collections, bootstraps, merging."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torchmetrics import MetricCollection
+from torchmetrics.wrappers import BootStrapper
+
+from cltransfer.metrics import PAPER, LossMetric, camera_language_metrics
+from cltransfer.registry import LOSSES
+from cltransfer.testing import sample_features, without_person
+
+REFERENCE, RENDERED = sample_features(0, 6), sample_features(1, 6)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_is_the_mean_of_the_loss(name: str) -> None:
+    metric = LossMetric(name)
+    metric.update(REFERENCE[:2], RENDERED[:2])
+    metric.update(REFERENCE[2:], RENDERED[2:])
+    torch.testing.assert_close(metric.compute(), LOSSES.build(name)(REFERENCE, RENDERED).double().mean())
+    assert metric.coverage == (6, 6)
+
+
+def test_undefined_frames_count_in_the_coverage_only() -> None:
+    metric = LossMetric("camera_angle")
+    metric.update(REFERENCE, RENDERED)
+    before = metric.compute()
+    metric.update(REFERENCE, without_person(RENDERED))
+    assert metric.coverage == (6, 12)
+    assert metric.compute() == before
+    metric.reset()
+    metric.update(REFERENCE, replace(RENDERED, orientation=None))
+    assert metric.coverage == (0, 6)
+    assert metric.compute().isnan()
+
+
+def test_a_reference_against_itself_is_0_on_every_term() -> None:
+    metrics = camera_language_metrics()
+    metrics.update(REFERENCE, REFERENCE)
+    assert metrics.compute() == dict.fromkeys(PAPER, 0.0)
+
+
+def test_a_collection_keeps_losses_apart_that_were_equal_once() -> None:
+    metrics = MetricCollection({name: LossMetric(name) for name in PAPER})
+    metrics.update(REFERENCE, REFERENCE)
+    metrics.update(REFERENCE, RENDERED)
+    for name, value in metrics.compute().items():
+        torch.testing.assert_close(value, LOSSES.build(name)(REFERENCE, RENDERED).double().mean() / 2)
+
+
+def test_a_bootstrap_draws_frames_again() -> None:
+    values = LossMetric("framing").values(REFERENCE, RENDERED)
+    bootstrap = BootStrapper(LossMetric("framing"), num_bootstraps=200, sampling_strategy="multinomial", raw=True)
+    bootstrap.update(values)
+    drawn = bootstrap.compute()["raw"]
+    assert values.min() <= drawn.min() < drawn.max() <= values.max()
+    torch.testing.assert_close(drawn.mean(), values.mean().double(), rtol=0.1, atol=0)
+
+
+def test_states_of_two_processes_add_up() -> None:
+    first, second, both = LossMetric("framing"), LossMetric("framing"), LossMetric("framing")
+    first.update(REFERENCE[:2], RENDERED[:2])
+    second.update(REFERENCE[2:], RENDERED[2:])
+    both.update(REFERENCE, RENDERED)
+    first.merge_state(second)
+    torch.testing.assert_close(first.compute(), both.compute())
+
+
+def test_features_without_a_render_are_refused() -> None:
+    with pytest.raises(ValueError, match="both sides"):
+        LossMetric("framing").update(REFERENCE)
