@@ -9,11 +9,19 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
+from cltransfer.reference import Components
+from cltransfer.scenes.lifted import lift_scene, summary
+from cltransfer.scenes.load import load_scene
 from cltransfer.transfer import Inputs, transfer
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data" / "mesh"
 SCENE = str(ROOT / "configs" / "scenes" / "man_in_gallery.yaml")
+WALKING = """
+parts:
+  - {file: pc_vr-gallery.glb, label: scene}
+  - {file: cesium_man.glb, label: subject, translate: [0.0, 0.0, 1.9], rotate_deg: [0, 20, 0], time: 1.0}
+"""
 SMALL = ("frames=3", "output_side=160", "search_side=96", "threads=1")
 
 
@@ -24,8 +32,10 @@ def assets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLTRANSFER_ASSETS", str(DATA))
 
 
-def test_the_five_metrics_of_a_transfer_into_a_mesh_come_near_the_reference() -> None:
-    result = transfer(Inputs(SCENE, "builtin:dolly_zoom"), load_config(None, [*SMALL, "renderer.mesh={}"]))
+def test_the_five_metrics_of_a_transfer_into_a_mesh_come_near_the_reference(tmp_path: Path) -> None:
+    scene = tmp_path / "walking.yaml"
+    scene.write_text(WALKING)
+    result = transfer(Inputs(str(scene), "builtin:dolly_zoom"), load_config(None, [*SMALL, "renderer.mesh={}"]))
     assert result.scene.subject is not None
     assert result.image.shape == (3, 3, 90, 160)
     terms = {term.name: float(term.values.nanmean()) for term in result.verified.terms}
@@ -37,9 +47,20 @@ def test_the_five_metrics_of_a_transfer_into_a_mesh_come_near_the_reference() ->
     assert not torch.equal(result.image[0], result.image[2])
 
 
-def test_the_wrong_renderer_names_the_right_one() -> None:
+def test_the_wrong_renderer_names_the_right_one(tmp_path: Path) -> None:
+    scene = tmp_path / "walking.yaml"
+    scene.write_text(WALKING)
     with pytest.raises(UsageError) as error:
-        transfer(Inputs(SCENE, "builtin:dolly_zoom"), load_config(None, [*SMALL, "renderer.gaussian_splats={}"]))
-    assert str(error.value) == (
-        "man_in_gallery: renderer gaussian_splats: does not draw Mesh (choose: renderer.mesh={})"
-    )
+        transfer(Inputs(str(scene), "builtin:dolly_zoom"), load_config(None, [*SMALL, "renderer.gaussian_splats={}"]))
+    assert str(error.value) == ("walking: renderer gaussian_splats: does not draw Mesh (choose: renderer.mesh={})")
+
+
+@pytest.mark.slow
+def test_networks_read_the_man_of_the_gallery_from_nearly_all_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA.parent / "models"))
+    parts = Components.build(load_config(None, ["renderer.mesh={samples: 2}"]))
+    found = lift_scene(load_scene(SCENE), parts.renderer, parts.extractors)
+    told = summary(found)
+    assert told["joints_known"] == 14
+    assert told["views_with_person"] >= 12
+    assert told["median_error_widths"] < 0.01
