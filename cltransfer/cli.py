@@ -19,6 +19,7 @@ from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, simplify
 from .cli_shared import Allow, Json, Quiet, show
+from .cli_study import study
 from .errors import CltransferError, UsageError
 from .files import check_out
 
@@ -44,6 +45,7 @@ app.command()(ablate)
 app.command()(fit)
 app.command()(simplify)
 app.command()(bake)
+app.command()(study)
 app.command()(describe)
 
 Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]

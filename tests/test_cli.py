@@ -28,6 +28,7 @@ VERBS = (
     "bench grid",
     "bench lod",
     "fit",
+    "study",
     "simplify",
     "bake",
     "plugins",

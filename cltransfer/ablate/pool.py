@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -59,7 +60,8 @@ def _parallel(
             begin(trial)
             yield delayed(run_trial)(trial, job)
 
-    with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+    with warnings.catch_warnings(), parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+        warnings.filterwarnings("ignore", message=".*tasks which were still being processed")  # on an interrupt
         yield from Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs")(calls())
 
 

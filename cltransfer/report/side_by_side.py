@@ -29,7 +29,7 @@ def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
         raise ValueError(f"expected equally many, got {len(reference)}, {len(render)}, {len(times)} frames and times")
     height = max(reference.shape[2], render.shape[2])
     left, right = _to_height(reference, height), _to_height(render, height)
-    band = max(18, height // 16)
+    band = _band(height)
     width = left.shape[2] + _GAP + right.shape[2]
     sheet = np.full((len(left), (band + height + 1) // 2 * 2, (width + 1) // 2 * 2, 3), _PAPER, np.uint8)
     sheet[:, :band] = _captions(band, sheet.shape[2], left.shape[2] + _GAP)
@@ -38,6 +38,31 @@ def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
     for frame, time in zip(sheet, times.tolist()):
         _write(frame[:band], f"{time:.2f} s", right_of=None)
     return torch.from_numpy(sheet).permute(0, 3, 1, 2)
+
+
+def reference_side(sheet: Tensor) -> Tensor:
+    """The reference's frames out of what :func:`side_by_side` made of two clips of one shape, to a pixel.
+
+    Args:
+        sheet: RGB (N, 3, H3, W3) uint8.
+
+    Returns:
+        (N, 3, H, W) uint8.
+
+    Raises:
+        ValueError: no two frames have that height together.
+    """
+    total, width = sheet.shape[2:]
+    height = next((h for h in range(total, 0, -1) if (_band(h) + h + 1) // 2 * 2 == total), None)
+    if height is None or width <= _GAP:
+        raise ValueError(f"expected two clips side by side, got {width}x{total} px")
+    top = _band(height)
+    return sheet[:, :, top : top + height, : (width - _GAP) // 2]
+
+
+def _band(height: int) -> int:
+    """Height of the line above frames of ``height`` [px]."""
+    return max(18, height // 16)
 
 
 def _to_height(clip: Tensor, height: int) -> np.ndarray:

@@ -1,0 +1,71 @@
+"""The verb that makes a preference study, and analyses it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .cli_shared import Json, show
+from .errors import UsageError
+from .files import check_out
+
+
+def study(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN_A RUN_B...", help="Run folders or clips, one of each method for a sample; or answers."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the page, or for the files of the analysis.")
+    ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="Names of the methods, in the order of the runs (repeatable). Default A, B."),
+    ] = None,
+    reference: Annotated[
+        list[Path] | None, typer.Option(help="Reference clip of each sample (repeatable); runs know their own.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the names under which the videos are shown.")] = 0,
+    analyse: Annotated[
+        bool, typer.Option("--analyse", help="PATHS are the CSV files that participants saved.")
+    ] = False,
+    key: Annotated[Path | None, typer.Option(help="The key beside the page, for --analyse.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Make a blinded two-choice page of runs, or analyse what people answered on it.
+
+    cltransfer study ours/1 jaws/1 ours/2 jaws/2 --method ours --method jaws --out page
+
+    cltransfer study --analyse answers/*.csv --key page.key.json
+
+    The page opens from disk, asks the paper's three questions, and shows sides and order at random. Without people
+    who answer it, it is no user study.
+    """
+    if out is not None:
+        check_out(out)
+    if analyse:
+        if key is None:
+            raise UsageError("", "--key", "expected the key that was written beside the page")
+        return _analyse(paths, key, out, as_json)
+    if out is None:
+        raise UsageError("", "--out", "expected a folder for the page")
+    from .study.build import Wanted, build_study
+
+    wanted = Wanted(tuple(paths), tuple(method or ("A", "B")), tuple(reference or ()), seed)
+    made, key_file = build_study(wanted, out)
+    values = {"page": str(out / "index.html"), "key": str(key_file), "study": made.name, "comparisons": len(made.items)}
+    text = f"{out / 'index.html'}: {len(made.items)} comparisons\n{key_file}: whose video is whose; keep it from them"
+    return show(values, text, as_json)
+
+
+def _analyse(files: list[Path], key: Path, out: Path | None, as_json: bool) -> None:
+    from .study.report import analyse, markdown, values, write_analysis
+
+    found = analyse(files, key)
+    if out is not None:
+        write_analysis(out, found)
+    show(values(found), "\n".join(markdown(found)), as_json)

@@ -1,0 +1,159 @@
+"""What people preferred: shares with exact and with participant intervals, and Bradley-Terry strengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import binomtest, bootstrap
+
+from .answers import Choice
+from .design import QUESTIONS, Study
+
+CONFIDENCE = 0.95
+RESAMPLES = 1999
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Preference:
+    """How often one method was preferred to another.
+
+    Args:
+        question, first, second: what was asked about whom.
+        wins, count: answers for ``first``, of how many.
+        exact: Clopper-Pearson interval of the share; it takes answers for independent. None without an answer.
+        by_participant: percentile interval of the share over resampled participants; None of fewer than two.
+    """
+
+    question: str
+    first: str
+    second: str
+    wins: int
+    count: int
+    exact: tuple[float, float] | None
+    by_participant: tuple[float, float] | None
+
+    @property
+    def share(self) -> float | None:
+        """Part of the answers that are for ``first``, None without an answer."""
+        return self.wins / self.count if self.count else None
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Bradley-Terry strength of a method: its odds against another are the ratio of theirs; all add up to 1.
+
+    Args:
+        question, method: what was asked about whom.
+        value: None where it is not finite.
+        by_participant: percentile interval over resampled participants, None where one resample has no finite value.
+        reason: why there is none.
+    """
+
+    question: str
+    method: str
+    value: float | None
+    by_participant: tuple[float, float] | None
+    reason: str = ""
+
+
+def preferences(choices: Sequence[Choice], study: Study) -> list[Preference]:
+    """One for each question and pair of methods."""
+    found = []
+    for question in QUESTIONS:
+        for first, second in combinations(study.methods, 2):
+            asked = [c for c in choices if c.question == question and {c.winner, c.loser} == {first, second}]
+            found.append(_preference(asked, question, first, second))
+    return found
+
+
+def _preference(asked: Sequence[Choice], question: str, first: str, second: str) -> Preference:
+    people = sorted({choice.participant for choice in asked})
+    counts = np.array([sum(c.participant == who for c in asked) for who in people])
+    wins = np.array([sum(c.participant == who and c.winner == first for c in asked) for who in people])
+    exact = by_participant = None
+    if asked:
+        interval = binomtest(int(wins.sum()), len(asked)).proportion_ci(CONFIDENCE, method="exact")
+        exact = (float(interval.low), float(interval.high))
+    if len(people) > 1:
+        resampled = bootstrap(
+            (wins, counts),
+            lambda won, of, axis: won.sum(axis) / of.sum(axis),
+            paired=True,
+            n_resamples=RESAMPLES,
+            confidence_level=CONFIDENCE,
+            method="percentile",
+            rng=np.random.Generator(np.random.PCG64(0)),
+        ).confidence_interval
+        by_participant = (float(resampled.low), float(resampled.high))
+    return Preference(question, first, second, int(wins.sum()), len(asked), exact, by_participant)
+
+
+def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:
+    """One for each question and method."""
+    found = []
+    for question in QUESTIONS:
+        wins = _wins_by_person([c for c in choices if c.question == question], study.methods)
+        values = bradley_terry(wins.sum(0))
+        if not np.isfinite(values).all():
+            reason = "no finite value: some methods never lost to the others, or were never compared with them"
+            found += [Strength(question, method, None, None, reason) for method in study.methods]
+            continue
+        low, high = _interval(wins)
+        for i, method in enumerate(study.methods):
+            there = np.isfinite(low[i]) and np.isfinite(high[i])
+            interval = (float(low[i]), float(high[i])) if there else None
+            reason = "" if there else "too few participants for an interval"
+            found.append(Strength(question, method, float(values[i]), interval, reason))
+    return found
+
+
+def bradley_terry(wins: Array, steps: int = 1000) -> Array:
+    """Maximum-likelihood strengths by minorisation-maximisation (Hunter, Annals of Statistics 32, 2004).
+
+    Args:
+        wins: how often each of M methods was preferred to each other one, (M, M), >= 0, zero diagonal.
+        steps: at most.
+
+    Returns:
+        (M,) that add up to 1; NaN where the maximum is not finite: the methods split into two parts of which one never
+        lost to the other.
+    """
+    count = len(wins)
+    parts, _ = connected_components(wins > 0, directed=True, connection="strong")
+    if parts > 1:
+        return np.full(count, np.nan)
+    games = wins + wins.T
+    strength = np.full(count, 1 / count)
+    for _ in range(steps):
+        step = wins.sum(1) / (games / (strength[:, None] + strength)).sum(1)
+        step /= step.sum()
+        if np.abs(step - strength).max() < 1e-12:
+            return step
+        strength = step
+    return strength
+
+
+def _wins_by_person(asked: Sequence[Choice], methods: Sequence[str]) -> Array:
+    """Wins (P, M, M) of each participant's answers."""
+    people = sorted({choice.participant for choice in asked})
+    wins = np.zeros((len(people), len(methods), len(methods)))
+    for choice in asked:
+        wins[people.index(choice.participant), methods.index(choice.winner), methods.index(choice.loser)] += 1
+    return wins
+
+
+def _interval(wins: Array) -> tuple[Array, Array]:
+    """Percentile interval of the strengths over resampled participants, (M,) each; NaN where one has none."""
+    if len(wins) < 2:
+        return (np.full(wins.shape[1], np.nan),) * 2
+    rng = np.random.Generator(np.random.PCG64(0))
+    drawn = [bradley_terry(wins[rng.integers(len(wins), size=len(wins))].sum(0)) for _ in range(RESAMPLES)]
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(drawn, [tail, 1 - tail], axis=0)
+    return low, high

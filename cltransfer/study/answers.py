@@ -1,0 +1,71 @@
+"""Answers of participants, unblinded by the key and checked: nothing foreign, nothing twice."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from ..files import read_text
+from .design import QUESTIONS, Study
+
+COLUMNS = ("study", "participant", "item", "question", "left", "right", "chosen", "seconds")
+LIMIT = 2**24  # bytes
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One answer: who preferred which method to which."""
+
+    participant: str
+    item: str
+    question: str
+    winner: str
+    loser: str
+
+
+def read_answers(files: Iterable[Path], study: Study) -> list[Choice]:
+    """All answers in ``files``, which the page saved.
+
+    Raises:
+        InputError: a file is no such file, or of another study; an answer is to nothing that was asked, or is given
+            twice.
+    """
+    found: dict[tuple[str, str, str], Choice] = {}
+    for path in files:
+        for number, row in _rows(path):
+            choice = _choice(row, study, path, number)
+            asked = (choice.participant, choice.item, choice.question)
+            if asked in found:
+                reason = f"{choice.participant} answered {choice.item}, {choice.question} twice"
+                raise InputError(path, f"line {number}", reason, "was a file given twice, or a code used by two?")
+            found[asked] = choice
+    return list(found.values())
+
+
+def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
+    lines = csv.DictReader(io.StringIO(read_text(path, LIMIT)))
+    try:
+        if tuple(lines.fieldnames or ()) != COLUMNS:
+            raise InputError(path, "line 1", f"expected the columns {', '.join(COLUMNS)}")
+        return list(enumerate(lines, 2))
+    except csv.Error as error:
+        raise InputError(path, "", f"expected CSV, {error}") from None
+
+
+def _choice(row: dict[str, str], study: Study, path: Path, number: int) -> Choice:
+    where = f"line {number}"
+    if row["study"] != study.name:
+        raise InputError(path, where, f"is of study {row['study']!r}, the key of {study.name}")
+    item = next((item for item in study.items if item.name == row["item"]), None)
+    if item is None or row["question"] not in QUESTIONS or not row["participant"]:
+        raise InputError(path, where, "is an answer to nothing that was asked")
+    pair = {item.first, item.second}
+    if {row["left"], row["right"]} != pair or row["chosen"] not in pair:
+        raise InputError(path, where, f"{row['item']} compares other videos")
+    other = (pair - {row["chosen"]}).pop()
+    winner, loser = study.clips[row["chosen"]].method, study.clips[other].method
+    return Choice(row["participant"], item.name, row["question"], winner, loser)

@@ -1,0 +1,187 @@
+"""Making the page: videos encoded alike under their tokens, one HTML file, and a key that stays elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from torch import Tensor
+
+from ..clip import read_clip, write_video
+from ..errors import InputError, UsageError
+from ..files import check_out, content_hash, read_json, write_json, write_text
+from ..report.side_by_side import reference_side
+from .design import NO_STUDY, QUESTIONS, Study, design
+
+SIDE = 720  # largest height of a video [px]
+SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
+RUN = "manifest.json"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A video to show: frames (N, 3, H, W) uint8 at times (N,) [s]."""
+
+    image: Tensor  # (N, 3, H, W)
+    times: Tensor  # (N,)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a study is made from.
+
+    Args:
+        runs: run folders or clips; each ``len(methods)`` of them, in the order of the methods, are one sample.
+        methods: names.
+        references: a clip for each sample; may be empty where all are run folders, which show their own.
+        seed: of the tokens.
+    """
+
+    runs: tuple[Path, ...]
+    methods: tuple[str, ...]
+    references: tuple[Path, ...] = ()
+    seed: int = 0
+
+
+def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
+    """Write the page into the folder ``out`` and its key beside it; returns the study and the key file.
+
+    Raises:
+        UsageError: runs, methods and references do not go together, or the folder holds something else.
+        InputError: a clip cannot be read, or the runs of a sample have different references.
+    """
+    groups = _groups(wanted)
+    check_out(out)
+    if out.is_dir() and any(out.iterdir()) and not (out / "index.html").is_file():
+        raise UsageError(out, "--out", "is neither empty nor a page", "name another folder")
+    samples = [f"sample{i + 1}" for i in range(len(groups))]
+    study = design(samples, wanted.methods, [content_hash(path) for group in groups for path in group], wanted.seed)
+    token_of = {(clip.sample, clip.method): clip.token for clip in study.clips.values()}
+    for number, (sample, group) in enumerate(zip(samples, groups)):
+        given = wanted.references[number] if wanted.references else None
+        reference = _reference(group, given)
+        clips = [_clip(path) for path in group]
+        height = min(SIDE, *(clip.image.shape[2] for clip in clips))
+        for method, clip in zip(wanted.methods, clips):
+            _write(out / "videos" / f"{token_of[sample, method]}.mp4", clip, height)
+        _write(out / "videos" / f"{_reference_token(study, sample)}.mp4", reference, height)
+    write_text(out / "index.html", page(study))
+    write_text(out / "README.txt", _readme(study, out))
+    key = out.parent / f"{out.name}.key.json"
+    write_json(key, {**study.to_json(), "runs": _sources(groups, wanted.methods)})
+    return study, key
+
+
+def _groups(wanted: Wanted) -> list[tuple[Path, ...]]:
+    size = len(wanted.methods)
+    if not wanted.runs or len(wanted.runs) % size:
+        raise UsageError("", "RUN", f"expected {size} for each sample ({', '.join(wanted.methods)})", _got(wanted.runs))
+    groups = [wanted.runs[i : i + size] for i in range(0, len(wanted.runs), size)]
+    if wanted.references and len(wanted.references) != len(groups):
+        raise UsageError("", "--reference", f"expected one for each of {len(groups)} samples", _got(wanted.references))
+    for path in (*wanted.runs, *wanted.references):
+        if not path.exists():
+            raise InputError(path, "", "no such file or folder")
+    return groups
+
+
+def _got(paths: Sequence[Path]) -> str:
+    return f"got {len(paths)}"
+
+
+def _clip(path: Path) -> Shown:
+    """The frames of a run folder, as they were kept, or of a clip."""
+    if not (path / RUN).is_file():
+        clip = read_clip(path)
+        return Shown(clip.image, clip.times)
+    lossless = path / "video" / "frames.mkv"
+    clip = read_clip(lossless if lossless.is_file() else path / "video" / "render.mp4")
+    return Shown(clip.image, clip.times)
+
+
+def _reference(group: Sequence[Path], given: Path | None) -> Shown:
+    if given is not None:
+        return _clip(given)
+    if not all((path / RUN).is_file() for path in group):
+        raise UsageError("", "--reference", "clips do not know theirs", "name one for each sample")
+    digests = {str(read_json(path / RUN).get("reference", {}).get("sha256")) for path in group}
+    if len(digests) > 1:
+        raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
+    sheet = group[0] / "video" / "side_by_side.mp4"
+    if not sheet.is_file():
+        raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
+    clip = read_clip(sheet, max_side=SHEET_SIDE)
+    return Shown(reference_side(clip.image), clip.times)
+
+
+def _write(path: Path, clip: Shown, height: int) -> None:
+    """The clip at one height for all, by one encoder: neither size nor compression tells whose it is."""
+    source = clip.image.shape[2:]
+    size = (max(2, round(source[1] * height / source[0] / 2) * 2), height - height % 2)
+    frames = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in clip.image.permute(0, 2, 3, 1).numpy()]
+    write_video(path, torch.from_numpy(np.stack(frames)).permute(0, 3, 1, 2), clip.times)
+
+
+def _reference_token(study: Study, sample: str) -> str:
+    return hashlib.sha256(f"{study.name}:{sample}".encode()).hexdigest()[:6] + "r"
+
+
+def _sources(groups: Sequence[Sequence[Path]], methods: Sequence[str]) -> list[dict[str, str]]:
+    return [dict(zip(methods, map(str, group))) for group in groups]
+
+
+def page(study: Study) -> str:
+    """The page as HTML: one file that fetches nothing but the videos beside it."""
+    here = Path(__file__)
+    script, style = (here.with_name(name).read_text(encoding="utf-8") for name in ("page.js", "page.css"))
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string(here.with_name("page.html").read_text(encoding="utf-8"))
+    return template.render(
+        script=Markup(script),  # Markup: our own files, and JSON without a bracket
+        style=Markup(style),
+        script_hash=_sha256(script),
+        style_hash=_sha256(style),
+        data=Markup(json.dumps(_shown(study)).replace("<", "\\u003c")),
+        no_study=NO_STUDY,
+        comparisons=len(study.items),
+        questions=len(QUESTIONS),
+    )
+
+
+def _shown(study: Study) -> dict[str, Any]:
+    """What the page knows: tokens, in an order that says nothing about methods."""
+    return {
+        "study": study.name,
+        "questions": [{"name": name, "text": text} for name, text in QUESTIONS.items()],
+        "items": [
+            {
+                "name": item.name,
+                "reference": _reference_token(study, item.sample),
+                "clips": sorted([item.first, item.second]),
+            }
+            for item in study.items
+        ],
+    }
+
+
+def _sha256(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _readme(study: Study, out: Path) -> str:
+    return (
+        f"Study {study.name}: {len(study.items)} comparisons, {len(QUESTIONS)} questions each.\n\n"
+        "Open index.html in a browser; it needs no network and no server. Every participant downloads a CSV file at\n"
+        f"the end. Keep {out.name}.key.json, which says whose video is whose, away from them.\n\n"
+        f"  cltransfer study --analyse answers/*.csv --key {out.name}.key.json\n\n{NO_STUDY}\n"
+    )

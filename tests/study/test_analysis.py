@@ -1,0 +1,158 @@
+"""The analysis: exact intervals, intervals over participants, strengths; files that cannot be meant are named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import beta
+
+from cltransfer.errors import InputError
+from cltransfer.study.analysis import bradley_terry, preferences, strengths
+from cltransfer.study.answers import COLUMNS, Choice, read_answers
+from cltransfer.study.design import NO_STUDY, QUESTIONS, Study, design
+
+TWO = design(["s", "t"], ["ours", "jaws"], [], 0)
+THREE = design(["s"], ["a", "b", "c"], [], 0)
+
+
+def written(path: Path, participant: str, chosen: Callable[[int], str], study: Study = TWO) -> Path:
+    """Answers of one participant, as the page saves them; ``chosen`` says the method by the item's number."""
+    lines = [",".join(COLUMNS)]
+    for number, item in enumerate(study.items):
+        token = next(t for t in (item.first, item.second) if study.clips[t].method == chosen(number))
+        lines += [
+            f"{study.name},{participant},{item.name},{question},{item.first},{item.second},{token},2.5"
+            for question in QUESTIONS
+        ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_the_exact_interval_is_that_of_clopper_and_pearson() -> None:
+    choices = [
+        Choice(f"p{i}", "item1", "smoothness", *(("ours", "jaws") if i < 9 else ("jaws", "ours"))) for i in range(11)
+    ]
+    found = next(p for p in preferences(choices, TWO) if p.question == "smoothness")
+    assert (found.wins, found.count, found.share) == (9, 11, 9 / 11)
+    assert found.exact == pytest.approx((beta.ppf(0.025, 9, 3), beta.ppf(0.975, 10, 2)))
+
+
+def test_the_interval_over_participants_knows_that_one_persons_answers_belong_together() -> None:
+    """Four people of 25 answers each, two all for one, two all for the other: the exact interval is too narrow."""
+    choices = [
+        Choice(f"p{i}", f"item{k}", "smoothness", *(("ours", "jaws") if i < 2 else ("jaws", "ours")))
+        for i in range(4)
+        for k in range(25)
+    ]
+    found = next(p for p in preferences(choices, TWO) if p.question == "smoothness")
+    assert found.exact is not None
+    assert found.by_participant is not None
+    assert found.exact[1] - found.exact[0] < 0.21
+    assert found.by_participant == (0.0, 1.0)
+
+
+def test_nothing_answered_is_null_and_not_half(tmp_path: Path) -> None:
+    found = preferences([], TWO)
+    assert {(p.count, p.share, p.exact, p.by_participant) for p in found} == {(0, None, None, None)}
+
+
+def test_strengths_are_the_ones_that_made_the_answers() -> None:
+    truth = np.array([0.6, 0.3, 0.1])
+    games = 30_000
+    wins = games * truth[:, None] / (truth[:, None] + truth)
+    np.fill_diagonal(wins, 0)
+    np.testing.assert_allclose(bradley_terry(wins), truth, atol=1e-9)
+
+
+def test_a_method_that_never_lost_has_no_finite_strength_and_says_so() -> None:
+    choices = [Choice("p", "item1", "smoothness", *pair) for pair in (("a", "b"), ("a", "c"), ("b", "c"), ("c", "b"))]
+    found = [s for s in strengths(choices, THREE) if s.question == "smoothness"]
+    assert [s.value for s in found] == [None] * 3
+    assert "never lost" in found[0].reason
+
+
+def test_strengths_have_intervals_over_participants() -> None:
+    rng = np.random.default_rng(0)
+    truth = {"a": 0.6, "b": 0.3, "c": 0.1}
+    choices = []
+    for person in range(20):
+        for number in range(6):
+            for x, y in (("a", "b"), ("a", "c"), ("b", "c")):
+                pair = (x, y) if rng.random() < truth[x] / (truth[x] + truth[y]) else (y, x)
+                choices.append(Choice(f"p{person}", f"item{number}", "smoothness", *pair))
+    found = {s.method: s for s in strengths(choices, THREE) if s.question == "smoothness"}
+    for method, value in truth.items():
+        low, high = found[method].by_participant or (1.0, 0.0)
+        assert low < (found[method].value or 0) < high
+        assert high - low < 0.25
+        assert low - 0.1 < value < high + 0.1
+    assert sum(s.value or 0 for s in found.values()) == pytest.approx(1)
+
+
+def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any], tmp_path: Path) -> None:
+    key = tmp_path / "page.key.json"
+    key.write_text(json.dumps(TWO.to_json()))
+    files = [
+        written(tmp_path / f"{i}.csv", f"p{i}", lambda n, i=i: "jaws" if i == n == 0 else "ours") for i in range(3)
+    ]
+    files[2].write_text("\n".join(files[2].read_text().splitlines()[:-2]) + "\n")
+    answer = command("study", "--analyse", *files, "--key", key, "--out", tmp_path / "analysis")
+    assert answer.code == 0, answer.err
+    assert "3 participants, 16 answers" in answer.out
+    assert "- p2 answered 4 of 6" in answer.out
+    assert "| visual_style | ours | jaws | 83.3 % | [35.9, 99.6] |" in answer.out
+    assert NO_STUDY in answer.out
+    assert "Bradley" not in answer.out
+    said = json.loads((tmp_path / "analysis" / "analysis.json").read_text(), parse_constant=pytest.fail)
+    assert said["preferences"][0]["wins"] == 5
+    assert (
+        (tmp_path / "analysis" / "preferences.csv")
+        .read_text()
+        .splitlines()[1]
+        .startswith("visual_style,ours,jaws,5,6,")
+    )
+
+
+DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
+    "another study": (lambda text: text.replace(TWO.name, "0" * 12), "line 2: is of study '000000000000'"),
+    "another file": (lambda text: "name,value\n1,2\n", "line 1: expected the columns study"),
+    "an unknown item": (lambda text: text.replace("item1", "item9"), "line 2: is an answer to nothing that was asked"),
+    "an unknown video": (
+        lambda text: text.replace(TWO.items[0].first, "ffffff"),
+        "line 2: item1 compares other videos",
+    ),
+    "the same answer twice": (
+        lambda text: text + text.splitlines()[1] + "\n",
+        "line 8: p answered item1, visual_style twice",
+    ),
+    "a cut line": (lambda text: text[:-12], "line 7: item2 compares other videos"),
+    "nothing": (lambda text: "", "line 1: expected the columns"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_answers_that_cannot_be_meant_are_named(tmp_path: Path, kind: str) -> None:
+    damage, reason = DAMAGE[kind]
+    path = written(tmp_path / "p.csv", "p", lambda number: "ours")
+    path.write_text(damage(path.read_text()))
+    with pytest.raises(InputError) as caught:
+        read_answers([path], TWO)
+    assert reason in str(caught.value)
+    assert "p.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", '{"format": "cltransfer.study"}', "no json"])
+def test_a_key_that_is_none_is_named(tmp_path: Path, text: str, command: Callable[..., Any]) -> None:
+    path = written(tmp_path / "p.csv", "p", lambda number: "ours")
+    (tmp_path / "key.json").write_text(text)
+    answer = command("study", "--analyse", path, "--key", tmp_path / "key.json")
+    assert answer.code == 3
+    assert "key.json" in answer.err
+    without = command("study", "--analyse", path)
+    assert without.code == 2
+    assert "--key" in without.err

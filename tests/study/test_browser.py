@@ -1,0 +1,133 @@
+"""A participant in a real browser: opens the page from disk, answers, reloads, downloads; all is analysed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.study.design import Study
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+if not (CHROMIUM and DRIVER):
+    pytest.skip(
+        "needs chromium and chromedriver on the PATH (Debian: chromium, chromium-driver)", allow_module_level=True
+    )
+selenium = pytest.importorskip("selenium", reason="needs selenium, of the extra cltransfer[dev]")
+from selenium import webdriver  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync")
+FLAGS += ("--disable-component-update", "--disable-dev-shm-usage", "--window-size=1280,860")
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Any]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path / 'profile'}"):
+        options.add_argument(flag)
+    (tmp_path / "downloads").mkdir()
+    options.add_experimental_option("prefs", {"download.default_directory": str(tmp_path / "downloads")})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield driver
+    driver.quit()
+
+
+def until(true: Callable[[], Any], seconds: float = 20) -> Any:
+    deadline = time.monotonic() + seconds
+    while not (found := true()):
+        assert time.monotonic() < deadline, "the page did not come that far"
+        time.sleep(0.02)
+    return found
+
+
+def text(browser: Any, name: str) -> str:
+    return browser.find_element(By.ID, name).text
+
+
+def join(browser: Any, folder: Path, participant: str) -> None:
+    browser.get((folder / "index.html").as_uri())
+    browser.find_element(By.ID, "participant").send_keys(participant + Keys.ENTER)
+    until(lambda: text(browser, "where"))
+
+
+def pair(browser: Any) -> list[str]:
+    """Tokens on the left and on the right."""
+    return [Path(v.get_attribute("src")).stem for v in browser.find_elements(By.CSS_SELECTOR, ".pair video")]
+
+
+def press(browser: Any, key: str) -> None:
+    """Press a key, and wait until the page has gone on."""
+    before = (text(browser, "where"), text(browser, "count"))
+    browser.find_element(By.TAG_NAME, "body").send_keys(key)
+    until(lambda: (text(browser, "where"), text(browser, "count")) != before)
+
+
+def prefer(browser: Any, study: Study, method: str) -> None:
+    side = [study.clips[token].method for token in pair(browser)].index(method)
+    press(browser, (Keys.ARROW_LEFT, Keys.ARROW_RIGHT)[side])
+
+
+def test_a_participant_answers_reloads_downloads_and_is_analysed(
+    browser: Any, page: tuple[Path, Path], tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    folder, key = page
+    study = Study.load(key)
+    join(browser, folder, "P-07")
+    ready = "return [...document.querySelectorAll('video')].every(v => v.readyState > 2 && v.videoWidth === 64)"
+    until(lambda: browser.execute_script(ready))
+    for _ in range(2):
+        prefer(browser, study, "quetzal")
+    press(browser, Keys.BACKSPACE)
+    assert text(browser, "count") == "Question 2 of 3"
+    seen = pair(browser)
+    browser.refresh()
+    until(lambda: text(browser, "where"))
+    assert (text(browser, "where"), text(browser, "count")) == ("Comparison 1 of 2", "Question 2 of 3")
+    assert pair(browser) == seen
+    prefer(browser, study, "ibex")
+    for _ in range(3):
+        prefer(browser, study, "quetzal")
+    side = [study.clips[token].method for token in pair(browser)].index("quetzal")
+    browser.find_element(By.ID, ("choose-left", "choose-right")[side]).click()  # by mouse, the last one
+    until(lambda: text(browser, "summary") == "All 6 questions are answered (P-07).")
+    browser.refresh()
+    until(lambda: text(browser, "summary"))
+    browser.find_element(By.ID, "download").click()
+    saved = tmp_path / "downloads" / f"answers-{study.name}-P-07.csv"
+    until(saved.is_file)
+    answer = command("study", "--analyse", saved, "--key", key, "--json")
+    assert answer.code == 0, answer.err
+    said = json.loads(answer.out)
+    assert said["participants"] == {"P-07": 6}
+    wins = {p["question"]: (p["wins"], p["count"]) for p in said["preferences"]}
+    assert wins == {"visual_style": (2, 2), "smoothness": (1, 2), "naturalness": (2, 2)}
+    fetched = browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    assert all(name.startswith("file:") for name in fetched)
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+
+
+def test_sides_and_order_differ_between_participants_and_stay_for_one(browser: Any, page: tuple[Path, Path]) -> None:
+    browser.get((page[0] / "index.html").as_uri())
+    seen = {}
+    for participant in ("a", "b", "c", "d", "e", "f", "a"):
+        browser.execute_script("localStorage.clear()")
+        join(browser, page[0], participant)
+        shown = tuple(pair(browser))
+        assert seen.setdefault(participant, shown) == shown
+    assert len(set(seen.values())) > 1
+
+
+def test_a_video_that_does_not_play_is_told(browser: Any, page: tuple[Path, Path]) -> None:
+    for video in (page[0] / "videos").iterdir():
+        video.write_bytes(b"nothing")
+    join(browser, page[0], "a")
+    until(lambda: "does not play" in text(browser, "trouble"))

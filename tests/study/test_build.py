@@ -1,0 +1,119 @@
+"""The page: blinded, complete in its folder, made of run folders or of clips; the key lies elsewhere."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.clip import read_clip
+from cltransfer.errors import InputError, UsageError
+from cltransfer.report.side_by_side import reference_side, side_by_side
+from cltransfer.study.build import Wanted, build_study
+from cltransfer.study.design import NO_STUDY, Study, design
+
+
+def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path]) -> None:
+    folder, key = page
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert key not in files
+    for path in files:
+        assert not re.search(rb"quetzal|ibex|sample", path.read_bytes()), path
+        assert not re.search(r"quetzal|ibex|sample", path.name)
+    assert "quetzal" in key.read_text()
+    assert len(list((folder / "videos").iterdir())) == 6
+
+
+def test_the_page_says_that_without_people_it_is_no_study_and_names_no_address(page: tuple[Path, Path]) -> None:
+    text = (page[0] / "index.html").read_text()
+    assert text.count(NO_STUDY) == 2
+    assert NO_STUDY in (page[0] / "README.txt").read_text()
+    assert "default-src 'none'" in text
+    assert not re.search(r"https?://", text)
+
+
+def test_both_clips_of_a_pair_are_equally_high_and_keep_their_frames(clips: Wanted, tmp_path: Path) -> None:
+    small = tmp_path / "small.mp4"
+    from cltransfer.clip import write_video
+
+    write_video(small, read_clip(clips.runs[1]).image[..., ::2, ::2].contiguous(), torch.arange(6) / 12)
+    wanted = replace(clips, runs=(clips.runs[0], small), references=clips.references[:1])
+    study, _ = build_study(wanted, tmp_path / "page")
+    found = [read_clip(tmp_path / "page" / "videos" / f"{token}.mp4") for token in study.clips]
+    assert [tuple(clip.image.shape) for clip in found] == [(6, 3, 18, 32)] * 2
+    torch.testing.assert_close(found[0].times, torch.arange(6).double() / 12, atol=1e-4, rtol=0)
+
+
+def test_the_key_reads_back(page: tuple[Path, Path]) -> None:
+    study = Study.load(page[1])
+    assert study.methods == ("quetzal", "ibex")
+    assert [item.sample for item in study.items] == ["sample1", "sample2"]
+    assert {study.clips[item.first].method for item in study.items} == {"quetzal"}
+    assert study.to_json().items() <= json.loads(page[1].read_text()).items()
+
+
+def test_every_pair_of_methods_is_compared_on_every_sample_and_the_seed_names_the_videos() -> None:
+    first, again, other = (design(["s", "t"], ["a", "b", "c"], ["x"], seed) for seed in (0, 0, 1))
+    assert len(first.items) == 6
+    assert first == again
+    assert set(first.clips).isdisjoint(other.clips)
+    assert first.name != other.name
+
+
+def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, command: Callable[..., Any]) -> None:
+    other = shutil.copytree(tiny_run, tmp_path / "other")
+    answer = command("study", tiny_run, other, "--out", tmp_path / "page", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["comparisons"] == 1
+    videos = {p.stem: read_clip(p).image for p in (tmp_path / "page" / "videos").iterdir()}
+    assert {tuple(image.shape) for image in videos.values()} == {(3, 3, 54, 96)}
+    (reference,) = (image for name, image in videos.items() if name.endswith("r"))
+    sheet = read_clip(tiny_run / "video" / "side_by_side.mp4").image[:, :, 18:72, :96]
+    assert float((reference.float() - sheet.float()).abs().mean()) < 8  # levels; it was encoded once more
+    manifest = json.loads((other / "manifest.json").read_text())
+    manifest["reference"]["sha256"] = "0" * 64
+    (other / "manifest.json").write_text(json.dumps(manifest))
+    refused = command("study", tiny_run, other, "--out", tmp_path / "page")
+    assert refused.code == 3
+    assert "is not that of" in refused.err
+
+
+@pytest.mark.parametrize("height", [36, 37, 270, 288, 289, 720])
+def test_the_reference_is_cut_out_of_the_sheet_it_was_put_into(height: int) -> None:
+    width = height * 16 // 9
+    generator = torch.Generator().manual_seed(0)
+    first, second = (
+        torch.randint(0, 255, (1, 3, height, width), dtype=torch.uint8, generator=generator) for _ in range(2)
+    )
+    cut = reference_side(side_by_side(first, second, torch.zeros(1)))
+    assert abs(cut.shape[2] - height) <= 1
+    assert abs(cut.shape[3] - width) <= 1
+    both = (slice(None), slice(None), slice(min(cut.shape[2], height)), slice(min(cut.shape[3], width)))
+    assert torch.equal(cut[both], first[both])
+
+
+def test_what_does_not_go_together_is_refused(clips: Wanted, tmp_path: Path) -> None:
+    out = tmp_path / "page"
+    with pytest.raises(UsageError, match=r"expected 2 for each sample \(quetzal, ibex\) \(got 3\)"):
+        build_study(replace(clips, runs=clips.runs[:3]), out)
+    with pytest.raises(UsageError, match="expected one for each of 2 samples"):
+        build_study(replace(clips, references=clips.references[:1]), out)
+    with pytest.raises(UsageError, match="clips do not know theirs"):
+        build_study(replace(clips, references=()), out)
+    with pytest.raises(UsageError, match="all different"):
+        build_study(replace(clips, methods=("a", "a")), out)
+    with pytest.raises(InputError, match="no such file"):
+        build_study(replace(clips, runs=(*clips.runs[:3], tmp_path / "none.mp4")), out)
+    assert not (out / "index.html").exists()
+    taken = tmp_path / "taken"
+    taken.mkdir()
+    (taken / "thesis.tex").write_text("")
+    with pytest.raises(UsageError, match="neither empty nor a page"):
+        build_study(clips, taken)
