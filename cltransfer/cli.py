@@ -12,8 +12,9 @@ import typer
 
 from . import __version__
 from .bench.verbs import app as bench_app
-from .cli_describe import describe
 from .cli_ablate import ablate
+from .cli_describe import describe
+from .cli_evaluate import evaluate
 from .cli_fit import fit
 from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
@@ -46,6 +47,7 @@ app.command()(fit)
 app.command()(simplify)
 app.command()(bake)
 app.command()(study)
+app.command()(evaluate)
 app.command()(describe)
 
 Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
@@ -163,39 +165,6 @@ def transfer(
     except KeyboardInterrupt:
         _fail(f"interrupted (the same command with --resume {folder} goes on from here)", 130)
     show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
-
-
-@app.command()
-def evaluate(
-    reference: Annotated[str, typer.Argument(help="Video or image folder.")],
-    render: Annotated[str, typer.Argument(help="Video or image folder; its frames are paired by time.")],
-    overrides: Overrides = None,
-    out: Out = None,
-    config: Config = None,
-    allow_plugin: Allow = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Score the clip RENDER against the clip REFERENCE; no scene is needed.
-
-    With --out it leaves metrics.json, metrics.csv and report.html in that folder.
-    """
-    settings = _settings(config, overrides or [], allow_plugin)
-    if out is not None:
-        check_out(out)
-    from .evaluate import evaluate as run
-    from .progress import progress
-    from .report.metrics import metrics_json, metrics_table, write_metrics
-    from .report.page import write_report
-    from .threads import set_threads, thread_count
-
-    set_threads(settings.threads or thread_count())
-    with progress(quiet) as report:
-        shown = run(reference, render, settings, report)
-    if out is not None:
-        write_metrics(out, shown)
-        write_report(out, shown)
-    show(metrics_json(shown), metrics_table(shown), as_json)
 
 
 @app.command()

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from dataclasses import replace
 
 import torch
 
-from .clip import pair_by_time, read_clip
+from .clip import pair_by_time
+from .clip_source import ClipSource
 from .config import RunConfig
 from .errors import InputError
 from .objective import Objective
-from .reference import Components, Progress, clip_features, silent
-from .report.data import ReportData
+from .open_clip import open_clip
+from .reference import Components, Progress, read_frames, silent
+from .report.data import Flag, ReportData
 from .scores import score
 
 
@@ -23,26 +25,31 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     extractors, flow from one paired frame to the next.
 
     Args:
-        reference: a video or an image folder.
+        reference: a video or an image folder, or a part of one (:class:`cltransfer.clip_source.ClipSource`).
         render: a video or an image folder that starts when the reference does.
         config: which losses and extractors; ``frames`` thins the render.
         progress: called with a step, frames done, frames in all.
 
     Raises:
-        InputError: a clip is missing, damaged, shows no person, or the two do not overlap in time.
+        InputError: a clip is missing or damaged, the reference has a cut or shows no person, or the two do not overlap
+            in time.
     """
     start = time.perf_counter()
     parts = Components.build(config)
     plan = parts.plan("image")
-    shown = read_clip(Path(render), config.frames)
-    original = read_clip(Path(reference))
+    asked, found = ClipSource.parse(reference), ClipSource.parse(render)
+    # a render is scored as it is: one that jumps is a bad render, not two shots
+    shown, _ = open_clip(replace(found, cuts="keep", letterbox="keep"), config.frames)
+    original, flags = open_clip(asked)
     plan.load_networks()
     paired = original.image[pair_by_time(original.times, shown.times)]
-    features = clip_features(paired, plan, progress)
+    features, read = read_frames(paired, plan, asked.person, progress)
     if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):
         raise InputError(reference, "person", f"none found in {len(paired)} frames")
-    rendered = clip_features(shown.image, plan, progress)
+    rendered, seen = read_frames(shown.image, plan, found.person, progress)
     scores = score(Objective(parts.losses), features, rendered, plan.missing)
     spent = {"network_passes": 2 * len(paired) * plan.passes, "seconds": round(time.perf_counter() - start, 2)}
-    title = f"{Path(render).name} against {Path(reference).name}"
-    return ReportData(title, shown.times, scores, None, None, None, paired, shown.image, (), spent)
+    title = f"{found.path.name} against {asked.path.name}"
+    notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in seen)]
+    told = tuple(Flag(None, note) for note in notes)
+    return ReportData(title, shown.times, scores, None, None, None, paired, shown.image, told, spent)

@@ -1,0 +1,109 @@
+"""The verb that scores clips: one against another, or whole folders of several methods."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .cli_shared import Allow, Json, Quiet, show
+from .config import load_config
+from .errors import UsageError
+from .files import check_out
+
+
+def evaluate(
+    reference: Annotated[
+        str, typer.Argument(help="Video or image folder, CLIP#t=START,END for a part; or a folder of clips.")
+    ],
+    render: Annotated[
+        str,
+        typer.Argument(
+            help="Video or image folder; its frames are paired by time. For a folder of clips METHOD=FOLDER."
+        ),
+    ],
+    more: Annotated[
+        list[str] | None, typer.Argument(metavar="[METHOD=FOLDER]... [KEY=VALUE]...", help="More, then config.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset.")] = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Score the clip RENDER against the clip REFERENCE, or whole folders of clips; no scene is needed.
+
+    With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
+    and methods.csv, .md and .tex with bootstrap intervals over the clips.
+    """
+    from .plugins import allow
+
+    allow(allow_plugin or [])
+    methods, overrides = methods_of(reference, render, more or [])
+    settings = load_config(config, overrides)
+    if out is not None:
+        check_out(out)
+    from .threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    if methods:
+        evaluate_folders(Path(reference), methods, settings, out, as_json, quiet)
+    else:
+        evaluate_clips(reference, render, settings, out, as_json, quiet)
+
+
+def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Score one clip and show its metrics."""
+    from .evaluate import evaluate as run
+    from .progress import progress
+    from .report.metrics import metrics_json, metrics_table, write_metrics
+    from .report.page import write_report
+
+    with progress(quiet) as report:
+        shown = run(reference, render, settings, report)
+    if out is not None:
+        write_metrics(out, shown)
+        write_report(out, shown)
+    show(metrics_json(shown), metrics_table(shown), as_json)
+
+
+def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, Path], list[str]]:
+    """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip."""
+    from .decoding import IMAGE_DEMUXERS
+
+    folder = Path(reference)
+    if not folder.is_dir() or any(p.suffix.lower() in IMAGE_DEMUXERS for p in folder.iterdir()):
+        return {}, more
+    methods: dict[str, Path] = {}
+    rest = []
+    for argument in (render, *more):
+        name, mark, path = (
+            argument.partition("=") if not Path(argument).is_dir() else (Path(argument).name, "=", argument)
+        )
+        if mark and Path(path).is_dir():
+            if name in methods:
+                raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
+            methods[name] = Path(path)
+        elif argument is render:
+            raise UsageError(render, "", "expected a folder of clips, as the reference is one", "METHOD=FOLDER")
+        else:
+            rest.append(argument)
+    return methods, rest
+
+
+def evaluate_folders(
+    references: Path, methods: dict[str, Path], settings: Any, out: Path | None, as_json: bool, quiet: bool
+) -> None:
+    """Score folders of clips and show the table of methods."""
+    from .evaluate_many import evaluate_many, summarise
+    from .progress import progress
+    from .report.method_table import methods_json, methods_markdown, write_methods
+
+    with progress(quiet) as report:
+        rows = evaluate_many(references, methods, settings, report)
+    summary = summarise(rows, settings.seed)
+    if out is not None:
+        write_methods(out, rows, summary)
+    lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
+    show(methods_json(rows, summary), "\n".join([methods_markdown(summary), *lacking]), as_json)

@@ -1,0 +1,151 @@
+"""Metric-only evaluation of whole folders: several methods, clip by clip, with intervals over the clips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .config import RunConfig
+from .errors import InputError
+from .evaluate import evaluate
+from .image_folder import natural_order
+from .reference import Progress, silent
+from .report.metrics import finite
+
+VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
+RUN_VIDEO = Path("video") / "frames.mkv"  # what a run folder keeps of its frames, lossless
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class ClipScore:
+    """One clip of one method.
+
+    Args:
+        method, clip: names.
+        means: raw mean of each term, and of the total, None where undefined.
+        defined: frames that have a value, by term.
+        frames: of the clip.
+        reason: why there is nothing, where nothing could be scored.
+    """
+
+    method: str
+    clip: str
+    means: Mapping[str, float | None] = field(default_factory=dict)
+    defined: Mapping[str, int] = field(default_factory=dict)
+    frames: int = 0
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean over clips with its bootstrap interval.
+
+    Args:
+        mean, low, high: None where they cannot be told.
+        clips: that have a value, ``of`` how many.
+        reason: why something is None, or clips are missing.
+    """
+
+    mean: float | None
+    low: float | None
+    high: float | None
+    clips: int
+    of: int
+    reason: str = ""
+
+
+def clips_in(folder: Path) -> dict[str, Path]:
+    """Videos, image folders and run folders right inside ``folder``, by name without suffix.
+
+    Raises:
+        InputError: there is none, or two have one name.
+    """
+    found: dict[str, Path] = {}
+    for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
+        path = entry / RUN_VIDEO if (entry / RUN_VIDEO).is_file() else entry
+        if not (path.suffix.lower() in VIDEOS or (path.is_dir() and not entry.name.startswith("."))):
+            continue
+        name = entry.name if entry.is_dir() else entry.stem
+        if name in found:
+            raise InputError(folder, name, "two clips have this name", "clips are matched by name")
+        found[name] = path
+    if not found:
+        raise InputError(folder, "clips", "expected videos, image folders or runs, found none")
+    return found
+
+
+def evaluate_many(
+    references: Path, methods: Mapping[str, Path], config: RunConfig, progress: Progress = silent
+) -> list[ClipScore]:
+    """Score the clips of each method against the reference of the same name.
+
+    A clip that is missing or cannot be scored is a row with its reason; it is never left out.
+
+    Args:
+        references: folder of reference clips.
+        methods: folder of rendered clips by method.
+        config: as for :func:`cltransfer.evaluate.evaluate`.
+        progress: called with a step, clips done, clips in all.
+
+    Raises:
+        InputError: a folder holds no clips, or a method has none that a reference has.
+    """
+    known = clips_in(references)
+    rendered = {method: clips_in(folder) for method, folder in methods.items()}
+    for method, clips in rendered.items():
+        if not clips.keys() & known.keys():
+            raise InputError(methods[method], "clips", f"none has the name of a reference ({', '.join(known)})")
+    rows: list[ClipScore] = []
+    for name, reference in known.items():
+        for method, clips in rendered.items():
+            rows.append(_scored(method, name, reference, clips.get(name), config))
+            progress("scoring clips", len(rows), len(known) * len(rendered))
+    return rows
+
+
+def _scored(method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:
+    if render is None:
+        return ClipScore(method, name, reason="the method has no clip of this name")
+    try:
+        report = evaluate(str(reference), str(render), config)
+    except InputError as error:
+        return ClipScore(method, name, reason=str(error))
+    terms = report.scores.terms
+    means = {**{term.name: term.mean for term in terms}, "total": finite(float(report.scores.totals.mean()))}
+    defined = {**{term.name: term.defined for term in terms}, "total": len(report.times)}
+    return ClipScore(method, name, means, defined, len(report.times))
+
+
+def interval(values: list[float | None], seed: int = 0) -> Interval:
+    """Mean of the clips' values and its percentile bootstrap interval; clips without a value are counted, not used."""
+    from scipy.stats import bootstrap
+
+    known = np.array([value for value in values if value is not None])
+    lacking = len(values) - len(known)
+    reason = f"{lacking} clips have no value" if lacking else ""
+    if len(known) == 0:
+        return Interval(None, None, None, 0, len(values), reason)
+    if len(known) == 1:
+        alone = "; ".join(filter(None, ["one clip has no interval", reason]))
+        return Interval(float(known[0]), None, None, 1, len(values), alone)
+    drawn = bootstrap(
+        (known,), np.mean, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="percentile",
+        rng=np.random.default_rng(seed),
+    )  # fmt: skip
+    low, high = (float(bound) for bound in drawn.confidence_interval)
+    return Interval(float(known.mean()), low, high, len(known), len(values), reason)
+
+
+def summarise(rows: list[ClipScore], seed: int = 0) -> dict[str, dict[str, Interval]]:
+    """Interval of each term by method, over all clips; a clip that could not be scored counts as one without values."""
+    terms = list(dict.fromkeys(name for row in rows for name in row.means))
+    methods = dict.fromkeys(row.method for row in rows)
+    return {
+        method: {t: interval([r.means.get(t) for r in rows if r.method == method], seed) for t in terms}
+        for method in methods
+    }

@@ -1,0 +1,147 @@
+"""Whole folders: clips matched by name, nothing left out, intervals over clips, tables without NaN."""
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.clip import write_video
+from cltransfer.errors import InputError
+from cltransfer.evaluate_many import ClipScore, clips_in, interval, summarise
+from cltransfer.report.method_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
+
+ROWS = [
+    ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
+    ClipScore("ours", "b", {"shot_size": 0.3, "filmic_space": None}, {"shot_size": 3, "filmic_space": 0}, 4),
+    ClipScore("old_way", "a", {"shot_size": 0.4, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
+    ClipScore("old_way", "b", {"shot_size": 0.6, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
+]
+MISSING = ClipScore("old_way", "c", reason="the method has no clip of this name")
+OFF = [f"losses.{name}=null" for name in ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")]
+
+
+def wall(seed: int, drift: int) -> torch.Tensor:
+    random = torch.Generator().manual_seed(seed)
+    picture = torch.nn.functional.interpolate(torch.rand(1, 3, 9, 40, generator=random), (48, 200), mode="bilinear")[0]
+    return torch.stack([picture[:, :, i * drift : i * drift + 64] for i in range(4)]).mul(255).byte()
+
+
+def folder_of(path: Path, **clips: torch.Tensor) -> Path:
+    path.mkdir()
+    for name, image in clips.items():
+        write_video(path / f"{name}.mkv", image, torch.arange(len(image)).double() / 8, lossless=True)
+    return path
+
+
+def test_an_interval_holds_the_mean_and_narrows_with_more_clips() -> None:
+    few, many = interval([0.1, 0.3, 0.2]), interval([0.1, 0.3, 0.2] * 20)
+    for found in (few, many):
+        assert found.low < found.mean < found.high
+    assert many.high - many.low < few.high - few.low
+    assert interval([0.1, 0.3, 0.2]) == few
+
+
+def test_clips_without_a_value_are_counted_not_used() -> None:
+    found = interval([0.2, None, 0.4, None])
+    assert (found.mean, found.clips, found.of) == (pytest.approx(0.3), 2, 4)
+    assert found.reason == "2 clips have no value"
+    assert interval([None]).mean is None
+    assert interval([0.2]).low is None
+    assert "one clip" in interval([0.2]).reason
+
+
+def test_no_table_holds_a_nan() -> None:
+    summary = summarise([*ROWS, MISSING])
+    text = json.dumps(methods_json([*ROWS, MISSING], summary), allow_nan=False)
+    assert json.loads(text)["methods"]["ours"]["filmic_space"]["mean"] is None
+    for table in (clips_csv([*ROWS, MISSING]), methods_csv(summary), methods_markdown(summary), methods_latex(summary)):
+        assert "nan" not in table.lower()
+
+
+def test_the_best_is_bold_only_where_both_have_the_same_clips() -> None:
+    assert "**0.200" in methods_markdown(summarise(ROWS))
+    assert "**" not in methods_markdown(summarise([*ROWS, MISSING]))
+    assert "(2/3)" in methods_markdown(summarise([*ROWS, MISSING]))
+
+
+def test_latex_escapes_names() -> None:
+    latex = methods_latex(summarise(ROWS))
+    assert r"old\_way" in latex
+    assert r"shot\_size" in latex
+    assert latex.count("&") == 2 * 3
+    assert latex.count(r"\\") == 3
+
+
+def test_every_clip_has_its_row_in_the_csv() -> None:
+    rows = list(csv.DictReader(io.StringIO(clips_csv([*ROWS, MISSING]))))
+    assert [row["clip"] for row in rows] == ["a", "b", "a", "b", "c"]
+    assert rows[-1]["shot_size"] == ""
+    assert rows[-1]["reason"] == MISSING.reason
+
+
+def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
+    folder_of(tmp_path / "all", b=wall(0, 1))
+    (tmp_path / "all" / "a").mkdir()
+    (tmp_path / "all" / "run" / "video").mkdir(parents=True)
+    (tmp_path / "all" / "run" / "video" / "frames.mkv").touch()
+    (tmp_path / "all" / "notes.txt").touch()
+    found = clips_in(tmp_path / "all")
+    assert list(found) == ["a", "b", "run"]
+    assert found["run"].name == "frames.mkv"
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="found none"):
+        clips_in(tmp_path / "empty")
+
+
+def test_folders_are_scored_clip_by_clip(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
+    same = folder_of(tmp_path / "same", a=wall(0, 2), b=wall(1, 2))
+    other = folder_of(tmp_path / "other", a=wall(0, 6))
+    plugin = tmp_path / "global_flow.py"
+    plugin.write_text(PLUGIN)
+    said = command(
+        "evaluate", references, f"same={same}", f"other={other}", "losses.mean_flow={}",
+        *OFF,
+        "--allow-plugin", plugin, "--out", tmp_path / "out", "--json",
+    )  # fmt: skip
+    assert said.code == 0, said.err
+    value = json.loads(said.out)
+    assert value["methods"]["same"]["mean_flow"]["mean"] == 0
+    assert value["methods"]["other"]["mean_flow"]["mean"] > 0
+    assert value["methods"]["other"]["mean_flow"]["clips"] == 1
+    assert [c["reason"] for c in value["clips"] if c["method"] == "other"] == [
+        "",
+        "the method has no clip of this name",
+    ]
+    written = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json"]
+
+
+def test_one_clip_against_a_folder_of_clips_is_a_usage_error(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    said = command("evaluate", references, references / "a.mkv")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+
+
+PLUGIN = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from cltransfer.registry import LOSSES
+
+
+@LOSSES.register("mean_flow")
+@dataclass(frozen=True)
+class MeanFlow:
+    weight: float = 1.0
+    requires: ClassVar = ("flow",)
+    unit: ClassVar = "px"
+    penalty: ClassVar = 10.0
+
+    def __call__(self, reference, rendered):
+        return (reference.flow.flatten(2).mean(-1) - rendered.flow.flatten(2).mean(-1)).norm(dim=1)
+"""
