@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean, quantiles
@@ -25,7 +26,7 @@ class StressVerdict:
         success: share of clips that did not fail, by level, none first.
         breakdown: level at which success falls to a half, between levels on the line; None if it never does.
         worst_tenth: mean total of the worst tenth of all stressed clips, at least one.
-        spread: distance of the quartiles of the total over clips and seeds, mean over the levels.
+        spread: distance of the quartiles of the total over clips and seeds, mean over the levels; NaN for one clip.
         growth: mean total of the last third of the frames less that of the first, over stressed clips.
         first: the term that has grown most at the breakdown, or at the last level, against none.
     """
@@ -112,8 +113,9 @@ def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
     rows = []
     for verdict in found:
         success = " ".join(f"{share:.2f}" for share in verdict.success)
-        numbers = [f"{n:.2f}" for n in (verdict.worst_tenth, verdict.spread, verdict.growth)]
-        rows.append([verdict.stressor, verdict.method, success, _told(verdict), *numbers, verdict.first])
+        numbers = [verdict.worst_tenth, verdict.spread, verdict.growth]
+        cells = ["" if math.isnan(number) else f"{number:.2f}" for number in numbers]
+        rows.append([verdict.stressor, verdict.method, success, _told(verdict), *cells, verdict.first])
     return rows
 
 
