@@ -156,4 +156,5 @@ def test_what_is_installed_includes_the_data_files() -> None:
     shipped = set(done.stdout.split())
     presets = {f"cltransfer.configs/{path.name}" for path in (ROOT / "configs").glob("*.yaml")}
     presets |= {f"cltransfer.configs/ablations/{path.name}" for path in (ROOT / "configs" / "ablations").iterdir()}
-    assert presets | {"cltransfer/report/page.html", "cltransfer/py.typed", "cltransfer/catalogue.yaml"} <= shipped
+    pages = {"cltransfer/report/page.html", *(f"cltransfer/study/page.{kind}" for kind in ("html", "css", "js"))}
+    assert presets | pages | {"cltransfer/py.typed", "cltransfer/catalogue.yaml"} <= shipped
