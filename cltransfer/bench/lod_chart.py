@@ -57,14 +57,16 @@ def write_chart(rows: Sequence[LodRow], path: Path) -> None:
     with matplotlib.rc_context({"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8}):
         figure = Figure(figsize=(8.0, 5.0), layout="constrained")
         for ax, (name, title) in zip(figure.subplots(2, 2).flat, PANELS):
-            for scene in dict.fromkeys(row.scene for row in rows):
+            for place, scene in enumerate(dict.fromkeys(row.scene for row in rows)):
                 of_scene = [row for row in rows if row.scene == scene and row.k > 0]
                 values = [getattr(row, name) for row in of_scene]
-                ax.plot([row.speedup for row in of_scene], values, marker="o", markersize=4, label=scene)
+                (line,) = ax.plot([row.speedup for row in of_scene], values, marker="o", markersize=4, label=scene)
+                beside = (4, 4) if place % 2 == 0 else (4, -10)  # scenes' labels on either side of their lines
                 for row, value in zip(of_scene, values):
-                    ax.annotate(f"k={row.k:g}", (row.speedup, value), xytext=(4, 4), textcoords="offset points")
+                    ax.annotate(f"{row.k:g}", (row.speedup, value), beside, textcoords="offset points",
+                                color=line.get_color())  # fmt: skip
             ax.set_title(title, loc="left", fontsize=9)
-            ax.set_xlabel("times faster than the full scene")
+            ax.set_xlabel("times faster than the full scene; numbers are k [px]")
             ax.spines[["top", "right"]].set_visible(False)
             ax.grid(linewidth=0.3)
             ax.margins(0.12)
