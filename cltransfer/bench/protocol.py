@@ -129,9 +129,14 @@ class Tier:
                     taught = 2 * seed if pupil == teacher else 2 * seed + 1  # another person, unless it is itself
                     yield shot, f"{teacher}-{2 * seed}", f"{pupil}-{taught}", seed
 
-    def trials(self, methods: Sequence[str], seeds: Sequence[int] = ()) -> list[Trial]:
-        """Every method on every clip, clip by clip."""
-        return [Trial(method, *clip, self.frames, self.options) for clip in self.clips(seeds) for method in methods]
+    def trials(self, methods: Sequence[str], seeds: Sequence[int] = (), form: str = "splats") -> list[Trial]:
+        """Every method on every clip, clip by clip; the scene that is taught is of ``form``."""
+        suffix = "" if form == "splats" else f"-{form}"
+        return [
+            Trial(method, shot, teacher, pupil + suffix, seed, self.frames, self.options)
+            for shot, teacher, pupil, seed in self.clips(seeds)
+            for method in methods
+        ]
 
 
 # neighbours in this order share no scene where that can be: the few pairs of a small tier are spread over all scenes

@@ -26,6 +26,9 @@ def bench_table1(
     seed: Seeds = None,
     baseline: Annotated[list[str] | None, typer.Option(help="Methods to beat (repeatable).")] = None,
     ours: Annotated[str, typer.Option(help="The method held against them.")] = "balanced",
+    form: Annotated[
+        Literal["splats", "mesh", "grid"], typer.Option(help="Of the scenes that are taught: the same geometry.")
+    ] = "splats",
     jobs: Jobs = 1,
     networks: Networks = False,
     rows: Rows = Path("outputs/table1"),
@@ -39,7 +42,7 @@ def bench_table1(
 
     check_out(rows)
     baselines = baseline or ["jaws_clean"]
-    trials = TIERS[tier].trials([*baselines, ours], seed or ())
+    trials = TIERS[tier].trials([*baselines, ours], seed or (), form)
     measured = run_trials(trials, Bench(rows, jobs, networks), _told)
     found = duels(measured, baselines, ours)
     write_table1(measured, found, rows, out, _command())

@@ -4,6 +4,7 @@ from collections import Counter
 
 import pytest
 
+from cltransfer.bench.measures import is_self
 from cltransfer.bench.methods import METHODS, config_of, renderer_override
 from cltransfer.bench.protocol import CROSS, FIRST_HELD_OUT, STARTS, TIERS, Trial, drawn_start
 from cltransfer.errors import UsageError
@@ -73,3 +74,10 @@ def test_a_scene_s_form_chooses_its_renderer():
 def test_an_unknown_method_names_the_known():
     with pytest.raises(UsageError, match="method 'magic': no such method"):
         config_of("magic", "room-1", 0)
+
+
+def test_a_form_is_of_the_scene_that_is_taught_and_leaves_the_clip():
+    splats, mesh = (TIERS["full"].trials(["fast"], [7], form) for form in ("splats", "mesh"))
+    assert all(m.pupil == f"{s.pupil}-mesh" and m.teacher == s.teacher for s, m in zip(splats, mesh))
+    rows = [{"teacher": trial.teacher, "pupil": trial.pupil} for trial in mesh]
+    assert sum(is_self(row) for row in rows) == len(SHOTS) * 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from typing import Any
 
@@ -25,6 +26,7 @@ SETS = (*DESIGNED, *DRAWN)
 FORMS = {"splats": as_splats, "mesh": as_mesh, "grid": as_grid}
 
 
+@functools.lru_cache(maxsize=2)  # a bench asks for teacher and pupil again and again, and a grid takes 10 s
 def builtin_scene(name: str, seed: int = 0, form: str = "splats") -> Scene:
     """Scene ``name`` in metres.
 
