@@ -74,6 +74,34 @@ def models_check(
         raise typer.Exit(4)
 
 
+@models_app.command("align")
+def models_align(
+    scene: Annotated[
+        str, typer.Argument(help="A scene: what its renderer knows of depth is held against the network.")
+    ],
+    overrides: Annotated[
+        list[str], typer.Argument(metavar="KEY=VALUE...", help="The config; it must have extractors.depth_onnx.")
+    ],
+    views: Annotated[int, typer.Option(help="How many, all around the subject.")] = 8,
+    as_json: Json = False,
+) -> None:
+    """Read a depth network's scale and shift off SCENE, and print the overrides that treat a clip the same way.
+
+    The policy is the config's: extractors.depth_onnx.align=shift or metric.
+    """
+    from .config import load_config
+    from .depth_alignment import align_config
+
+    found = align_config(scene, load_config(None, overrides), views)
+    a, b = found.affine
+    lines = [
+        f"extractors.depth_onnx.align={found.align} 'extractors.depth_onnx.affine=[{a:.6g}, {b:.6g}]'",
+        f"inverse depth is off by {100 * found.error[0]:.1f} % as it is, by {100 * found.error[1]:.1f} % so;",
+        f"the shift varies by {100 * found.spread:.1f} % of the largest disparity from view to view",
+    ]
+    show(asdict(found), "\n".join(lines), as_json)
+
+
 @assets_app.command("list")
 def assets_list(catalogue: Catalogue = None, as_json: Json = False) -> None:
     """Every demo scene and clip: its state, size, licence and where it comes from; see `models list`."""

@@ -16,17 +16,9 @@ from ..features import Features
 from ..onnx import Network, find_model
 from ..pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
 from ..registry import EXTRACTORS
+from ._disparity import Align, aligned, depth_from_disparity
 
-
-def depth_from_disparity(disparity: Tensor, floor: float) -> Tensor:
-    """Depth (B, H, W) > 0 of disparity (B, H, W), up to the scale and shift of the network.
-
-    Disparity below ``floor`` times the frame's largest counts as that, so a frame's depths span at most
-    1 / floor. NaN where a frame has no positive disparity.
-    """
-    largest = disparity.amax(dim=(1, 2), keepdim=True)
-    depth = 1 / torch.maximum(disparity, floor * largest)
-    return torch.where(largest > 0, depth, torch.nan)
+__all__ = ["DepthOnnx", "depth_from_disparity"]
 
 
 @EXTRACTORS.register("depth_onnx")
@@ -47,6 +39,11 @@ class DepthOnnx:
         input: name of the input.
         output: name of the output.
         floor: smallest disparity over the largest, in (0, 1).
+        align: what is done about a disparity's unknown shift, which changes the depth ratio of two layers. ``raw``
+            takes it for none; ``shift`` and ``metric`` take 1 / depth = a d + b, ``shift`` with d in the frame's
+            largest, for a network that scales each frame by itself. ``cltransfer models align`` reads a and b off a
+            scene.
+        affine: a and b, for shift and metric.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image",)
@@ -63,10 +60,16 @@ class DepthOnnx:
     input: str = "pixel_values"
     output: str = "predicted_depth"
     floor: float = 1e-3
+    align: Align = "raw"
+    affine: tuple[float, float] = (1.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.kind not in ("disparity", "depth"):
             raise ValueError(f"kind must be disparity or depth, got {self.kind!r}")
+        if self.align not in ("raw", "shift", "metric") or (self.align != "raw" and self.kind != "disparity"):
+            raise ValueError(f"align must be raw, or shift or metric of a disparity, got {self.align!r} of {self.kind}")
+        if not self.affine[0] > 0:
+            raise ValueError(f"affine must rise with the disparity, got {self.affine}")
         if self.multiple < 0:
             raise ValueError(f"multiple must be at least 0, got {self.multiple}")
         if min(self.width, self.height) < 1 or min(self.std) <= 0 or not 0 < self.floor < 1:
@@ -85,14 +88,22 @@ class DepthOnnx:
             ModelError: the network is missing or refused, or its output is no map.
         """
         image = now.require("image")
-        raw = self.network({self.input: self._input(image)})[self.output]
-        maps = torch.from_numpy(raw.reshape(len(raw), 1, *raw.shape[-2:]))
-        maps = torch.nn.functional.interpolate(maps, image.shape[2:], mode="bilinear")[:, 0]
+        maps = self.output_maps(image)
         if self.kind == "disparity":
-            depth = depth_from_disparity(maps, self.floor)
+            depth = depth_from_disparity(aligned(maps, self.align, self.affine), self.floor)
         else:
             depth = torch.where(maps > 0, maps, torch.nan)
         return replace(now, depth=depth.to(image.device))
+
+    def output_maps(self, image: Tensor) -> Tensor:
+        """What the network says of ``image`` (B, 3, H, W) in [0, 1], on its pixels, (B, H, W).
+
+        Raises:
+            ModelError: the network is missing or refused, or its output is no map.
+        """
+        raw = self.network({self.input: self._input(image)})[self.output]
+        maps = torch.from_numpy(raw.reshape(len(raw), 1, *raw.shape[-2:]))
+        return torch.nn.functional.interpolate(maps, image.shape[2:], mode="bilinear")[:, 0]
 
     def _input(self, image: Tensor) -> np.ndarray:
         size = self._size(image.shape[3], image.shape[2])

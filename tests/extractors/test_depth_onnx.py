@@ -102,3 +102,19 @@ class TestContract(ExtractorCase):
     @pytest.fixture(autouse=True)
     def use(self, planted):
         self.component = planted(kind="disparity")
+
+
+def test_an_affine_takes_the_shift_out_of_a_disparity(planted):
+    plain = planted(kind="disparity", align="metric", affine=[2.0, 0.5])(halves()).depth
+    sides = 1 / (2 * torch.tensor([[1.0, 0.2], [0.4, 0.8]]) + 0.5)
+    torch.testing.assert_close(plain[:, 16][:, [8, 56]], sides, atol=0.02, rtol=0)
+    by_frame = planted(kind="disparity", align="shift", affine=[1.0, 0.5])(halves()).depth
+    sides = 1 / (torch.tensor([[1.0, 0.2], [0.5, 1.0]]) + 0.5)
+    torch.testing.assert_close(by_frame[:, 16][:, [8, 56]], sides, atol=0.02, rtol=0)
+
+
+def test_an_alignment_of_what_has_no_shift_is_refused():
+    with pytest.raises(ValueError, match="align must be raw, or shift or metric of a disparity, got 'shift' of depth"):
+        DepthOnnx(model="net.onnx", kind="depth", align="shift")
+    with pytest.raises(ValueError, match="affine must rise with the disparity"):
+        DepthOnnx(model="net.onnx", kind="disparity", align="metric", affine=(0.0, 1.0))

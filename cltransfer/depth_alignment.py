@@ -1,0 +1,135 @@
+"""A depth network's scale and shift, read off renders whose depth is known, for the clip that the network reads too."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from statistics import fmean, median
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .camera import Camera
+from .config import RunConfig
+from .errors import InputError, UsageError
+from .extractors._disparity import Align, aligned, fit_affine
+from .extractors.depth_onnx import DepthOnnx
+from .reference import Components
+from .renderers._request import renderer_of
+from .scenes import Scene
+from .scenes.lifted import lifted_scene
+from .scenes.load import load_scene
+from .shots import Moves, Setup, cameras
+
+SIZE = (640, 360)  # of the views [px]
+MOVES = tuple(Moves.__annotations__)
+
+
+@dataclass(frozen=True)
+class DepthAlignment:
+    """What a network's disparity means in a scene.
+
+    Args:
+        align: the policy it is for.
+        affine: (a, b) of 1 / depth = a d + b, the median over the views; for ``shift`` of d in the frame's largest,
+            with a = 1.
+        spread: median distance of a view's b / a from that of the median, in units of the largest disparity: how
+            steady the network is. What is not steady here will not be right for a clip either.
+        error: mean over the views of the median relative error of the inverse depth, after the view's best scale;
+            raw, and with ``affine``.
+    """
+
+    align: Align
+    affine: tuple[float, float]
+    spread: float
+    error: tuple[float, float]
+
+
+def align_depth(disparity: Tensor, depth: Tensor, align: Align) -> DepthAlignment:
+    """Scale and shift of a network, from what it says of V rendered views.
+
+    Args:
+        disparity: of the network, (V, H, W).
+        depth: of the renderer, (V, H, W), > 0; NaN where nothing is seen.
+        align: shift, or metric where the network scales all frames alike.
+
+    Raises:
+        InputError: no view has depths that differ.
+        ValueError: ``align`` is raw, which needs none.
+    """
+    if align == "raw":
+        raise ValueError("align must be shift or metric, got 'raw', which needs no alignment")
+    largest = disparity.amax(dim=(1, 2))
+    counted = aligned(disparity, align, (1.0, 0.0))
+    fits = [fit_affine(view.flatten(), seen.flatten()) for view, seen in zip(counted, depth)]
+    usable = [(a, b) for a, b in fits if a > 0]  # a wall that fills the view says nothing: NaN
+    if not usable:
+        raise InputError("", "depth", f"none of {len(depth)} views has disparity that falls with depth")
+    ratio = median(b / a for a, b in usable)
+    unit = 1.0 if align == "shift" else float(largest.median())
+    spread = median(abs(b / a - ratio) for a, b in usable) / unit
+    scale = 1.0 if align == "shift" else median(a for a, _ in usable)
+    found = (scale, scale * ratio)
+    error = (_error(disparity, depth), _error(aligned(disparity, align, found), depth))
+    return DepthAlignment(align, found, spread, error)
+
+
+def _error(inverse: Tensor, depth: Tensor) -> float:
+    """Mean over the views of the median relative error of inverse depth (V, H, W), each view's best scale taken out."""
+    off = []
+    for view, seen in zip(inverse, depth):
+        ratio = (view * seen)[seen.isfinite()]
+        off.append(float((ratio / ratio.median() - 1).abs().median()))
+    return fmean(off)
+
+
+def align_to_scene(
+    extractor: DepthOnnx, scene: Scene, renderer: Any, views: Camera, align: Align
+) -> tuple[DepthOnnx, DepthAlignment]:
+    """``extractor`` with the affine that its network has in ``scene``, and how well that was told.
+
+    A clip that is read with it is treated as the renders are: by the same policy with the same numbers.
+
+    Args:
+        extractor: of kind disparity.
+        scene: to render.
+        renderer: draws it.
+        views: of its subject, V.
+        align: shift, or metric.
+
+    Raises:
+        ModelError: the network is missing or refused.
+        InputError: the views do not tell.
+    """
+    disparity, depth = [], []
+    for i in range(len(views)):
+        seen = renderer.render(scene, views[i], frozenset({"image", "depth"}))
+        disparity.append(extractor.output_maps(seen.require("image")))
+        depth.append(seen.require("depth"))
+    found = align_depth(torch.cat(disparity), torch.cat(depth), align)
+    return replace(extractor, align=align, affine=found.affine), found
+
+
+def align_config(scene: str, config: RunConfig, views: int) -> DepthAlignment:
+    """What the depth network of ``config`` means in a scene, looked at from ``views`` places around its subject.
+
+    Raises:
+        UsageError: the config has no ``depth_onnx``, or its policy is raw.
+        InputError: the scene is missing or damaged, or no person is found in it.
+        ModelError: the network is missing or refused.
+    """
+    parts = Components.build(config)
+    extractor = parts.extractors.get("depth_onnx")
+    if extractor is None or extractor.align == "raw":
+        got = "no depth_onnx" if extractor is None else "align raw"
+        raise UsageError("", "extractors.depth_onnx", f"expected align shift or metric, got {got}")
+    loaded = load_scene(scene)
+    renderer = renderer_of(loaded, parts.renderer)
+    lifted = lifted_scene(loaded, renderer, parts.extractors)
+    assert lifted.subject is not None  # it was lifted
+    setup = Setup(azimuth=0.0, distance=3.0, coverage=0.5)
+    around = {name: torch.ones(views, dtype=torch.float64) * (name in ("dolly", "follow", "zoom")) for name in MOVES}
+    around["azimuth"] = torch.arange(views, dtype=torch.float64) * (2 * math.pi / views)
+    ring = cameras(lifted.subject, SIZE, setup, Moves(**around))
+    return align_to_scene(extractor, lifted, renderer, ring, extractor.align)[1]

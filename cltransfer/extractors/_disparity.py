@@ -1,0 +1,63 @@
+"""From a network's disparity to depth, and back to what its unknown scale and shift are."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+Align = Literal["raw", "shift", "metric"]
+OUTLIERS = (1.0, 0.5, 0.25, 0.1, 0.1, 0.1, 0.1)  # relative errors that count a quarter, one reweighting after another
+
+
+def depth_from_disparity(disparity: Tensor, floor: float) -> Tensor:
+    """Depth (B, H, W) > 0 of disparity (B, H, W), up to the scale and shift of the network.
+
+    Disparity below ``floor`` times the frame's largest counts as that, so a frame's depths span at most
+    1 / floor. NaN where a frame has no positive disparity.
+    """
+    largest = disparity.amax(dim=(1, 2), keepdim=True)
+    depth = 1 / torch.maximum(disparity, floor * largest)
+    return torch.where(largest > 0, depth, torch.nan)
+
+
+def aligned(disparity: Tensor, align: Align, affine: tuple[float, float]) -> Tensor:
+    """Inverse depth (B, H, W), up to scale but without shift, of a network's disparity (B, H, W).
+
+    ``metric`` takes a d + b; ``shift`` the same of d counted in the frame's largest, for a network that scales each
+    frame by itself; ``raw`` takes d as it is.
+    """
+    if align == "raw":
+        return disparity
+    a, b = affine
+    if align == "shift":
+        disparity = disparity / disparity.amax(dim=(1, 2), keepdim=True).clamp_min(1e-12)
+    return a * disparity + b
+
+
+def fit_affine(disparity: Tensor, depth: Tensor) -> tuple[float, float]:
+    """The (a, b) of 1 / depth = a d + b that fit best, robustly.
+
+    Least squares of the relative error r of the inverse depth, reweighted by Geman and McClure's (c^2 / (c^2 + r^2))^2
+    with c falling to 10 %, so that pixels far off (an edge, the sky) do not count.
+
+    Args:
+        disparity: of any pixels, (P,).
+        depth: of the same pixels, (P,), > 0; NaN where unknown.
+
+    Returns:
+        a, b; NaN where fewer than two depths are known or the disparity is constant.
+    """
+    known = depth.isfinite() & (depth > 0) & disparity.isfinite()
+    d, z = disparity[known].double(), depth[known].double()
+    if len(d) < 2 or float(d.std()) < 1e-9 * float(d.abs().max()):
+        return float("nan"), float("nan")
+    rows = torch.stack([d, torch.ones_like(d)], dim=1) * z[:, None]
+    weight = torch.ones_like(z)
+    solution = torch.zeros(2, dtype=torch.float64)
+    for outlier in OUTLIERS:
+        normal = rows.T @ (rows * weight[:, None])
+        solution = torch.linalg.solve(normal, (rows * weight[:, None]).sum(0))
+        weight = (1 + ((rows @ solution - 1) / outlier) ** 2) ** -2
+    return float(solution[0]), float(solution[1])

@@ -1,0 +1,97 @@
+"""A depth network's shift, read off a scene."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from typer.testing import CliRunner
+
+from cltransfer.cli import app
+from cltransfer.config import load_config
+from cltransfer.depth_alignment import align_config, align_depth
+from cltransfer.errors import InputError, UsageError
+from cltransfer.extractors._disparity import aligned, fit_affine
+
+
+def depths(seed=0, views=5):
+    """Sloping depths from 2 to 20 with a jump, (V, 12, 16)."""
+    random = torch.Generator().manual_seed(seed)
+    slope = torch.linspace(2, 8, 16).expand(views, 12, 16) * (1 + torch.rand(views, 1, 1, generator=random))
+    return torch.where(torch.arange(12)[:, None] < 4, slope + 4, slope)
+
+
+def test_the_affine_of_a_network_is_found_though_a_tenth_of_the_pixels_is_wrong():
+    depth = depths()[0]
+    disparity = (1 / depth - 0.03) / 0.25
+    disparity.view(-1)[::10] += 1.0
+    a, b = fit_affine(disparity.flatten(), depth.flatten())
+    assert a == pytest.approx(0.25, rel=0.02)
+    assert b == pytest.approx(0.03, abs=0.002)
+
+
+def test_metric_is_exact_for_a_network_that_scales_all_frames_alike():
+    depth = depths()
+    found = align_depth((1 / depth - 0.03) / 0.25, depth, "metric")
+    torch.testing.assert_close(torch.tensor(found.affine), torch.tensor([0.25, 0.03]), atol=1e-4, rtol=1e-4)
+    assert found.spread < 1e-4
+    assert found.error[0] > 0.05
+    assert found.error[1] < 1e-4
+
+
+def test_shift_is_exact_for_a_network_that_scales_each_frame_by_itself():
+    depth = depths()
+    normal = (1 / depth) / (1 / depth).amax(dim=(1, 2), keepdim=True)
+    found = align_depth(7 * (normal - 0.1), depth, "shift")  # the largest it says is 6.3
+    assert found.affine[0] == 1
+    assert found.affine[1] == pytest.approx(0.1 / 0.9, abs=1e-3)
+    assert found.error[1] < 1e-3
+    depth_again = 1 / aligned(3 * (normal - 0.1), "shift", found.affine)
+    ratio = depth_again / depth
+    torch.testing.assert_close(ratio / ratio[:, :1, :1], torch.ones_like(ratio), atol=2e-3, rtol=0)
+
+
+def test_an_unsteady_network_shows_in_the_spread():
+    depth = depths()
+    wandering = torch.linspace(-0.1, 0.1, 5)[:, None, None]
+    assert align_depth(1 / depth - wandering, depth, "metric").spread > 0.05
+
+
+def test_views_that_do_not_tell_are_refused():
+    wall = torch.full((2, 4, 4), 3.0)
+    with pytest.raises(InputError, match="none of 2 views has disparity that falls with depth"):
+        align_depth(1 / wall, wall, "shift")
+    with pytest.raises(InputError, match="none of 5 views"):
+        align_depth(depths(), depths(), "metric")  # depth, not disparity
+    with pytest.raises(ValueError, match="which needs no alignment"):
+        align_depth(1 / wall, wall, "raw")
+
+
+@pytest.mark.parametrize("more", [[], ["extractors.depth_onnx={model: net.onnx, kind: disparity}"]])
+def test_a_config_without_a_policy_is_refused(more):
+    with pytest.raises(UsageError, match=r"extractors\.depth_onnx: expected align shift or metric, got"):
+        align_config("builtin:plaza", load_config(overrides=more), 4)
+
+
+def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(tmp_path, monkeypatch):
+    """The network here takes blue less green for disparity, which no scene bears out."""
+    weight = numpy_helper.from_array(np.array([0.0, -0.5, 1.0], np.float32).reshape(1, 3, 1, 1), "w")
+    node = helper.make_node("Conv", ["pixel_values", "w"], ["predicted_depth"])
+    image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, ["b", 3, 16, 32])
+    depth = helper.make_tensor_value_info("predicted_depth", TensorProto.FLOAT, ["b", 1, 16, 32])
+    graph = helper.make_graph([node], "depth", [image], [depth], [weight])
+    opset = [helper.make_opsetid("", 17)]
+    onnx.save_model(helper.make_model(graph, opset_imports=opset, ir_version=9), str(tmp_path / "blue.onnx"))
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    network = "extractors.depth_onnx={model: blue.onnx, kind: disparity, align: shift, width: 32, height: 16}"
+    told = CliRunner().invoke(app, ["models", "align", "builtin:plaza", network, "--views", "4", "--json"])
+    assert told.exit_code == 0
+    found = json.loads(told.stdout)
+    assert found["align"] == "shift"
+    assert found["affine"][0] == 1
+    assert found["error"][1] < found["error"][0]
+    assert found["spread"] > 0.1
