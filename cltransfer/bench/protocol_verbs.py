@@ -10,7 +10,10 @@ from typing import Annotated, Literal
 import typer
 
 TierName = Literal["smoke", "standard", "full"]
-Tier = Annotated[TierName, typer.Option(help="How much: smoke shows that it works; full takes days.")]
+Tier = Annotated[
+    TierName,
+    typer.Option(help="How much: smoke shows that it works; full takes tens of core hours and tells how long."),
+]
 Seeds = Annotated[
     list[int] | None,
     typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of the held-out ones from 1000 on."),

@@ -1,0 +1,71 @@
+"""The judge reads everybody by one rule, and leaving the frame never pays."""
+
+import pytest
+import torch
+
+from cltransfer.bench.judge import FAITHFUL, HELD_OUT, Reader, judge, random_total
+from cltransfer.camera import Camera
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import shot
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return builtin_scene("room", 4)
+
+
+@pytest.fixture(scope="module")
+def reader() -> Reader:
+    return Reader.of("room-4", side=96)
+
+
+@pytest.fixture(scope="module")
+def cameras(scene) -> Camera:
+    return shot("boom", scene.subject, (96, 54), 4).camera
+
+
+@pytest.fixture(scope="module")
+def features(scene, reader, cameras):
+    return reader.read(scene, cameras)
+
+
+def test_the_true_cameras_have_no_loss(reader, features):
+    verdict = judge(reader.objective, features, features)
+    assert float(verdict.totals.abs().max()) < 1e-5
+    assert verdict.names == ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+
+
+def test_who_looks_away_pays_every_penalty_and_fails(scene, reader, cameras, features):
+    away = Camera.look_at(cameras.center, 2 * cameras.center - scene.subject.anchor, scene.up, 0.7, (96, 54))
+    rendered = reader.read(scene, away, features.names())
+    verdict = judge(reader.objective, features, rendered)
+    assert not bool(torch.isfinite(verdict.terms[:, :2]).any())
+    assert bool(torch.isfinite(verdict.priced[1:]).all())
+    assert float(verdict.totals.min()) > 10
+    shown = reader.shown(scene, away, rendered)
+    assert float(shown.label.max()) < 0.5
+
+
+def test_what_the_reference_lacks_is_priced_at_nothing(reader, features):
+    verdict = judge(reader.objective, features, features)
+    assert bool(verdict.priced[0, verdict.names.index("camera_movement")].isnan())  # no frame before the first
+
+
+def test_random_views_are_the_same_for_every_method_and_far_from_a_match(scene, reader, features):
+    first, again, other = (random_total(reader, features, scene, seed) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+    assert first > 5
+
+
+def test_a_held_out_reading_sees_pixels_where_the_judge_sees_the_scene(reader):
+    held = Reader.of("room-4", HELD_OUT["dis_flow"], 96)
+    names = [[step.name for step in by.parts.plan("scene").steps] for by in (reader, held)]
+    assert "scene_flow" in names[0]
+    assert "flow_dis" not in names[0]
+    assert "flow_dis" in names[1]
+
+
+def test_the_printed_losses_are_the_same_five():
+    printed = Reader.of("room-4", FAITHFUL)
+    assert [loss.mode for loss in printed.parts.losses.values()] == ["faithful"] * 5
