@@ -13,7 +13,7 @@ import typer
 from . import __version__
 from .bench.verbs import app as bench_app
 from .cli_ablate import ablate
-from .cli_describe import describe
+from .cli_describe import describe, inspect
 from .cli_evaluate import evaluate
 from .cli_fit import fit
 from .cli_models import assets_app, models_app
@@ -49,6 +49,7 @@ app.command()(bake)
 app.command()(study)
 app.command()(evaluate)
 app.command()(describe)
+app.command()(inspect)
 
 Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
 Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]

@@ -47,3 +47,43 @@ def describe(
         write_text(out / "description.txt", found.text() + "\n")
         write_strip(out / "strip.svg", found, image)
     show(found.to_json(), "\n".join([found.text(), *(f"note: {flag}" for flag in found.flags)]), as_json)
+
+
+def inspect(
+    source: Annotated[str, typer.Argument(help="A clip as in `transfer`.")],
+    overrides: Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the page.")] = Path("inspection"),
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset.")] = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Lay open what is read in a clip: a page with every frame's joints, layers, flow and angle drawn over it."""
+    from .plugins import allow
+
+    allow(allow_plugin or [])
+    settings = load_config(config, overrides or [])
+    check_out(out)
+    from .inspect_clip import inspect_clip, write_inspection
+    from .progress import progress
+    from .threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    with progress(quiet) as report:
+        found = inspect_clip(source, settings, report)
+    page = write_inspection(out, found)
+    count = len(found.reference)
+    coverage = {term.name: {"defined": term.defined, "reason": term.reason} for term in found.scores.terms}
+    flags = list(found.reference.flags)
+    values = {
+        "page": str(page),
+        "frames": count,
+        "person": found.seen,
+        "confidence": [round(value, 4) for value in found.confidence.tolist()],
+        "terms": coverage,
+        "seconds": round(found.seconds, 2),
+        "flags": flags,
+    }
+    terms = ", ".join(f"{term.name} {term.defined}" for term in found.scores.terms)
+    lines = [f"{page}: the person in {found.seen} of {count} frames; {terms}", *(f"note: {flag}" for flag in flags)]
+    show(values, "\n".join(lines), as_json)

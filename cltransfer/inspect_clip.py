@@ -1,0 +1,124 @@
+"""A clip's reading laid open: what was found in each frame, drawn, and how much of each term can be had."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from .config import RunConfig
+from .features import Features
+from .objective import Objective
+from .placement import frame_joints, visible_joints
+from .reference import Components, Progress, Reading, Reference, read_reference, silent
+from .scores import Scores, score
+from .shot_scale import SCALES, shot_scale
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A clip as it was read.
+
+    Args:
+        reference: its features, frames and flags.
+        scores: of the clip against itself: a term is defined where it scores, and then it is 0.
+        confidence: how far each frame's person can be trusted, (N,) in [0, 1]; 0 where there is none.
+        seconds: that reading took; little where it had been read before.
+    """
+
+    reference: Reference
+    scores: Scores
+    confidence: Tensor  # (N,)
+    seconds: float
+
+    @property
+    def seen(self) -> int:
+        """Frames that show the person."""
+        return int(torch.isfinite(self.reference.features.require("keypoints")[..., 0]).any(1).sum())
+
+    def captions(self) -> list[str]:
+        """A line for each frame: time, shot size, key joints seen, angles, confidence."""
+        features = self.reference.features
+        scale = shot_scale(features).tolist()
+        joints = visible_joints(frame_joints(features)).sum(1).tolist()
+        angles = torch.full((len(features), 3), float("nan"))
+        if features.has("orientation"):
+            angles = torch.rad2deg(features.require("orientation"))
+        lines = []
+        for i, moment in enumerate(self.reference.times.tolist()):
+            words = [f"{i}: {moment:.2f} s", SCALES[scale[i]] if scale[i] >= 0 else "no person"]
+            if scale[i] >= 0:
+                words += [f"{joints[i]}/5 key joints", f"confidence {float(self.confidence[i]):.2f}"]
+            if bool(torch.isfinite(angles[i]).all()):
+                words.append("yaw {:.0f}°, pitch {:.0f}°, roll {:.0f}°".format(*angles[i].tolist()))
+            lines.append(", ".join(words))
+        return lines
+
+
+def inspect_clip(source: str, config: RunConfig, progress: Progress = silent) -> Inspection:
+    """Read ``source`` as a transfer would.
+
+    Raises:
+        InputError: it is missing, damaged, has a cut, or shows no person in any frame.
+    """
+    start = time.perf_counter()
+    parts = Components.build(config)
+    reference = read_reference(source, parts, Reading(config.frames, config.output_side, "scene"), progress)
+    scores = score(Objective(parts.losses), reference.features, reference.features, reference.missing)
+    seconds = time.perf_counter() - start
+    return Inspection(reference, scores, reading_confidence(reference.features), seconds)
+
+
+def reading_confidence(features: Features) -> Tensor:
+    """How far the person of each frame can be trusted, (N,) in [0, 1]: detection times mean of the visible key joints.
+
+    0 where there is nobody; the detection counts where there was one.
+    """
+    joints = frame_joints(features)
+    visible = visible_joints(joints)
+    mean = (joints[..., 2].nan_to_num(0) * visible).sum(1) / visible.sum(1).clamp_min(1)
+    if features.has("box"):
+        mean = mean * features.require("box")[:, 4].nan_to_num(0).clamp(0, 1)
+    return mean
+
+
+def write_inspection(folder: Path, shown: Inspection) -> Path:
+    """Write ``index.html`` and a picture of each frame and its flow into ``folder``; returns the page's path.
+
+    Raises:
+        OSError: a picture cannot be written.
+    """
+    import cv2
+
+    from .files import atomic
+    from .report.inspection_page import write_page
+    from .report.overlays import draw_flow, draw_reading
+
+    reference, features = shown.reference, shown.reference.features
+    if reference.image is None:
+        raise OSError(0, "a feature file keeps no frames to draw on", reference.name)
+    fastest = _fastest(features)
+    for i in range(len(features)):
+        own = features[i]
+        if features.has("keypoints"):
+            own = replace(own, keypoints=own.require("keypoints").double())
+        pictures = {f"{i:04d}.png": draw_reading(reference.image[i], own)}
+        if features.has("flow"):
+            pictures[f"{i:04d}_flow.png"] = draw_flow(own, fastest)
+        for name, picture in pictures.items():
+            with atomic(folder / "frames" / name) as temporary:
+                if not cv2.imwrite(str(temporary), picture[..., ::-1]):
+                    raise OSError(0, "the picture could not be written", str(folder / "frames" / name))
+    return write_page(folder, shown)
+
+
+def _fastest(features: Features) -> float:
+    """Speed that nineteen of twenty pixels stay below, at least one pixel [px]."""
+    if not features.has("flow"):
+        return 1.0
+    speed = features.require("flow").norm(dim=1).flatten()
+    known = speed[torch.isfinite(speed)]
+    return max(1.0, float(torch.quantile(known[:: max(1, len(known) // 100_000)], 0.95))) if len(known) else 1.0
