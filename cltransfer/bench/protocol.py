@@ -119,15 +119,16 @@ class Tier:
     options: tuple[str, ...] = ()
 
     def clips(self, seeds: Sequence[int] = ()) -> Iterator[tuple[str, str, str, int]]:
-        """Shot, teacher, pupil and seed of every clip; people and furniture differ from clip to clip."""
+        """Shot, teacher, pupil and seed of every clip; each shot and seed has people and furniture of its own."""
         chosen = seeds or range(FIRST_HELD_OUT, FIRST_HELD_OUT + self.seeds)
         for number, seed in enumerate(chosen):
             for index, shot in enumerate(self.shots):
                 first = index * self.per_shot + number
                 for k in range(self.per_shot):
                     teacher, pupil = self.pairs[(first + k) % len(self.pairs)]
-                    taught = 2 * seed if pupil == teacher else 2 * seed + 1  # another person, unless it is itself
-                    yield shot, f"{teacher}-{2 * seed}", f"{pupil}-{taught}", seed
+                    drawn = 2 * (100 * seed + index)
+                    taught = drawn if pupil == teacher else drawn + 1  # another person, unless it is itself
+                    yield shot, f"{teacher}-{drawn}", f"{pupil}-{taught}", seed
 
     def trials(self, methods: Sequence[str], seeds: Sequence[int] = (), form: str = "splats") -> list[Trial]:
         """Every method on every clip, clip by clip; the scene that is taught is of ``form``."""
