@@ -151,6 +151,6 @@ TIERS = {
     "smoke": Tier(
         ("push_in", "orbit", "dolly_zoom"), (("plaza", "room"),), 1, 1, 8, ("adam.iterations=4", "search_side=96")
     ),
-    "standard": Tier(SHOTS, CROSS, 2, 1, 24),
+    "standard": Tier(SHOTS, CROSS + SELF, 2, 1, 24),
     "full": Tier(SHOTS, CROSS + SELF, len(CROSS + SELF), 5, 24),
 }
