@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import sys
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -36,11 +38,14 @@ def require_gsplat(what: str, otherwise: str) -> None:
     if importlib.util.find_spec("gsplat") is None:
         raise ModelError("", what, "gsplat is not installed", f'pip install "cltransfer[cuda]", or {otherwise}')
     require_cuda(what, otherwise)
-    from gsplat.cuda._backend import _C  # compiled on first import, None where it cannot be
-
+    hint = f"its kernels are compiled by the CUDA toolkit {torch.version.cuda}; install that, or {otherwise}"
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # it tells its progress, and stdout is for results
+            from gsplat.cuda._backend import _C  # compiled on the first import, None where there is no nvcc
+    except (ImportError, RuntimeError, OSError) as error:
+        raise ModelError("", what, f"gsplat was not compiled: {str(error).strip().splitlines()[0]}", hint) from None
     if _C is None:
-        hint = f"install the CUDA toolkit of torch {torch.version.cuda}, with which they are compiled, or {otherwise}"
-        raise ModelError("", what, "gsplat has no kernels: nvcc was not found", hint)
+        raise ModelError("", what, "gsplat was not compiled: there is no nvcc", hint)
 
 
 def moved(value: T, device: str) -> T:

@@ -24,7 +24,7 @@ X0, X1, Y0, Y1, SOURCE, BOX = range(6)
 
 _LOW_PASS, _MIN_ALPHA = f32(LOW_PASS), f32(MIN_ALPHA)
 _ZERO, _HALF, _ONE, _TWO = f32(0), f32(0.5), f32(1), f32(2)
-_MIN_COMPENSATION = f32(2.5e-5)  # of det / blurred det, as gsplat
+_MIN_COMPENSATION = f32(2.5e-5)  # of det / blurred det; gsplat has none
 _MAX_DETERMINANT = f32(1e37)  # [px^4]; beyond it float32 overflows
 
 
