@@ -63,6 +63,8 @@ class RunConfig:
         steps: of refinement per frame at most.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's.
+        lean: refine a warm frame with one damping and the Jacobian of the frame before, and as said above only where
+            that ends worse than the frames before it.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too.
         generations: of CMA-ES per frame at most.
@@ -73,8 +75,9 @@ class RunConfig:
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
             are repaired too; 0 takes it as it was read. The scores always use what was read.
-        smooth: standard deviation of the Gaussian that filters the path found for a clip [frames]; 0 leaves it, and so
-            does a reference that is a scene with a trajectory, which has no noise.
+        path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact
+            (every frame as it was found).
+        joint: rounds in which a smooth path is refined as a whole, where its loss is not small already.
         adam: how the engine adam descends.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.
@@ -93,6 +96,7 @@ class RunConfig:
     steps: int = 6
     dampings: int = 3
     jacobians: int = 1
+    lean: bool = False
     basin: float = 0.3
     rescue: float = 2.0
     generations: int = 100
@@ -102,7 +106,8 @@ class RunConfig:
     warm_sigma: float = 0.05
     tolerance: float = 0.0
     clean: float = 0.0
-    smooth: float = 0.0
+    path: Literal["smooth", "exact"] = "exact"
+    joint: int = 0
     adam: AdamConfig = field(default_factory=AdamConfig)
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     renderer: dict[str, Any] = field(default_factory=dict)
@@ -117,7 +122,7 @@ class RunConfig:
             ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("basin", 0.0, 1e6), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
-            ("clean", 0.0, 100.0), ("smooth", 0.0, 100.0), ("lod", 0.0, 16.0),
+            ("clean", 0.0, 100.0), ("joint", 0, 100), ("lod", 0.0, 16.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

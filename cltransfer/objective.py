@@ -75,6 +75,14 @@ class Objective:
             groups += [first + group for group in loss.groups]
         return torch.tensor(groups)
 
+    @property
+    def paired(self) -> Tensor:
+        """Residuals that compare a frame with the one before, (R,) bool; of losses that have some."""
+        marks: list[bool] = []
+        for loss in self.losses.values():
+            marks += ["flow" in loss.requires] * len(getattr(loss, "groups", ()))
+        return torch.tensor(marks)
+
     def residuals(self, reference: Features, rendered: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; their group norms add up to the total.
 

@@ -97,7 +97,7 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
     stops = Counter(minimum.stop for minimum in result.kept.found.frames)
     spent["stopped by"] = ", ".join(f"{reason} {count}" for reason, count in sorted(stops.items()))
     spent["engine"] = result.schedule.engine
-    spent["path"] = result.kept.path
+    spent["path"] = "every frame" if result.kept.path is None else result.kept.path.name
     totals = [round(float(attempt.shown.scores.totals.mean()), 4) for attempt in result.attempts]
     spent["total by round"] = ", ".join(map(str, totals)) + (f" (kept {result.best + 1})" if len(totals) > 1 else "")
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
@@ -131,6 +131,7 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
 
 def _flags(result: Result) -> tuple[Flag, ...]:
     flags = [Flag(None, f"{term.name}: {term.reason}") for term in result.verified.terms if term.reason]
+    flags += [Flag(None, f"reference: {flag}") for flag in result.reference.flags]
     if result.schedule.note:
         flags.append(Flag(None, result.schedule.note))
     if not result.schedule.free_lens:

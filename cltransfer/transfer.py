@@ -9,16 +9,18 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from .camera import Camera, resized
 from .config import RunConfig
 from .correct import corrected, measure_bias
 from .driver.follow import Path as FoundPath
-from .driver.follow import filtered, follow
+from .driver.follow import follow
 from .driver.frame import Solved
 from .driver.initial_view import best_of_orbit, first_seen, given_view
 from .driver.journal import Journal
+from .driver.path_order import LeastPath, WholeClip, least_path
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Spent, Stage
 from .features import Features
@@ -75,14 +77,14 @@ class Attempt:
 
     Args:
         found: each frame's minimum.
-        cameras: N, after filtering, at the output size.
-        path: smooth or exact, whichever was kept.
+        cameras: N, of the path taken, at the output size.
+        path: its order; None where every frame was left as it was found.
         shown: its frames, read and scored.
     """
 
     found: FoundPath
     cameras: Camera
-    path: str
+    path: LeastPath | None
     shown: Readback
 
 
@@ -241,22 +243,33 @@ def _attempts(job: _Job, config: RunConfig, clock: Clock, progress: Progress) ->
     """Rounds of search and reading back; after the first, aimed off the networks' bias."""
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
-    jitter = config.smooth if job.reference.family == "image" else 0.0  # a scene teaches without noise
+    noise = noise_floor(job.stage.objective, job.reference.features, job.wanted)
     target, homes, attempts = job.wanted, job.homes, list[Attempt]()
     for number in range(rounds + 1):
         searching = job.stage.reduced(homes[0], config.lod)
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
         found = follow(searching, job.search, target, homes, job.schedule, report)
-        cameras, kind = filtered(job.stage, job.search, target, homes[0], found, jitter)
+        cameras, path = found.camera, None
+        if config.path == "smooth":
+            clip = WholeClip(job.stage, job.search, target, homes[0])
+            path = least_path(clip, found.x, found.local(job.stage.objective), noise, config.joint)
+            cameras = clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
-        attempts.append(Attempt(found, cameras, kind, shown))
+        attempts.append(Attempt(found, cameras, path, shown))
         clock.lap("reading back")
         if number < rounds:
             bias = measure_bias(shown.features, read_path(job.stage, cameras), BIAS_WINDOW)
             target, homes = corrected(job.wanted, bias), cameras[0]
     return attempts
+
+
+def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
+    """Total that the reference costs against itself once its jitter is filtered; nothing below it can be told apart."""
+    terms = objective.terms(read, wanted)
+    defined = torch.isfinite(terms) & objective.defined(read)
+    return float(objective.totals(terms, defined).mean())
 
 
 def fit(size: tuple[int, int], side: int) -> tuple[int, int]:

@@ -12,10 +12,10 @@ from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..features import Features
+from ..objective import Objective
 from .frame import Memory, Problem, Schedule, Solved, predictions, solve
+from .spline import Local
 from .stage import Stage
-
-SMOOTH_WORTH = 1.25  # a filtered path may cost this much more total loss, and a tenth of a tolerance
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,20 @@ class Path:
         x: (N, D) vectors of the search.
         camera: N cameras.
         frames: what was found for each frame.
+        residuals: of each frame, (N, R); None where they were not searched by.
     """
 
     x: Tensor  # (N, D)
     camera: Camera
     frames: tuple[Solved, ...]
+    residuals: Tensor | None = None  # (N, R)
+
+    def local(self, objective: Objective) -> Local | None:
+        """What the losses make of the path; None where it was not refined by residuals."""
+        jacobians = [solved.memory.jacobian for solved in self.frames if solved.memory.jacobian is not None]
+        if self.residuals is None or objective.groups is None or len(jacobians) < len(self.frames):
+            return None
+        return Local(self.residuals, torch.stack(jacobians), objective.groups, objective.paired)
 
 
 def follow(
@@ -60,6 +69,7 @@ def follow(
     D = search.dimensions if schedule.free_lens else search.dimensions - 1
     at_home = search.vector(homes, home, subject)[:, :D]
     found: list[Solved] = []
+    residuals: list[Tensor] = []
     before: Features | None = None
     memory = Memory()
     for i in range(len(reference)):
@@ -75,42 +85,13 @@ def follow(
         found.append(solved)
         camera = problem.cameras(solved.x[None])
         stage = stage.about(camera)
-        before = stage.features(camera, before)
+        now = stage.features(camera, before)
+        if schedule.engine == "refine":
+            residuals.append(stage.objective.residuals(reference[i], now, defined[i])[0])
+        before = now
         progress(i, solved)
     x = torch.stack([solved.x for solved in found])
-    return Path(x, search.cameras(x, home, subject), tuple(found))
-
-
-def smoothed(x: Tensor, frames: float) -> Tensor:
-    """The vectors (N, D) filtered along the clip by a Gaussian of standard deviation ``frames``.
-
-    The ends are continued by point reflection, so that a steady motion stays what it is.
-    """
-    if frames <= 0 or len(x) < 3:
-        return x
-    radius = min(int(3 * frames + 0.5), len(x) - 1)
-    offsets = torch.arange(-radius, radius + 1, dtype=x.dtype)
-    kernel = torch.exp(-0.5 * (offsets / frames) ** 2)
-    kernel = kernel / kernel.sum()
-    head = 2 * x[:1] - x[1 : radius + 1].flip(0)
-    tail = 2 * x[-1:] - x[-radius - 1 : -1].flip(0)
-    windows = torch.cat([head, x, tail]).unfold(0, 2 * radius + 1, 1)  # (N, D, 2 radius + 1)
-    return windows @ kernel
-
-
-def filtered(
-    stage: Stage, search: Any, reference: Features, home: Camera, found: Path, frames: float
-) -> tuple[Camera, str]:
-    """The smoothed path and "smooth" where it costs little more than the one found, else that one and "exact"."""
-    if frames <= 0:
-        return found.camera, "exact"
-    cameras = search.cameras(smoothed(found.x, frames), home, stage.scene.subject)
-    defined = stage.objective.defined(reference)
-    exact, smooth = (
-        float(stage.objective.totals(stage.path_terms(reference, path), defined).mean())
-        for path in (found.camera, cameras)
-    )
-    return (cameras, "smooth") if smooth <= SMOOTH_WORTH * exact + 0.1 else (found.camera, "exact")
+    return Path(x, search.cameras(x, home, subject), tuple(found), torch.stack(residuals) if residuals else None)
 
 
 def still(camera: Camera, count: int) -> Camera:

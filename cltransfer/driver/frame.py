@@ -14,13 +14,14 @@ from ..features import Features
 from ..objective import group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
-from .refine import Refined, refine
+from .refine import Refined, Refinement, refine
 from .schedule import Schedule
 from .stage import Stage
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
-BASIN = Budget(generations=60, patience=15, popsize=12)
+BASIN = Budget(generations=40, patience=12, popsize=12)
+DOUBT, DRIFT = 0.3, 1.2  # a frame above this total, and so many times the median so far, is refined again, thoroughly
 OUTLIER = 1.5  # a frame this many times worse than the median so far is rescued too
 
 
@@ -152,15 +153,21 @@ def _by_refinement(
     if groups is None:
         raise ValueError("refinement needs residuals of every loss; use engine=cma")
 
-    def refined(x: Tensor, jacobian: Tensor | None) -> Refined:
-        return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds)
+    def refined(x: Tensor, jacobian: Tensor | None, options: Refinement = schedule.refinement) -> Refined:
+        return refine(problem.residuals, x, groups, options, jacobian, problem.bounds)
 
     if memory.jacobian is None:  # a first frame: every start may lie in another basin
         found = min((refined(x, None) for x in starts), key=lambda r: r.total)
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
     else:
-        found = refined(starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()], memory.jacobian)
-        limit, sigma, budget = max(schedule.rescue, OUTLIER * float(np.median(memory.totals))), RESCUE_SIGMA, RESCUE
+        x, usual = (
+            starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()],
+            float(np.median(memory.totals)),
+        )
+        found = refined(x, memory.jacobian, schedule.first_refinement)
+        if schedule.first_refinement != schedule.refinement and found.total > max(DOUBT, DRIFT * usual):
+            found = min((found, refined(x, None)), key=lambda r: r.total)
+        limit, sigma, budget = max(schedule.rescue, OUTLIER * usual), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
     if total > limit:
         wide = minimise(problem.totals, Start(x, sigma), problem.bounds, budget, generator)

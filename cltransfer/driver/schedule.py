@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..config import RunConfig
 from ..config_adam import AdamConfig
@@ -22,6 +22,7 @@ class Schedule:
         engine: refine (least squares, rescued by CMA-ES), cma (alone) or adam.
         budget: of CMA-ES, each frame.
         refinement: of least squares, each frame.
+        first_refinement: the same, tried before it on warm frames.
         adam: of gradient descent, each frame.
         sigma: first step size of CMA-ES from the initial view, as a share of the half-range.
         warm_sigma: the same from the frames before.
@@ -36,6 +37,7 @@ class Schedule:
     engine: str
     budget: Budget
     refinement: Refinement
+    first_refinement: Refinement
     adam: AdamConfig
     sigma: float
     warm_sigma: float
@@ -53,10 +55,12 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features) 
     if config.zoom == "auto" and "filmic_space" in objective.names:
         free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
     note = _why_cma_alone(config, objective) if config.engine == "refine" else ""
+    thorough = Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, config.tolerance)
     return Schedule(
         engine="cma" if note else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, config.tolerance),
-        refinement=Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, config.tolerance),
+        refinement=thorough,
+        first_refinement=replace(thorough, dampings=DAMPINGS[1], jacobians=0) if config.lean else thorough,
         adam=config.adam,
         sigma=config.sigma0,
         warm_sigma=config.warm_sigma,

@@ -47,6 +47,11 @@ class PaperBox:
         """The printed box, scaled to [-1, 1]."""
         return torch.full((8,), -1.0, dtype=torch.float64), torch.ones(8, dtype=torch.float64)
 
+    @property
+    def lens(self) -> Tensor:
+        """Direction (8,) along which the focal length changes: gamma."""
+        return torch.eye(8, dtype=torch.float64)[7]
+
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
         """B cameras of x (B, 8) or (B, 7): v, w, theta, gamma as shares of their half-ranges."""
         x = x.double()

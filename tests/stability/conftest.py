@@ -20,7 +20,7 @@ from cltransfer.shots import Setup, shot
 from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import Inputs, Result, transfer
 
-SMALL = ("search_side=96", "output_side=160", "smooth=0", "threads=1", "extract.verify=false")
+SMALL = ("search_side=96", "output_side=160", "path=exact", "threads=1", "extract.verify=false")
 
 
 def config_of(*overrides: str) -> RunConfig:

@@ -1,0 +1,176 @@
+"""The whole clip at once: the path of least order (static, linear, a few knots) that costs no more than its frames.
+
+Frames found one by one jitter as far as their losses let them, and a frame that moves makes the flow of the next one
+wrong. A spline through all of them is solved for jointly; the least order within the noise floor is taken, then the
+lens is kept still where that costs nothing either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from .refine import STEP
+from .spline import Fitted, Local, fit
+from .stage import Stage
+
+LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
+SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
+TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
+TRIED = 3  # orders evaluated, of those the linear model finds good enough
+
+
+@dataclass(frozen=True)
+class WholeClip:
+    """A clip to find a path for.
+
+    Args:
+        stage: renders and scores.
+        search: vectors to cameras.
+        reference: N frames.
+        home: the initial view.
+    """
+
+    stage: Stage
+    search: Any
+    reference: Features
+    home: Camera
+
+    def cameras(self, x: Tensor) -> Camera:
+        """N cameras of x (N, D)."""
+        return self.search.cameras(x, self.home, self.stage.scene.subject)
+
+    def lens(self, dimensions: int) -> Tensor | None:
+        """Direction (D,) of x along which the focal length changes; None where it does not."""
+        return getattr(self.search, "lens", None) if dimensions == self.search.dimensions else None
+
+    def total(self, x: Tensor) -> float:
+        """Mean total of a path (N, D); one evaluation a frame."""
+        objective = self.stage.objective
+        terms = self.stage.path_terms(self.reference, self.cameras(x))
+        self.stage.spent.evaluations += len(x)
+        return float(objective.totals(terms, objective.defined(self.reference)).mean())
+
+    def local(self, x: Tensor) -> Local:
+        """What the losses make of a path (N, D), by differences; D + 1 evaluations a frame.
+
+        Raises:
+            ValueError: a loss has no residuals.
+        """
+        stage, objective = self.stage, self.stage.objective
+        if objective.groups is None:
+            raise ValueError("a path is refined by the residuals of every loss")
+        defined, before = objective.defined(self.reference), None
+        residuals, jacobians = [], []
+        for i in range(len(x)):
+            around = torch.cat([x[i : i + 1], x[i] + STEP * torch.eye(x.shape[1], dtype=x.dtype)])
+            seen = stage.features(self.cameras(around), before)
+            r = objective.residuals(self.reference[i], seen, defined[i])
+            residuals.append(r[0])
+            jacobians.append(((r[1:] - r[0]) / STEP).T)
+            before = seen[0]
+        stage.spent.evaluations += len(x) * (x.shape[1] + 1)
+        return Local(torch.stack(residuals), torch.stack(jacobians), objective.groups, objective.paired)
+
+
+@dataclass(frozen=True)
+class LeastPath:
+    """The path taken.
+
+    Args:
+        x: (N, D).
+        knots: a dimension; None is every frame for itself.
+        lens_kept: whether the focal length stays the same.
+        total: mean over the frames.
+        free: the same of the frames as they were found.
+        floor: how much more than that it may cost.
+    """
+
+    x: Tensor  # (N, D)
+    knots: int | None
+    lens_kept: bool
+    total: float
+    free: float
+    floor: float
+
+    @property
+    def name(self) -> str:
+        """In words, for reports."""
+        order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
+        return f"{order}, focal length kept" if self.lens_kept and self.knots != 1 else order
+
+
+def orders(frames: int) -> list[int]:
+    """Knots to choose from, fewer than ``frames``.
+
+    >>> orders(24)
+    [1, 2, 4, 6, 8, 12, 16]
+    """
+    ladder, step = [1, 2, 4], 6
+    while step < frames:
+        ladder += [step, step + step // 3]
+        step *= 2
+    return [knots for knots in ladder if knots < frames]
+
+
+def least_path(clip: WholeClip, x: Tensor, local: Local | None, noise: float, rounds: int) -> LeastPath:
+    """The least order that stays within the noise floor of the path as it was found.
+
+    Args:
+        clip: what it is a path for.
+        x: the path as it was found, (N, D).
+        local: what the losses make of it, as its frames ended; None where they have no residuals.
+        noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
+        rounds: of fresh Jacobians along the path, where the loss is not small already.
+    """
+    free = clip.total(x)
+    path = LeastPath(x, None, False, free, free, noise + LEAST_FLOOR + SHARE * free)
+    rounds = 0 if local is None or free <= TRUSTED else rounds
+    if rounds:
+        local = clip.local(x)
+    path = _least_order(clip, path, local)
+    for _ in range(rounds - 1):
+        if path.knots is None:
+            break
+        local = clip.local(path.x)
+        path = _nearer(clip, path, fit(path.x, local, path.knots))
+    return _lens_kept(clip, path, local)
+
+
+def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> LeastPath:
+    for knots, fitted in _promising(free.x, local, free.free + free.floor):
+        total = clip.total(fitted.x)
+        if total <= free.free + free.floor:
+            return replace(free, x=fitted.x, knots=knots, lens_kept=knots == 1, total=total)
+    return free
+
+
+def _promising(x: Tensor, local: Local | None, limit: float) -> list[tuple[int, Fitted]]:
+    """Orders that the linear model finds good enough, the least first; all of them where there is no model."""
+    fitted = [(knots, fit(x, local, knots)) for knots in orders(len(x))]
+    if local is None:
+        return fitted
+    return [(knots, f) for knots, f in fitted if f.predicted is not None and f.predicted <= limit][:TRIED]
+
+
+def _nearer(clip: WholeClip, path: LeastPath, fitted: Fitted) -> LeastPath:
+    """The path moved to ``fitted``, or half the way, if that costs less."""
+    for x in (fitted.x, (fitted.x + path.x) / 2):
+        total = clip.total(x)
+        if total < path.total:
+            return replace(path, x=x, total=total)
+    return path
+
+
+def _lens_kept(clip: WholeClip, path: LeastPath, local: Local | None) -> LeastPath:
+    lens = clip.lens(path.x.shape[1])
+    if lens is None or path.knots is None or path.knots == 1:
+        return path
+    kept = fit(path.x, local, path.knots, lens).x
+    total = clip.total(kept)
+    return replace(path, x=kept, lens_kept=True, total=total) if total <= path.free + path.floor else path

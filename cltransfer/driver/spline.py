@@ -1,0 +1,123 @@
+"""Paths of few parameters: B-splines fitted to a path through what the losses make of every frame.
+
+Every frame found brings its residuals and their Jacobian, so the whole clip is one linear least squares problem in the
+spline's coefficients, reweighted for the group norms; it is solved without rendering anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.interpolate import BSpline
+from scipy.sparse.linalg import spsolve
+from torch import Tensor
+
+from ..objective import group_norms
+
+FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
+RIDGE = 1e-3  # of the distance to the path, for what no residual determines
+DEGREE = 3
+
+
+@dataclass(frozen=True)
+class Local:
+    """What the losses make of N frames near where they were found.
+
+    Args:
+        residuals: weighted, (N, R).
+        jacobian: of each frame's residuals by its own x, (N, R, D).
+        groups: group of each residual, (R,).
+        paired: residuals that compare a frame with the one before, (R,) bool.
+    """
+
+    residuals: Tensor  # (N, R)
+    jacobian: Tensor  # (N, R, D)
+    groups: Tensor  # (R,)
+    paired: Tensor  # (R,)
+
+    @cached_property
+    def slope(self) -> sparse.csr_array:
+        """Change of all residuals (N R) by all of x (N D).
+
+        A residual between two frames changes by the one before as by its own, the other way: their motion is what it
+        measures, and it is small.
+        """
+        own = self.jacobian.numpy()
+        rows = sparse.block_diag(list(own), format="csr")
+        if len(own) == 1:
+            return rows
+        before = sparse.block_diag(list(-own[1:] * self.paired.numpy()[:, None]), format="coo")
+        R = own.shape[1]
+        return rows + sparse.csr_array((before.data, (before.row + R, before.col)), shape=rows.shape)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A spline through a path.
+
+    Args:
+        x: (N, D).
+        predicted: mean total by the linear model; None where there is none.
+    """
+
+    x: Tensor  # (N, D)
+    predicted: float | None
+
+
+def basis(frames: int, knots: int) -> NDArray:
+    """Values (frames, knots) of the B-splines of a path: constant, linear, quadratic, then cubic.
+
+    >>> basis(3, 2).round(2).tolist()
+    [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]
+    """
+    degree = min(DEGREE, knots - 1)
+    inner = np.linspace(0, 1, knots - degree + 1)
+    places = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+    times = np.linspace(0, 1, frames) if frames > 1 else np.zeros(1)
+    return BSpline.design_matrix(times, places, degree).toarray()
+
+
+def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None) -> Fitted:
+    """The spline of ``knots`` coefficients a dimension that costs least.
+
+    Args:
+        x: path that it is fitted to, (N, D) float64.
+        local: what the losses make of it; None fits x itself.
+        knots: at least 1, at most N.
+        fixed: direction (D,) along which nothing may change, e.g. the focal length's; None leaves all free.
+    """
+    design, path = _design(x, knots, fixed), x.numpy().ravel()
+    if local is None:
+        moved = design @ spsolve((design.T @ design).tocsc(), design.T @ path)
+        return Fitted(torch.from_numpy(moved).reshape(x.shape), None)
+    r, slope = local.residuals.numpy().ravel(), local.slope
+    along, offset = (slope @ design).tocsr(), slope @ path - r
+    norms, moved = group_norms(local.residuals, local.groups), path
+    for floor in FLOORS:
+        weight = (1 / norms.clamp_min(floor))[:, local.groups].numpy().ravel()
+        weighted = along.T @ sparse.diags_array(weight)
+        normal = (weighted @ along + RIDGE * (design.T @ design)).tocsc()
+        moved = design @ spsolve(normal, weighted @ offset + RIDGE * (design.T @ path))
+        predicted = torch.from_numpy(r + slope @ (moved - path)).reshape(local.residuals.shape)
+        norms = group_norms(predicted, local.groups)
+    return Fitted(torch.from_numpy(moved).reshape(x.shape), float(norms.sum(1).mean()))
+
+
+def _design(x: Tensor, knots: int, fixed: Tensor | None) -> sparse.csr_array:
+    """Coefficients to the path laid out frame by frame, (N D, C)."""
+    frames, dimensions = x.shape
+    curve = sparse.csr_array(basis(frames, knots))
+    if fixed is None:
+        return sparse.kron(curve, np.eye(dimensions), format="csr")
+    at = int(fixed.abs().argmax())
+    turned = np.eye(dimensions)
+    turned[at] = fixed.numpy()  # x -> coordinates, one of them along the fixed direction
+    back = np.linalg.inv(turned)
+    moving = sparse.kron(curve, np.delete(back, at, axis=1))
+    still = sparse.kron(np.ones((frames, 1)), back[:, [at]])
+    return sparse.hstack([moving, still], format="csr")

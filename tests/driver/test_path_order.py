@@ -1,0 +1,63 @@
+"""The least order: no more knots than the motion needs, no moving lens where it stands, never a path that costs."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.driver.path_order import LeastPath
+from cltransfer.scenes.load import load_scene
+from cltransfer.shots import shot
+from cltransfer.transfer import Inputs, Result, transfer
+
+KNOTS = {"static": (1,), "push_in": (4, 6, 8), "pan": (4, 6, 8), "crash_zoom": (None, 12)}
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Result]:
+    """A shot in the plaza, taught to the plaza."""
+    subject = load_scene("builtin:plaza").subject
+    assert subject is not None
+
+    def run(name: str, *overrides: str) -> Result:
+        path = tmp_path_factory.mktemp("shot") / "shot.json"
+        shot(name, subject, (320, 180), 16).save(path)
+        small = ["search_side=96", "output_side=96", "threads=1", "preset=fast", *overrides]
+        return transfer(Inputs("builtin:plaza", f"builtin:plaza@{path}"), load_config(overrides=small))
+
+    return run
+
+
+def order(result: Result) -> LeastPath:
+    path = result.kept.path
+    assert path is not None
+    return path
+
+
+@pytest.mark.parametrize("name", KNOTS)
+def test_a_shot_takes_the_knots_its_motion_needs(taught: Callable[..., Any], name: str) -> None:
+    path = order(taught(name))
+    assert path.knots in KNOTS[name]
+    assert path.total <= path.free + path.floor
+
+
+def test_the_lens_is_kept_in_an_orbit_and_moves_in_a_zoom(taught: Callable[..., Any]) -> None:
+    turn, zoom = taught("orbit"), taught("zoom")
+    focal = turn.trajectory.camera.focal
+    assert order(turn).lens_kept
+    assert float(focal.max() / focal.min()) == pytest.approx(1.0, abs=1e-6)
+    assert not order(zoom).lens_kept
+
+
+def test_an_exact_path_is_left_as_it_was_found(taught: Callable[..., Any]) -> None:
+    result = taught("static", "path=exact")
+    assert result.kept.path is None
+    assert torch.equal(result.trajectory.camera.w2c, result.kept.found.camera.w2c)
+
+
+def test_a_search_without_residuals_is_smoothed_too(taught: Callable[..., Any]) -> None:
+    path = order(taught("static", "frames=6", "engine=cma", "generations=15"))
+    assert path.total <= path.free + path.floor
+    assert path.knots is None or path.knots < 6

@@ -1,0 +1,78 @@
+"""Splines through a path: what they can express they find, weighted by what the losses make of each frame."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.driver.spline import Local, basis, fit
+
+
+def local(x: Tensor, wanted: Tensor, paired: bool = False) -> Local:
+    """Residuals x - wanted, one group a dimension; with ``paired`` also the motion between frames."""
+    N, D = x.shape
+    residuals, jacobian, marks = x - wanted, torch.eye(D, dtype=torch.float64).repeat(N, 1, 1), [False] * D
+    if paired:
+        motion = torch.zeros_like(x)
+        motion[1:] = (x[1:] - x[:-1]) - (wanted[1:] - wanted[:-1])
+        residuals, jacobian = torch.cat([residuals, motion], 1), torch.cat([jacobian, jacobian], 1)
+        jacobian[0, D:] = 0  # the first frame has none before it
+        marks = [False] * D + [True] * D
+    return Local(residuals, jacobian, torch.arange(len(marks)), torch.tensor(marks))
+
+
+def ramp(frames: int) -> Tensor:
+    t = torch.linspace(0, 1, frames, dtype=torch.float64)
+    return torch.stack([t, -2 * t, torch.ones_like(t)], dim=1)
+
+
+@pytest.mark.parametrize("knots", [1, 2, 3, 4, 6, 12])
+def test_a_basis_sums_to_one_and_reaches_the_ends(knots: int) -> None:
+    values = basis(12, knots)
+    assert values.sum(1) == pytest.approx(1.0)
+    assert values[0, 0] == pytest.approx(1.0)
+    assert values[-1, -1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("knots", [2, 4, 6])
+def test_a_line_is_found_from_a_shaken_one(knots: int) -> None:
+    wanted = ramp(24)
+    shaken = wanted + 0.05 * torch.randn(24, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    found = fit(shaken, local(shaken, wanted), knots)
+    torch.testing.assert_close(found.x, wanted, atol=2e-3, rtol=0)
+    assert found.predicted == pytest.approx(0.0, abs=5e-3)
+
+
+def test_without_a_model_the_path_itself_is_fitted() -> None:
+    found = fit(ramp(10), None, 2)
+    torch.testing.assert_close(found.x, ramp(10))
+    assert found.predicted is None
+
+
+def test_a_frame_that_no_residual_determines_is_bridged_by_its_neighbours() -> None:
+    wanted = ramp(12)
+    x = wanted.clone()
+    x[5] += 3.0  # lost: its residuals do not move
+    model = local(wanted, wanted)
+    model.jacobian[5] = 0.0
+    found = fit(x, Local(model.residuals, model.jacobian, model.groups, model.paired), 4)
+    assert float((found.x[5] - wanted[5]).abs().max()) < 0.05
+
+
+def test_the_prediction_is_exact_where_residuals_are_linear_also_between_frames() -> None:
+    generator = torch.Generator().manual_seed(3)
+    wanted = torch.randn(16, 2, dtype=torch.float64, generator=generator).cumsum(0) * 0.2
+    x = wanted + 0.1 * torch.randn(16, 2, dtype=torch.float64, generator=generator)
+    found = fit(x, local(x, wanted, paired=True), 6)
+    again = local(found.x, wanted, paired=True).residuals
+    assert found.predicted == pytest.approx(float(again.abs().sum(1).mean()), rel=1e-9)
+
+
+def test_a_fixed_direction_keeps_its_value_along_the_path() -> None:
+    direction = torch.tensor([0.8, 0.8, 0.0], dtype=torch.float64)
+    found = fit(ramp(24), local(ramp(24), ramp(24)), 6, direction)
+    along = found.x @ direction
+    assert float(along.max() - along.min()) < 1e-9
+    assert float((found.x[:, 2] - 1).abs().max()) < 1e-3  # what is across it stays free
+    assert not math.isclose(float(found.x[0, 0]), float(found.x[-1, 0]))
