@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from .config import RunConfig
+from .errors import InputError
 from .features import Features
 from .objective import Objective
 from .placement import frame_joints, visible_joints
@@ -89,6 +90,7 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
     """Write ``index.html`` and a picture of each frame and its flow into ``folder``; returns the page's path.
 
     Raises:
+        InputError: the reference is a feature file, which keeps no frames.
         OSError: a picture cannot be written.
     """
     import cv2
@@ -99,7 +101,7 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
 
     reference, features = shown.reference, shown.reference.features
     if reference.image is None:
-        raise OSError(0, "a feature file keeps no frames to draw on", reference.name)
+        raise InputError(reference.name, "frames", "a feature file keeps none to draw on", "inspect the clip itself")
     fastest = _fastest(features)
     for i in range(len(features)):
         own = features[i]

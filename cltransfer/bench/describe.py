@@ -149,12 +149,13 @@ def _read(scene: Scene, path: Trajectory, reader: str, parts: Components) -> Fea
 
 
 def accuracy(answers: Sequence[Answer]) -> list[list[str]]:
-    """Rows of what, reader, right, of, and the share [%]."""
+    """Rows of what, reader, right, of, the share [%], and how many were not told."""
     rows = []
     for what, reader in dict.fromkeys((a.what, a.reader) for a in answers):
         own = [a for a in answers if (a.what, a.reader) == (what, reader)]
         right = sum(a.truth == a.said for a in own)
-        rows.append([what, reader, str(right), str(len(own)), f"{100 * right / len(own):.1f}"])
+        silent = sum(a.said == "nothing" for a in own)
+        rows.append([what, reader, str(right), str(len(own)), f"{100 * right / len(own):.1f}", str(silent)])
     return rows
 
 
@@ -170,7 +171,7 @@ def confusion(answers: Sequence[Answer], order: Sequence[str]) -> list[str]:
 
 def report_lines(answers: Sequence[Answer]) -> list[str]:
     """The accuracy, then each confusion matrix."""
-    lines = table(["what", "reader", "right", "of", "%"], accuracy(answers))
+    lines = table(["what", "reader", "right", "of", "%", "not told"], accuracy(answers))
     for what, order in (("movement", tuple(NAMES.values())), ("scale", SCALES)):
         for reader in dict.fromkeys(a.reader for a in answers):
             own = [a for a in answers if (a.what, a.reader) == (what, reader)]

@@ -1,0 +1,44 @@
+"""The page of a clip's reading: a picture of each frame, doubtful ones marked, coverage told."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from cltransfer.feature_file import FeatureFile
+from cltransfer.inspect_clip import reading_confidence
+from cltransfer.testing import sample_features, without_person
+
+
+def test_a_shot_is_laid_open(command: Any, tmp_path: Path) -> None:
+    said = command("inspect", "builtin:push_in", "frames=2", "output_side=96", "--out", tmp_path / "page", "--json")
+    assert said.code == 0, said.err
+    value = json.loads(said.out)
+    assert value["person"] == 2
+    assert value["terms"]["camera_movement"]["defined"] == 1
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert page.count("<figure") == 2
+    assert "LS, 5/5 key joints" in page
+    for name in ("0000.png", "0000_flow.png", "0001.png", "0001_flow.png"):
+        assert f"frames/{name}" in page
+        assert (tmp_path / "page" / "frames" / name).stat().st_size > 500
+
+
+def test_confidence_is_0_without_a_person_and_grows_with_joints_and_box() -> None:
+    features = sample_features(0, 3)
+    sure = reading_confidence(features)
+    assert bool((sure > 0.5).all())
+    assert reading_confidence(without_person(features)).tolist() == [0, 0, 0]
+    box = features.box.clone()
+    box[:, 4] = 0.4
+    torch.testing.assert_close(reading_confidence(replace(features, box=box)), 0.4 * sure, check_dtype=False)
+
+
+def test_a_feature_file_has_nothing_to_draw_on(command: Any, tmp_path: Path) -> None:
+    features = replace(sample_features(0, 3), image=None, alpha=None, label=None, camera=None, person=None)
+    FeatureFile(features, torch.arange(3).double(), "sample").save(tmp_path / "a.safetensors")
+    said = command("inspect", tmp_path / "a.safetensors", "--out", tmp_path / "page")
+    assert (said.code, said.err.count("\n")) == (3, 1)
+    assert "inspect the clip itself" in said.err
