@@ -99,6 +99,7 @@ print(len(scene.geometry), scene.geometry.degree, float(drawn.alpha.mean()))
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_ten_million_gaussians_are_drawn_under_a_cap_of_4_gb(tmp_path):
     path, random = tmp_path / "ten.ply", np.random.Generator(np.random.PCG64(0))
     with path.open("wb") as stream:
