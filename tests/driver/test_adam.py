@@ -138,3 +138,9 @@ def test_a_fixed_lens_leaves_one_stroke(solved: Callable[..., Result]) -> None:
 def test_options_out_of_range_or_unknown_are_one_line(override: str, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
         load_config(overrides=[override])
+
+
+@pytest.mark.parametrize("switch", ["adam.quirks=true", "adam.weighting=fixed", "adam.strokes=one", "adam.rate=0.05"])
+def test_every_switch_changes_the_path(solved: Callable[..., Result], switch: str) -> None:
+    plain, switched = (solved("jaws_clean", "adam.iterations=4", *more) for more in ((), (switch,)))
+    assert not torch.equal(plain.trajectory.camera.w2c[1], switched.trajectory.camera.w2c[1])
