@@ -126,7 +126,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         InputError: it is missing, damaged, has a cut, or shows no person in any frame.
         UsageError: the part asked for cannot be.
     """
-    if source.startswith("builtin:") or "@" in Path(source).name:
+    if source.startswith("builtin:") or ("@" in source and source.endswith(".json")):
         reference = _from_scene(source, parts, reading, progress)
     elif source.endswith(".safetensors"):
         reference = _from_file(Path(source), parts, reading.frames)
