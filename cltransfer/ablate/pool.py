@@ -27,8 +27,7 @@ def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterato
     """
     if engine.backend == "dask":
         return _on_cluster(trials, job, engine.address or "")
-    # two at least: one alone would be this process itself, and a crash would end the sweep
-    return _by_processes(trials, job, max(2, engine.workers or thread_count()))
+    return _by_processes(trials, job, engine.workers or thread_count())
 
 
 def _by_processes(trials: Sequence[Trial], job: Job, workers: int) -> Iterator[Outcome]:
@@ -60,9 +59,10 @@ def _parallel(
             begin(trial)
             yield delayed(run_trial)(trial, job)
 
-    with warnings.catch_warnings(), parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+    # a pool of one would be this process itself, and a crash would end the sweep: of two, one has nothing to do
+    with warnings.catch_warnings(), parallel_config("loky", n_jobs=max(2, workers), inner_max_num_threads=1):
         warnings.filterwarnings("ignore", message=".*tasks which were still being processed")  # on an interrupt
-        yield from Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs")(calls())
+        yield from Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=workers)(calls())
 
 
 def _on_cluster(trials: Sequence[Trial], job: Job, address: str) -> Iterator[Outcome]:

@@ -91,17 +91,22 @@ def scene_at(scene: Any, where: Any, fence: Path | None) -> dict[str, Any]:
 
 
 def place(text: str, field: str, where: Any, fence: Path | None) -> str:
-    """A built-in name as it is, a path made absolute; of SCENE@TRAJECTORY either part.
+    """A built-in name as it is, a path made absolute; of SCENE@TRAJECTORY both, of CLIP#PART and SET:INDEX the first.
 
     Raises:
         UsageError: it leads out of ``fence``, where there is one.
     """
     full = ((fence or Path()) / text).resolve()
-    scene, at, path = text.rpartition("@")
-    if at and not full.exists():
-        return f"{place(scene, field, where, fence)}@{place(path, field, where, fence)}"
-    if text.startswith(BUILTIN):
-        return text
+    if not full.exists():
+        scene, at, path = text.rpartition("@")
+        if at:
+            return f"{place(scene, field, where, fence)}@{place(path, field, where, fence)}"
+        if text.startswith(BUILTIN):
+            return text
+        for mark in "#:":
+            file, there, part = text.rpartition(mark)
+            if there:
+                return f"{place(file, field, where, fence)}{mark}{part}"
     if fence is not None and not full.is_relative_to(fence):
         raise UsageError(where, field, f"{text} leads out of the file's folder", "name it on the command line")
     return str(full)

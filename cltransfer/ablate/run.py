@@ -13,7 +13,7 @@ from ..reference import Components, Progress, silent
 from .drawn import draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
-from .summary import CONFIDENCE, RowSummary, summarise
+from .summary import CONFIDENCE, FEWEST, RowSummary, summarise
 from .sweep import Sweep
 from .tables import differences_table, failure_lines, to_csv, to_latex, to_markdown, values_table
 from .trial import Job, Outcome, trials
@@ -118,7 +118,11 @@ def markdown(ablation: Ablation) -> list[str]:
     ]
     if len(ablation.rows) > 1:
         first = ablation.rows[0].name
-        lines += ["", f"Paired with {first}, case by case (n pairs); bold: the interval excludes zero.", ""]
+        lines += [
+            "",
+            f"Paired with {first}, case by case (n pairs); bold: {FEWEST} pairs or more, and zero excluded.",
+            "",
+        ]
         lines += to_markdown(differences_table(ablation.rows))
     failures = failure_lines(ablation.outcomes)
     return [*lines, "", f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.", *failures]

@@ -12,6 +12,7 @@ from .trial import Case, Outcome
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
+FEWEST = 6  # values of one sign by chance: 1 in 32; of fewer the bootstrap's interval excludes zero too often
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,10 @@ class Estimate:
 
     @property
     def certain(self) -> bool:
-        """Whether the interval excludes zero."""
-        return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
+        """Whether the interval excludes zero, of enough values for that to say something."""
+        if self.low is None or self.high is None or self.count < FEWEST:
+            return False
+        return self.low > 0 or self.high < 0
 
 
 @dataclass(frozen=True)

@@ -156,9 +156,10 @@ def _digest(source: str | None) -> str:
         return "@".join(_digest(part) for part in source.split("@"))
     if source.startswith("builtin:"):
         return source
-    file, _, index = source.rpartition(":")  # SET:INDEX
-    if index.isdecimal() and Path(file).exists():
-        return f"{content_hash(Path(file))}:{index}"
+    for mark in "#:":  # CLIP#PART, SET:INDEX
+        file, there, part = source.rpartition(mark)
+        if there and Path(file).exists():
+            return f"{content_hash(Path(file))}{mark}{part}"
     raise InputError(path, "", "no such file")
 
 

@@ -112,10 +112,11 @@ def test_what_cannot_be_meant_is_refused_by_name(written: Written, text: str) ->
     assert "\n" not in str(caught.value)
 
 
-def test_a_link_that_leads_out_of_the_folder_is_refused(written: Written, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["clip.mp4", "'clip.mp4#t=1,2'", "builtin:plaza@clip.mp4", "clip.mp4@path.json"])
+def test_a_link_that_leads_out_of_the_folder_is_refused(written: Written, tmp_path: Path, name: str) -> None:
     (tmp_path / "clip.mp4").symlink_to("/etc/hostname")
     with pytest.raises(UsageError, match="leads out"):
-        read_sweep(written("rows: {a: {}}\nreferences: [clip.mp4]\n"))
+        read_sweep(written(f"rows: {{a: {{}}}}\nreferences: [{name}]\n"))
 
 
 def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(
@@ -123,10 +124,17 @@ def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(
 ) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    name = written(ROWS + "references: [clips/a.mp4, 'builtin:orbit']\nscenes: [b.ply]\n")
+    name = written(
+        ROWS + "references: [clips/a.mp4, 'builtin:orbit', 's.ply@t.json', 'a.mp4#t=1,2']\nscenes: [b.ply]\n"
+    )
     monkeypatch.chdir(elsewhere)
     sweep = read_sweep(name)
-    assert sweep.file.references == [str(tmp_path / "clips" / "a.mp4"), "builtin:orbit"]
+    assert sweep.file.references == [
+        str(tmp_path / "clips" / "a.mp4"),
+        "builtin:orbit",
+        f"{tmp_path / 's.ply'}@{tmp_path / 't.json'}",
+        f"{tmp_path / 'a.mp4'}#t=1,2",
+    ]
     assert sweep.file.scenes[0].scene == str(tmp_path / "b.ply")
     sweep = read_sweep(name, ["references=[c.mp4]", f"scenes=[{os.devnull}]"])
     assert sweep.file.references == [str(elsewhere / "c.mp4")]

@@ -55,7 +55,9 @@ def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
     assert difference is not None
     assert difference.count == 2
     assert difference.mean == pytest.approx(0.1)
-    assert difference.certain
+    assert not difference.certain  # of two
+    assert estimate([0.1] * 6).certain
+    assert not estimate([0.1] * 5).certain
     assert full.metrics["shot_size"].value.count == 3
     assert (full.metrics["shot_size"].defined, full.metrics["shot_size"].frames) == (12, 16)
     assert (less.trials, less.failed) == (4, 1)
@@ -75,10 +77,12 @@ def test_a_row_in_which_all_failed_has_no_number() -> None:
 
 def test_tables_say_the_same_in_markdown_and_latex_whatever_a_row_is_called() -> None:
     name = "50 % | a_b & <i> *x*"
-    rows = summarise(["full", name], [outcome(r, s, 0.1 + s + i) for i, r in enumerate(("full", name)) for s in (0, 1)])
+    rows = summarise(
+        ["full", name], [outcome(r, s, 0.1 + s + i) for i, r in enumerate(("full", name)) for s in range(6)]
+    )
     table = differences_table(rows)
     assert table.bold == {(0, 1)}
-    assert to_markdown(table)[2].startswith(r"| 50 % \| a_b & &lt;i> \*x\* | **+1.00 [+1.00, +1.00] n=2** |")
+    assert to_markdown(table)[2].startswith(r"| 50 % \| a_b & &lt;i> \*x\* | **+1.00 [+1.00, +1.00] n=6** |")
     latex = to_latex(table)
-    assert r"50 \% | a\_b \& <i> *x* & \textbf{+1.00 [+1.00, +1.00] n=2}" in latex[4]
+    assert r"50 \% | a\_b \& <i> *x* & \textbf{+1.00 [+1.00, +1.00] n=6}" in latex[4]
     assert latex[0] == r"\begin{tabular}{lrr}"
