@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..config import load_config
 from ..driver.stage import Stage
 from ..features import Features
 from ..objective import Objective
@@ -19,7 +17,7 @@ from ..reference import Components
 from ..scenes import Scene
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from .failure import Shown
-from .methods import renderer_override
+from .methods import judge_config
 
 SIDE = 240  # longer side of the judged frames [px]; no method searches at it
 NETWORK_SIDE = 640
@@ -50,10 +48,9 @@ class Reader:
     side: int = SIDE
 
     @classmethod
-    def of(cls, scene: str, overrides: Sequence[str] = (), side: int = SIDE) -> Reader:
+    def of(cls, scene: str, overrides: tuple[str, ...] = (), side: int = SIDE) -> Reader:
         """A reader of takes in the built-in scene called ``scene``."""
-        config = load_config(overrides=["preset=balanced", *renderer_override(scene), *overrides])
-        return cls(Components.build(config), side)
+        return cls(Components.build(judge_config(scene, overrides)), side)
 
     @property
     def objective(self) -> Objective:

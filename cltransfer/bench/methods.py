@@ -61,6 +61,11 @@ def config_of(name: str, pupil: str, seed: int, options: tuple[str, ...] = ()) -
     return load_config(overrides=[*method(name).overrides, *COMMON, *drawn_by, f"seed={seed}", *options])
 
 
+def judge_config(scene: str, overrides: tuple[str, ...] = ()) -> RunConfig:
+    """The config of the judge of a built-in scene: its renderer, the default extractors and the robust losses."""
+    return load_config(overrides=["preset=balanced", *renderer_override(scene), *overrides])
+
+
 def renderer_override(scene: str) -> tuple[str, ...]:
     """What chooses the renderer of a built-in scene, by the form in its name."""
     form = scene.rpartition("-")[2]

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..shots import SHOTS, Setup, own_setup
-from .methods import config_of
+from .methods import config_of, judge_config
 
 PROTOCOL = 1  # raise it when the same trial means something else: rows of older protocols are then measured anew
 SCENES = ("room", "stage", "path", "plaza")  # two indoors, two outdoors
@@ -66,9 +66,10 @@ class Trial:
         return self.shot, self.teacher, self.pupil, self.seed, self.frames
 
     def key(self) -> str:
-        """Digest of the trial, the config it comes to, and the protocol."""
+        """Digest of the trial, the config it comes to, what the judge reads and scores by, and the protocol."""
         config = config_of(self.method, self.pupil, self.seed, self.options).to_yaml()
-        text = json.dumps([PROTOCOL, asdict(self), config], sort_keys=True)
+        judge = judge_config(self.pupil)
+        text = json.dumps([PROTOCOL, asdict(self), config, judge.extractors, judge.losses], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..ablate.summary import Estimate
+from ..ablate.summary import FEWEST, Estimate
 from ..ablate.tables import Table, to_latex, to_markdown
 from ..files import write_text
 from ..registry import LOSSES
@@ -159,7 +159,8 @@ def write_table1(rows: Sequence[Row], found: Sequence[Duel], folder: Path, out: 
     smoke = " Budgets are cut: this tier compares nothing." if any(row["options"] for row in rows) else ""
     lines = [
         f"Made by `{command}`; protocol: docs/protocol.md.{smoke}",
-        "Differences are ours minus the baseline's, clip by clip, with 95 % bootstrap intervals; bold ones exclude 0.",
+        "Differences are ours minus the baseline's, clip by clip, with 95 % bootstrap intervals; bold ones exclude 0",
+        f"(of {FEWEST} clips or more).",
         f"Rows measured at {', '.join(commits)}.",
         *machine(),
         *markdown(found),
