@@ -6,6 +6,7 @@ on these shots: every method runs at its defaults.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +49,7 @@ TOLERANCE = 0.005  # of the movement term [frame widths]
 HEADER = (
     "method", "pairs", "ms a pair", "ms checked",
     *(f"EPE {low:g}-{high:g} px: all, trusted (kept)" for low, high in pairwise(EDGES)),
-    "movement term of exact flow [tolerances]: plain, weighted",
+    "movement term against exact flow [tolerances], median / mean: plain, weighted",
 )  # fmt: skip
 
 
@@ -191,10 +192,18 @@ def summary(scores: Mapping[str, Sequence[PairScore]]) -> list[list[str]]:
             for i in range(len(EDGES) - 1)
         ]
         plain, checked = (median(score.milliseconds[i] for score in found) for i in (0, 1))
-        moved = [fmean(score.movement[i] for score in found) for i in (0, 1)]
-        cells = [name, str(len(found)), f"{plain:.0f}", f"{checked:.0f}", *bins, f"{moved[0]:.2f}, {moved[1]:.2f}"]
-        rows.append(cells)
+        moved = ", ".join(_movement([score.movement[i] for score in found]) for i in (0, 1))
+        rows.append([name, str(len(found)), f"{plain:.0f}", f"{checked:.0f}", *bins, moved])
     return rows
+
+
+def _movement(values: Sequence[float]) -> str:
+    """Median and mean of the terms that are defined, and how many are not."""
+    defined = [value for value in values if math.isfinite(value)]
+    if not defined:
+        return "undefined"
+    lost = f" ({len(values) - len(defined)} undefined)" if len(defined) < len(values) else ""
+    return f"{median(defined):.2f} / {fmean(defined):.2f}{lost}"
 
 
 def write_flow(scores: Mapping[str, Sequence[PairScore]], path: Path, command: str) -> None:

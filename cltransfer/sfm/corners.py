@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-CORNERS = 1500  # of a frame at most
+CORNERS, ON_SUBJECT = 1500, 500  # of a frame at most: off the subject, on it
 CONTRAST = 0.02  # half of OpenCV's: smooth walls must give some too
 WINDOW = 6  # frames apart that are matched at most
 RATIO = 0.85  # distance of the nearest descriptor over that of the second nearest
@@ -45,19 +45,26 @@ class Match:
 
 
 def find_corners(frame: NDArray, subject: NDArray) -> Corners:
-    """Corners of ``frame`` (H, W, 3) uint8 RGB; those within 2 % of its width of ``subject`` (H, W) bool are hidden."""
-    height, width = frame.shape[:2]
+    """Corners of ``frame`` (H, W, 3) uint8 RGB; those within 2 % of its width of ``subject`` (H, W) bool are hidden.
+
+    Each side of the outline has a count of its own, so that a patterned coat leaves some for the room.
+    """
     grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
-    sift = cv2.SIFT.create(nfeatures=CORNERS, contrastThreshold=CONTRAST)
-    keypoints, descriptors = sift.detectAndCompute(grey, np.ones_like(grey))
-    if descriptors is None:
-        return Corners(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0, bool))
-    places = np.array([point.pt for point in keypoints])  # integer-centred
-    margin = 2 * round(0.02 * width) + 1
-    near = cv2.dilate(subject.astype(np.uint8), np.ones((margin, margin), np.uint8)) > 0
-    column, row = (places.round().astype(int).clip(0, [width - 1, height - 1])).T
+    margin = 2 * round(0.02 * frame.shape[1]) + 1
+    near = cv2.dilate(subject.astype(np.uint8), np.ones((margin, margin), np.uint8))
+    off, on = _sift(grey, 1 - near, CORNERS), _sift(grey, near, ON_SUBJECT)
+    places, descriptors = (np.concatenate(pair) for pair in zip(off, on))
     rooted = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))  # Hellinger distance
-    return Corners(places + 0.5, rooted, near[row, column])
+    return Corners(places + 0.5, rooted, np.arange(len(places)) >= len(off[0]))
+
+
+def _sift(grey: NDArray, mask: NDArray, count: int) -> tuple[NDArray, NDArray]:
+    """Places (P, 2) [px, integer-centred] and descriptors (P, 128) under ``mask`` (H, W) uint8, the strongest."""
+    sift = cv2.SIFT.create(nfeatures=count, contrastThreshold=CONTRAST)
+    keypoints, descriptors = sift.detectAndCompute(grey, mask)
+    if descriptors is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    return np.array([point.pt for point in keypoints]), descriptors
 
 
 def match_clip(corners: list[Corners]) -> list[Match]:

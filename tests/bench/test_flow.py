@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 import torch
 
-from cltransfer.bench.flow import HEADER, PairScore, binned_errors, named_methods, rendered_pairs, run_flow, write_flow
+from cltransfer.bench.flow import (
+    HEADER,
+    PairScore,
+    binned_errors,
+    named_methods,
+    rendered_pairs,
+    run_flow,
+    summary,
+    write_flow,
+)
 from cltransfer.bench.section import markers
 from cltransfer.errors import UsageError
 
@@ -66,4 +75,10 @@ def test_the_section_holds_a_row_a_method(tmp_path):
     assert markers("Optical flow")[0] in text
     assert "| " + " | ".join(HEADER) + " |" in text
     bins = " | ".join(["0.50, 0.50 (25 %)"] * 4)
-    assert f"| flow_dis={{}} | 2 | 10 | 25 | {bins} | 1.00, 0.50 |" in text
+    assert f"| flow_dis={{}} | 2 | 10 | 25 | {bins} | 1.00 / 1.00, 0.50 / 0.50 |" in text
+
+
+def test_terms_that_the_gate_left_undefined_are_counted():
+    ones = torch.ones(2, 4)
+    scores = [PairScore((1.0, 2.0), ones, ones, (4.0, float("nan"))), PairScore((1.0, 2.0), ones, ones, (2.0, 1.0))]
+    assert summary({"m": scores})[0][-1] == "3.00 / 3.00, 1.00 / 1.00 (1 undefined)"
