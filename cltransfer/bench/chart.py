@@ -113,16 +113,16 @@ def points(settings: Sequence[Setting], rows: Sequence[Row]) -> list[Point]:
 
 
 def pareto(costs: Sequence[float], losses: Sequence[float]) -> list[int]:
-    """Indices of the points that no other beats in both, cheapest first; both are better when lower.
+    """Indices of the points that no other beats, cheapest first; both are better when lower, and equals stay together.
 
-    >>> pareto([1.0, 2.0, 3.0, 2.5], [5.0, 3.0, 4.0, 1.0])
-    [0, 1, 3]
+    >>> pareto([1.0, 2.0, 3.0, 2.5, 2.5], [5.0, 3.0, 4.0, 1.0, 1.0])
+    [0, 1, 3, 4]
     """
-    front, best = [], float("inf")
+    front: list[int] = []
     for i in sorted(range(len(costs)), key=lambda i: (costs[i], losses[i])):
-        if losses[i] < best:
+        last = front[-1] if front else None
+        if last is None or losses[i] < losses[last] or (costs[i], losses[i]) == (costs[last], losses[last]):
             front.append(i)
-            best = losses[i]
     return front
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,26 +87,24 @@ def _draw_points(figure: Figure, found: Sequence[Point]) -> None:
 
 
 def _losses(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
-    from matplotlib.ticker import FixedLocator
-
     front = pareto([getattr(p, cost) for p in found], [p.total for p in found])
     steps = [(getattr(found[i], cost), found[i].total) for i in front]
     ax.step(*zip(*steps), where="post", color=_FRONT, linewidth=4, alpha=0.4, label="Pareto front")
     _families(ax, found, families, cost, "total")
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(FixedLocator([a * 10**n for n in range(-3, 4) for a in (1, 2, 5)]))
-    ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    ax.minorticks_off()
+    ticks = _round_steps([p.total for p in found])
+    ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_ylim(ticks[0], ticks[-1])
     for i in front:
         ax.plot(getattr(found[i], cost), found[i].total, marker="o", markersize=10, fillstyle="none", color=_INK)
-    _finish(ax)
+    _finish(ax, [getattr(p, cost) for p in found])
 
 
 def _successes(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
     _families(ax, found, families, cost, "success")
     ax.set_ylim(-0.04, 1.08)
     ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f}")
-    _finish(ax)
+    _finish(ax, [getattr(p, cost) for p in found])
 
 
 def _families(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str, value: str) -> None:
@@ -124,13 +123,25 @@ def _families(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: s
                 ax.annotate(p.label, (x, y), xytext=(5, 4), textcoords="offset points", fontsize=6.5, color=color)
 
 
-def _finish(ax: Axes) -> None:
+def _finish(ax: Axes, costs: Sequence[float]) -> None:
     ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    ax.xaxis.set_minor_formatter(lambda value, _: "")
+    ticks = _round_steps(costs)
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_xlim(ticks[0], ticks[-1])
+    ax.minorticks_off()
     ax.grid(linewidth=0.3)
-    ax.margins(x=0.12)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def _round_steps(values: Sequence[float]) -> list[float]:
+    """The 1, 2 and 5 of every power of ten around positive values, one beyond them at either end.
+
+    >>> _round_steps([3.0, 40.0])
+    [2.0, 5.0, 10.0, 20.0, 50.0]
+    """
+    steps = [float(f"{a}e{n}") for n in range(-6, 9) for a in (1, 2, 5)]
+    low, high = min(values) / 1.15, max(values) * 1.15
+    return [s for s, after, before in zip(steps, [*steps[1:], inf], [0.0, *steps]) if after > low and before < high]
 
 
 def _draw_hits(figure: Figure, curves: Sequence[Hits]) -> None:
@@ -145,6 +156,6 @@ def _draw_hits(figure: Figure, curves: Sequence[Hits]) -> None:
         ax.set_ylim(-0.04, 1.04)
         ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f}")
         ax.set_xlabel("evaluations a frame")
-        _finish(ax)
+        _finish(ax, [e for c in curves for e in (c.least, c.most)])
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncol=5, frameon=False)
