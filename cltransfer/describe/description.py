@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..shot_scale import SCALE_NAMES, SCALES, shot_scale
 from ..tracks import repair_flips
 from .angle import HEIGHTS, SIDES, STAGINGS, dutch_class, height_class, side_class, staging_class
 from .motion import Motion
-from .movement import Movement, movement
+from .movement import STILL, Movement, movement
 
 ENDS = 4  # the classes of a clip's first and last quarter say how it begins and ends
 
@@ -101,7 +101,10 @@ class Description:
         """A few sentences."""
         scale, height, side, dutch, staging = (self.tracks[n] for n in ("scale", "height", "side", "dutch", "staging"))
         seen = f" The person is read in {scale.defined} of {len(self.times)} frames."
-        parts = [_sentence("Shot size", _from_to(scale)), _sentence("Angle", _angle(height, side, dutch))]
+        parts = [
+            _sentence("Shot size", _from_to(scale)),
+            _sentence("Angle", _angle(height, side, _canted(dutch, self.movement))),
+        ]
         parts.append(_sentence("Movement", self.movement.text))
         parts.append(_sentence("Staging", staging.usual()) or f"Staging: not told ({staging.reason}).")
         return " ".join(part for part in parts if part) + seen
@@ -162,12 +165,17 @@ def _spelled(scale: str | None) -> str | None:
     return None if scale is None else SCALE_NAMES[SCALES.index(scale)]
 
 
-def _angle(height: Track, side: Track, dutch: Track) -> str | None:
+def _canted(dutch: Track, moves: Movement) -> str:
+    """Dutch if the clip is, or if the camera rolls there: at either end a person may just lean."""
+    ends = (dutch.usual(0, 1 / ENDS), dutch.usual(1 - 1 / ENDS, 1))
+    rolls = abs(moves.net["roll"]) > STILL and "Dutch" in ends
+    return "Dutch" if rolls or dutch.usual() == "Dutch" else ""
+
+
+def _angle(height: Track, side: Track, canted: str) -> str | None:
     if height.usual() is None:
         return None
-    words: Sequence[str | None] = (height.usual(), f"from {_article(side.usual())}")
-    canted = "Dutch" if "Dutch" in (dutch.usual(0, 1 / ENDS), dutch.usual(), dutch.usual(1 - 1 / ENDS, 1)) else ""
-    return ", ".join(word for word in (*words, canted) if word)
+    return ", ".join(filter(None, (height.usual(), f"from {_article(side.usual())}", canted)))
 
 
 def _article(side: str | None) -> str:

@@ -31,7 +31,8 @@ def flow_motion(features: Features, times: Tensor) -> Motion:
     velocity, there, place = background_cells(features)
     field, _ = robust_fit(_affine(place), velocity, there)  # (N, 6)
     _, left = robust_fit(_turn_and_zoom(place), velocity, there)
-    background = torch.stack([field[:, 0], field[:, 3], field[:, 1]], dim=1)  # right, down, growth
+    longer = 1 if features.size[0] >= features.size[1] else 5  # growth is surest along the frame's longer side
+    background = field[:, [0, 3, longer]]  # right, down, growth
     still = bool((background.nan_to_num(0).cumsum(0).abs() < torch.tensor(FLOOR)).all())
     parallax = float("nan") if still else _share(left, velocity, there)
     person = person_motion(features)  # (N, 3)
@@ -49,12 +50,13 @@ def _travelling(rates: Tensor, background: Tensor, person: Tensor) -> None:
     """Fill in the rates (N, 8) of a camera that travels, one word for each direction over the whole clip."""
     net = background.nan_to_num(0).sum(0)
     held = torch.where(person.isfinite(), person, 0.0).sum(0)
-    dolly_zoom = abs(net[2]) > FLOOR[2] and abs(held[2]) < SAME * abs(net[2])
-    growth = torch.where(person[:, 2].isfinite(), person[:, 2], background[:, 2])
-    if dolly_zoom:
-        rates[:, 3], rates[:, 4] = background[:, 2], growth - background[:, 2]
+    grows = abs(net[2]) > FLOOR[2]
+    if grows and abs(held[2]) < SAME * abs(net[2]):  # a dolly zoom
+        rates[:, 3], rates[:, 4] = background[:, 2], person[:, 2].nan_to_num(0) - background[:, 2]
     else:
-        rates[:, 4] = growth
+        # one who grows before a background that does not is walking or waving
+        nearer = person[:, 2].where(person[:, 2].isfinite(), background[:, 2])
+        rates[:, 4] = nearer if grows and held[2] * net[2] > 0 else background[:, 2]
     for axis, aside, aimed in ((0, 5, 7), (1, 6, 6)):
         # a person held in place while the background goes by: the camera travels round, else along
         follows = abs(held[axis]) < SAME * abs(net[axis])

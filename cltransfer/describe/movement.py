@@ -62,7 +62,7 @@ def movement(motion: Motion) -> Movement:
     duration = max(float(motion.times[-1] - motion.times[0]), 1e-9) if len(motion.times) > 1 else 1.0
     wasted = float((track.diff(dim=0).abs().sum(0) - net.abs()).clamp_min(0).sum())
     shake = wasted / duration
-    handheld = shake > SHAKY
+    handheld = shake > SHAKY and wasted > 2 * STILL
     order = net.abs().argsort(descending=True).tolist()
     largest = float(net[order[0]].abs())
     named = dict(zip(PRIMITIVES, net.tolist()))
