@@ -73,6 +73,7 @@ class RunConfig:
         sigma0: first step size, as a share of the half-range of each parameter.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
+        guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
             are repaired too; 0 takes it as it was read. The scores always use what was read.
         path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact
@@ -105,6 +106,7 @@ class RunConfig:
     sigma0: float = 0.1
     warm_sigma: float = 0.05
     tolerance: float = 0.0
+    guard: bool = False
     clean: float = 0.0
     path: Literal["smooth", "exact"] = "exact"
     joint: int = 0

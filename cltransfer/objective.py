@@ -103,6 +103,15 @@ class Objective:
             parts.append(loss.weight * part)
         return torch.cat(parts, dim=1)
 
+    def lost_residuals(self, defined: Tensor) -> Tensor:
+        """Weighted residuals (R,) of a view that shows nothing: the penalty of each of the ``defined`` terms (L,)."""
+        parts = []
+        for loss, there in zip(self.losses.values(), defined.tolist()):
+            part = torch.zeros(len(loss.groups), dtype=torch.float64)
+            part[0] = loss.weight * loss.penalty if there else 0.0
+            parts.append(part)
+        return torch.cat(parts)
+
 
 def group_norms(residuals: Tensor, groups: Tensor) -> Tensor:
     """Norm of each group, (B, G), of residuals (B, R)."""

@@ -14,8 +14,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from . import __version__
 from .camera import resized
 from .clip import write_video
@@ -24,10 +22,11 @@ from .doctor import PACKAGES
 from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
 from .files import check_out, read_json, write_json, write_text
-from .losses.shot_size import degenerate
+from .flags import run_flags
+from .preparation import Inputs, fit
 from .readback import render_frames
 from .reference import Components, Progress
-from .report.data import Flag, ReportData
+from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report
 from .report.side_by_side import side_by_side
@@ -35,7 +34,7 @@ from .scenes.load import load_scene
 from .scenes.named import recall, remember
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
-from .transfer import Inputs, Result, fit
+from .transfer import Result
 
 MANIFEST, CONFIG, DONE = "manifest.json", "config.yaml", "DONE"
 JOURNAL = "journal.bin"
@@ -123,28 +122,10 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
         subject=result.scene.subject,
         reference_frames=result.reference.image,
         render_frames=result.image,
-        flags=_flags(result),
+        flags=run_flags(result),
         spent=spent,
         command=command,
     )
-
-
-def _flags(result: Result) -> tuple[Flag, ...]:
-    flags = [Flag(None, f"{term.name}: {term.reason}") for term in result.verified.terms if term.reason]
-    flags += [Flag(None, f"reference: {flag}") for flag in result.reference.flags]
-    if result.schedule.note:
-        flags.append(Flag(None, result.schedule.note))
-    if not result.schedule.free_lens:
-        flags.append(Flag(None, "focal length kept: without filmic space it cannot be told apart from distance"))
-    reference = result.reference.features
-    if reference.has("keypoints"):
-        few = degenerate(reference).nonzero()[:, 0].tolist()
-        flags += [Flag(i, "fewer than two key joints in the reference: size is not certain") for i in few]
-    for term in result.verified.terms:
-        if not term.reason:
-            lost = (~torch.isfinite(term.values)).nonzero()[:, 0].tolist()
-            flags += [Flag(i, f"{term.name} undefined") for i in lost if (i, term.name) != (0, "camera_movement")]
-    return tuple(sorted(flags, key=lambda flag: -1 if flag.frame is None else flag.frame))
 
 
 def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from ..features import Features
 from ..graph import Plan, run
 from ..objective import Objective
 from ..scenes import Scene
+from .guard import Guard
 from .journal import Journal
 from .working_set import WorkingSet
 
@@ -44,6 +45,7 @@ class Stage:
         size: (W, H) of the renders [px]; cameras of any size are rendered at this one.
         spent: the counter.
         working: what ``scene`` is merged from, where it is merged.
+        guard: views that the search may not take, None where it may take all.
         journal: answers kept on disk and taken from there, None where a run is not to be gone on with.
     """
 
@@ -54,6 +56,7 @@ class Stage:
     size: tuple[int, int]
     spent: Spent = field(default_factory=Spent)
     working: WorkingSet | None = None
+    guard: Guard | None = None
     journal: Journal | None = None
 
     def reduced(self, camera: Camera, k: float) -> Stage:
@@ -76,21 +79,34 @@ class Stage:
 
     def features(self, cameras: Camera, before: Features | None) -> Features:
         """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame."""
-        buffers = self.plan.buffers - {"camera", "person"}
+        buffers = self.plan.buffers - {"camera", "person"} | ({"depth"} if self.guard else set())
         rendered = self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
         self.spent.renders += len(cameras)
         self.spent.network_passes += len(cameras) * self.plan.passes
         return run(self.plan, rendered, before)
 
     def terms(self, reference: Features, cameras: Camera, before: Features | None) -> Tensor:
-        """Raw terms (B, L) of B candidates for one reference frame."""
-        return self._answer(cameras, lambda: self.objective.terms(reference, self.features(cameras, before)))
+        """Raw terms (B, L) of B candidates for one reference frame; a view that is blocked has none."""
+
+        def compute() -> Tensor:
+            seen = self.features(cameras, before)
+            terms = self.objective.terms(reference, seen)
+            return terms if self.guard is None else terms.masked_fill(self.guard.blocked(seen)[:, None], torch.nan)
+
+        return self._answer(cameras, compute)
 
     def residuals(self, reference: Features, cameras: Camera, before: Features | None, defined: Tensor) -> Tensor:
-        """Weighted residuals (B, R) of B candidates for one reference frame."""
-        return self._answer(
-            cameras, lambda: self.objective.residuals(reference, self.features(cameras, before), defined)
-        )
+        """Weighted residuals (B, R) of B candidates for one reference frame; a blocked view pays every penalty."""
+
+        def compute() -> Tensor:
+            seen = self.features(cameras, before)
+            residuals = self.objective.residuals(reference, seen, defined)
+            if self.guard is None:
+                return residuals
+            blocked = self.guard.blocked(seen)[:, None]
+            return torch.where(blocked, self.objective.lost_residuals(defined), residuals)
+
+        return self._answer(cameras, compute)
 
     def _answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)

@@ -32,6 +32,7 @@ class PaperBox:
     """
 
     dimensions: ClassVar[int] = 8
+    names: ClassVar[tuple[str, ...]] = ("v", "v", "v", "w", "w", "w", "theta", "gamma")
     needs_subject: ClassVar[bool] = False
 
     translation: float = 5.0

@@ -40,6 +40,7 @@ class SubjectOrbit:
     """
 
     dimensions: ClassVar[int] = 7
+    names: ClassVar[tuple[str, ...]] = ("azimuth", "elevation", "roll", "distance", "place", "place", "size")
     needs_subject: ClassVar[bool] = True
 
     nearest: float = 0.3

@@ -1,0 +1,55 @@
+"""Where a camera may not stand: inside something, before nothing, or where the person is hidden altogether."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+
+NEAR = 0.15  # subject heights; what is nearer stands right before the lens
+CLOSE = 0.4  # of the frame that may be so near
+COVERAGE = 0.2  # of the frame that must show something
+HIDDEN = 0.03  # of the joints' box that must show the person
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Views that a search must not take, whatever the losses say of them.
+
+    The losses read joints that may be behind a wall, and a view from inside a body has a depth too.
+
+    Args:
+        height: of the subject, scene units; None leaves out what is measured in it.
+    """
+
+    height: float | None
+
+    def reasons(self, features: Features) -> dict[str, Tensor]:
+        """What is wrong with B views, (B,) bool by reason; needs ``depth``."""
+        depth = features.require("depth").flatten(1)  # (B, H W)
+        wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
+        if self.height is not None:
+            close = (depth < NEAR * self.height).double().mean(1)
+            wrong["the camera stands inside something"] = close > CLOSE
+        if features.has("subject") and features.has("keypoints"):
+            wrong["the person is hidden"] = _hidden(features)
+        return wrong
+
+    def blocked(self, features: Features) -> Tensor:
+        """Views that may not be taken, (B,) bool."""
+        return torch.stack(list(self.reasons(features).values())).any(0)
+
+
+def _hidden(features: Features) -> Tensor:
+    """Views in which the joints' box lies in the frame and shows almost nothing of the person, (B,) bool."""
+    size = torch.tensor(features.size, dtype=torch.float64)
+    joints = features.require("keypoints")[..., :2].double() / size  # (B, 14, 2) [frame]
+    unknown = ~torch.isfinite(joints)
+    low = joints.masked_fill(unknown, torch.inf).amin(1).clamp(0, 1)
+    high = joints.masked_fill(unknown, -torch.inf).amax(1).clamp(0, 1)
+    box = (high - low).clamp_min(0).prod(-1)  # [frame]
+    shown = features.require("subject").flatten(1).double().mean(1)
+    return (box > 0) & (shown < HIDDEN * box)

@@ -1,0 +1,76 @@
+"""What a reader of a result should know: what failed or is doubtful, in which frame, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import torch
+
+from .driver.refine import least_curvature
+from .losses.shot_size import degenerate
+from .report.data import Flag
+
+if TYPE_CHECKING:
+    from .transfer import Result
+
+DEGENERATE = 1.0  # least curvature of the total along a direction of x below which nothing determines it; usually > 10
+ON_BOUND = 1e-6  # of the half-range
+
+
+def run_flags(result: Result) -> tuple[Flag, ...]:
+    """The flags of a transfer, those of the whole run first, then by frame."""
+    flags = [*_of_the_run(result), *_reference(result), *_undefined(result), *_views(result), *_search(result)]
+    return tuple(sorted(flags, key=lambda flag: -1 if flag.frame is None else flag.frame))
+
+
+def _of_the_run(result: Result) -> Iterator[Flag]:
+    for term in result.verified.terms:
+        if term.reason:
+            yield Flag(None, f"{term.name}: {term.reason}")
+    for flag in result.reference.flags:
+        yield Flag(None, f"reference: {flag}")
+    if result.schedule.note:
+        yield Flag(None, result.schedule.note)
+    if not result.schedule.free_lens:
+        yield Flag(None, "focal length kept: without filmic space it cannot be told apart from distance")
+
+
+def _reference(result: Result) -> Iterator[Flag]:
+    features = result.reference.features
+    if not features.has("keypoints"):
+        return
+    nobody = ~torch.isfinite(features.require("keypoints")[..., 0]).any(1)
+    for i in nobody.nonzero()[:, 0].tolist():
+        yield Flag(i, "no person in the reference")
+    for i in (degenerate(features) & ~nobody).nonzero()[:, 0].tolist():
+        yield Flag(i, "fewer than two key joints in the reference: the size is that of the mask, and not certain")
+
+
+def _undefined(result: Result) -> Iterator[Flag]:
+    for term in result.verified.terms:
+        if term.reason:
+            continue
+        for i in (~torch.isfinite(term.values)).nonzero()[:, 0].tolist():
+            if (i, term.name) != (0, "camera_movement"):  # the first frame has no flow
+                yield Flag(i, f"{term.name} undefined")
+
+
+def _views(result: Result) -> Iterator[Flag]:
+    for reason, frames in result.kept.blocked.items():
+        for i in frames.nonzero()[:, 0].tolist():
+            yield Flag(i, reason)
+
+
+def _search(result: Result) -> Iterator[Flag]:
+    found, search = result.kept.found, result.search
+    low, high = (bound[: found.x.shape[1]] for bound in search.bounds())
+    x = found.x if result.kept.path is None else result.kept.path.x
+    for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
+        yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
+    local = found.local(result.objective)
+    if local is None:
+        return
+    for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):
+        if least_curvature(jacobian, residuals, local.groups) < DEGENERATE:
+            yield Flag(i, "degenerate: some change of the camera costs nothing, it is not determined")

@@ -1,0 +1,164 @@
+"""Before a search: scene, reference, stage and initial views, from what a transfer is given."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from .camera import Camera, concatenate, resized
+from .config import RunConfig
+from .driver.guard import Guard
+from .driver.initial_view import best_of_orbit, first_seen, given_view
+from .driver.journal import Journal
+from .driver.schedule import Schedule, make_schedule
+from .driver.stage import Stage
+from .features import Features
+from .graph import Family
+from .objective import Objective
+from .reference import Components, Progress, Reading, Reference, read_reference
+from .scenes import Scene
+from .scenes.lifted import lifted_scene, load_person
+from .scenes.load import load_scene
+from .threads import set_threads, thread_count
+from .tracks import cleaned
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a transfer is given beside its config.
+
+    Args:
+        scene: a scene file or ``builtin:NAME``.
+        reference: see :func:`cltransfer.reference.read_reference`.
+        init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
+        subject: a subject.json; None lifts the scene, or takes the lift from the cache.
+        up: the scene's up; None takes the format's usual one.
+    """
+
+    scene: str
+    reference: str
+    init: str = "auto"
+    subject: Path | None = None
+    up: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Record:
+    """The journal of a run.
+
+    Args:
+        path: of the file.
+        resume: go on with what is there.
+    """
+
+    path: Path
+    resume: bool = False
+
+
+class Clock:
+    """Seconds by step."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, step: str) -> None:
+        """Everything since the last lap was ``step``."""
+        now = time.perf_counter()
+        self.seconds[step] = self.seconds.get(step, 0.0) + now - self._last
+        self._last = now
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything a search starts from."""
+
+    parts: Components
+    search: Any
+    reference: Reference
+    wanted: Features  # the reference, cleaned where it was read from a clip
+    stage: Stage
+    schedule: Schedule
+    homes: Camera  # initial views, the best first
+    by_networks: bool  # whether networks read the result
+
+
+def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress, record: Record | None) -> Job:
+    """Everything a search starts from.
+
+    Raises:
+        UsageError: the config asks for what the scene or the reference cannot give.
+        InputError: a file is missing or damaged, or shows no person.
+        ModelError: a network is missing.
+    """
+    set_threads(config.threads or thread_count())
+    parts = Components.build(config)
+    family: Family = "scene" if config.extract.inner == "geometric" else "image"
+    search = config.build_one("search")
+    scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
+    view = None if inputs.init == "auto" else given_view(inputs.init)
+    clock.lap("scene")
+    reference = read_reference(inputs.reference, parts, Reading(config.frames, config.output_side, family), progress)
+    by_networks = reference.family == "image" and config.extract.verify
+    if by_networks or family == "image":
+        parts.plan("image").load_networks()
+    wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
+    clock.lap("reference")
+    if family == "scene" or search.needs_subject or view is None:
+        scene = lifted_scene(scene, parts.renderer, parts.extractors, lambda step: progress(step, 0, 0))
+        clock.lap("lift")
+    plan = parts.plan(family, shared=reference.features.names())
+    small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
+    journal = None if record is None else Journal(record.path, _header(config, scene, reference), record.resume)
+    stage = Stage(
+        scene, parts.renderer, plan, Objective(parts.losses), small, guard=_guard(config, scene), journal=journal
+    )
+    schedule = make_schedule(config, stage.objective, wanted)
+    homes = [] if view is None else [resized(view, output)]
+    if view is None or (schedule.engine == "refine" and scene.subject is not None):  # a start more costs little there
+        homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens))
+    clock.lap("initial view")
+    return Job(parts, search, reference, wanted, stage, schedule, concatenate(homes), by_networks)
+
+
+def _guard(config: RunConfig, scene: Scene) -> Guard | None:
+    return Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
+
+
+def _header(config: RunConfig, scene: Scene, reference: Reference) -> dict[str, Any]:
+    """What the answers of a run depend on."""
+    return {
+        **{f"config.{key}": value for key, value in asdict(config).items()},
+        "scene": scene.digest,
+        "reference": reference.digest,
+        "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
+        "threads": thread_count(),
+    }
+
+
+def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
+    """Total that the reference costs against itself once its jitter is filtered; nothing below it can be told apart."""
+    terms = objective.terms(read, wanted)
+    defined = torch.isfinite(terms) & objective.defined(read)
+    return float(objective.totals(terms, defined).mean())
+
+
+def fit(size: tuple[int, int], side: int) -> tuple[int, int]:
+    """(W, H) of the same shape whose longer side is ``side`` [px].
+
+    >>> fit((1920, 1080), 160)
+    (160, 90)
+    """
+    scale = side / max(size)
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def given_scene(inputs: Inputs) -> Scene:
+    """The scene, with its person where that is given or known."""
+    scene = load_scene(inputs.scene, inputs.up)
+    return scene if inputs.subject is None else load_person(scene, inputs.subject)
