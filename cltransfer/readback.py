@@ -54,7 +54,7 @@ def read_back(
     """Render a path at its own size and score it by networks (on the frames as kept) or by the stage's extractors."""
     image = render_frames(stage.scene, parts, cameras, progress)
     if by_networks:
-        plan = parts.plan("image")
+        plan = parts.plan("image", reference.features.names())
         features = clip_features(image, plan)
         stage.spent.network_passes += len(image) * plan.passes
     else:
@@ -67,7 +67,7 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
     if shown.features.has("camera"):
         features = read_path(replace(stage, size=cameras.size), still(cameras, len(cameras)))
     else:
-        plan = parts.plan("image")
+        plan = parts.plan("image", reference.features.names())
         twice = clip_features(shown.image[[0, 0]], plan)
         stage.spent.network_passes += 2 * plan.passes
         features = twice[[0] + [1] * (len(cameras) - 1)]
