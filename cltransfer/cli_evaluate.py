@@ -70,10 +70,11 @@ def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None,
 
 def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, Path], list[str]]:
     """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip."""
-    from .decoding import IMAGE_DEMUXERS
+    if not Path(reference).is_dir():
+        return {}, more
+    from .image_folder import holds_clips
 
-    folder = Path(reference)
-    if not folder.is_dir() or any(p.suffix.lower() in IMAGE_DEMUXERS for p in folder.iterdir()):
+    if not holds_clips(Path(reference)):
         return {}, more
     methods: dict[str, Path] = {}
     rest = []

@@ -11,11 +11,10 @@ import numpy as np
 from .config import RunConfig
 from .errors import InputError
 from .evaluate import evaluate
-from .image_folder import natural_order
+from .image_folder import VIDEOS, natural_order
 from .reference import Progress, silent
 from .report.metrics import finite
 
-VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
 RUN_VIDEO = Path("video") / "frames.mkv"  # what a run folder keeps of its frames, lossless
 RESAMPLES = 2000
 CONFIDENCE = 0.95

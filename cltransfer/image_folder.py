@@ -12,6 +12,7 @@ from .decoding import IMAGE_DEMUXERS
 from .errors import InputError
 from .files import read_json
 
+VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
 FOLDER_RATE = 24.0  # images a second where a folder does not say
 
 
@@ -67,3 +68,10 @@ def _check_no_gap(files: list[Path]) -> None:
         if b - a != step:
             reason = f"follows number {a}, expected {a + step}"
             raise InputError(file, "number", reason, "an image is missing; a times.json states other times")
+
+
+def holds_clips(folder: Path) -> bool:
+    """Whether ``folder`` holds videos or folders, and is no image folder itself."""
+    entries = list(folder.iterdir()) if folder.is_dir() else []
+    images = any(entry.suffix.lower() in IMAGE_DEMUXERS for entry in entries)
+    return not images and any(entry.is_dir() or entry.suffix.lower() in VIDEOS for entry in entries)
