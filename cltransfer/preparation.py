@@ -84,6 +84,7 @@ class Job:
     wanted: Features  # the reference, cleaned where it was read from a clip
     stage: Stage
     schedule: Schedule
+    noise: float  # total that cannot be told apart
     homes: Camera  # initial views, the best first
     by_networks: bool  # whether networks read the result
 
@@ -118,12 +119,13 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     stage = Stage(
         scene, parts.renderer, plan, Objective(parts.losses), small, guard=_guard(config, scene), journal=journal
     )
-    schedule = make_schedule(config, stage.objective, wanted)
+    noise = noise_floor(stage.objective, reference.features, wanted)
+    schedule = make_schedule(config, stage.objective, wanted, noise)
     homes = [] if view is None else [resized(view, output)]
     if view is None or (schedule.engine == "refine" and scene.subject is not None):  # a start more costs little there
         homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens))
     clock.lap("initial view")
-    return Job(parts, search, reference, wanted, stage, schedule, concatenate(homes), by_networks)
+    return Job(parts, search, reference, wanted, stage, schedule, noise, concatenate(homes), by_networks)
 
 
 def _guard(config: RunConfig, scene: Scene) -> Guard | None:
@@ -142,7 +144,10 @@ def _header(config: RunConfig, scene: Scene, reference: Reference) -> dict[str, 
 
 
 def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
-    """Total that the reference costs against itself once its jitter is filtered; nothing below it can be told apart."""
+    """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
+
+    0 where it was not filtered. Nothing below it can be told apart.
+    """
     terms = objective.terms(read, wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
     return float(objective.totals(terms, defined).mean())

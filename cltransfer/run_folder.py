@@ -98,6 +98,7 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
     spent["engine"] = result.schedule.engine
     spent["path"] = "every frame" if result.kept.path is None else result.kept.path.name
     totals = [round(float(attempt.shown.scores.totals.mean()), 4) for attempt in result.attempts]
+    spent["noise floor"] = round(result.noise, 4)
     spent["total by round"] = ", ".join(map(str, totals)) + (f" (kept {result.best + 1})" if len(totals) > 1 else "")
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
     spent["total in the search"] = round(float(result.searched.totals.mean()), 4)

@@ -18,7 +18,7 @@ from .driver.schedule import Schedule
 from .driver.stage import Spent, Stage
 from .features import Features
 from .objective import Objective
-from .preparation import Clock, Inputs, Job, Record, noise_floor, prepare
+from .preparation import Clock, Inputs, Job, Record, prepare
 from .readback import Readback, read_back, read_held, read_path
 from .reference import Progress, Reference, silent
 from .scenes import Scene
@@ -61,6 +61,7 @@ class Result:
         search: vectors to cameras.
         objective: the losses.
         schedule: how frames were searched.
+        noise: total that cannot be told apart, because networks read both sides; 0 where geometry did.
         read_by: image (networks on both sides) or geometry (a scene taught a scene).
         spent: what it cost.
         seconds: by step.
@@ -76,6 +77,7 @@ class Result:
     search: Any
     objective: Objective
     schedule: Schedule
+    noise: float
     read_by: str
     spent: Spent
     seconds: dict[str, float]
@@ -129,6 +131,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         search=job.search,
         objective=stage.objective,
         schedule=job.schedule,
+        noise=job.noise,
         read_by="image" if job.by_networks or config.extract.inner == "image" else "geometry",
         spent=stage.spent,
         seconds=clock.seconds,
@@ -139,7 +142,6 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
     """Rounds of search and reading back; after the first, aimed off the networks' bias."""
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
-    noise = noise_floor(job.stage.objective, job.reference.features, job.wanted)
     target, homes, attempts = job.wanted, job.homes, list[Attempt]()
     for number in range(rounds + 1):
         searching = job.stage.reduced(homes[0], config.lod)
@@ -149,7 +151,7 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         cameras, path = found.camera, None
         if config.path == "smooth":
             clip = WholeClip(job.stage, job.search, target, homes[0])
-            path = least_path(clip, found.x, found.local(job.stage.objective), noise, config.joint)
+            path = least_path(clip, found.x, found.local(job.stage.objective), job.noise, config.joint)
             cameras = clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)

@@ -11,7 +11,7 @@ from ..features import Features
 
 NEAR = 0.15  # subject heights; what is nearer stands right before the lens
 CLOSE = 0.4  # of the frame that may be so near
-COVERAGE = 0.2  # of the frame that must show something
+COVERAGE = 0.05  # of the frame that must show something; a scene may be a person before nothing
 HIDDEN = 0.03  # of the joints' box that must show the person
 
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
+from ..tracks import along
 from .refine import STEP
 from .spline import Fitted, Local, fit
 from .stage import Stage
@@ -22,6 +23,7 @@ from .stage import Stage
 LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
+FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # orders evaluated, of those the linear model finds good enough
 
 
@@ -85,6 +87,7 @@ class LeastPath:
     Args:
         x: (N, D).
         knots: a dimension; None is every frame for itself.
+        filtered: standard deviation of the filter along the clip, where there are no knots [frames]; 0 is none.
         lens_kept: whether the focal length stays the same.
         total: mean over the frames.
         free: the same of the frames as they were found.
@@ -93,6 +96,7 @@ class LeastPath:
 
     x: Tensor  # (N, D)
     knots: int | None
+    filtered: float
     lens_kept: bool
     total: float
     free: float
@@ -101,6 +105,8 @@ class LeastPath:
     @property
     def name(self) -> str:
         """In words, for reports."""
+        if self.filtered:
+            return f"every frame, filtered over {self.filtered:g}"
         order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
         return f"{order}, focal length kept" if self.lens_kept and self.knots != 1 else order
 
@@ -129,7 +135,7 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, noise: float, ro
         rounds: of fresh Jacobians along the path, where the loss is not small already.
     """
     free = clip.total(x)
-    path = LeastPath(x, None, False, free, free, noise + LEAST_FLOOR + SHARE * free)
+    path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     rounds = 0 if local is None or free <= TRUSTED else rounds
     if rounds:
         local = clip.local(x)
@@ -147,6 +153,11 @@ def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> Least
         total = clip.total(fitted.x)
         if total <= free.free + free.floor:
             return replace(free, x=fitted.x, knots=knots, lens_kept=knots == 1, total=total)
+    for frames in FILTERS:  # no spline is near enough: the losses jump
+        x = along(free.x, frames)
+        total = clip.total(x)
+        if total <= free.free + free.floor:
+            return replace(free, x=x, filtered=frames, total=total)
     return free
 
 

@@ -11,6 +11,7 @@ from ..objective import Objective
 from .cma_es import Budget
 from .refine import Refinement
 
+QUIET = 0.5  # of the noise: what is below it is not optimised
 DAMPINGS = {1: (3e-2,), 2: (1e-2, 1.0), 3: (1e-3, 3e-2, 1.0)}
 
 
@@ -49,16 +50,17 @@ class Schedule:
     note: str = ""
 
 
-def make_schedule(config: RunConfig, objective: Objective, reference: Features) -> Schedule:
-    """The schedule of ``config`` for a reference of N frames."""
+def make_schedule(config: RunConfig, objective: Objective, reference: Features, noise: float = 0.0) -> Schedule:
+    """The schedule of ``config`` for a reference of N frames, whose totals are uncertain by ``noise``."""
+    tolerance = max(config.tolerance, QUIET * noise)
     free = config.zoom == "free"
     if config.zoom == "auto" and "filmic_space" in objective.names:
         free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
     note = _why_cma_alone(config, objective) if config.engine == "refine" else ""
-    thorough = Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, config.tolerance)
+    thorough = Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, tolerance)
     return Schedule(
         engine="cma" if note else config.engine,
-        budget=Budget(config.generations, config.patience, config.popsize, config.tolerance),
+        budget=Budget(config.generations, config.patience, config.popsize, tolerance),
         refinement=thorough,
         first_refinement=replace(thorough, dampings=DAMPINGS[1], jacobians=0) if config.lean else thorough,
         adam=config.adam,

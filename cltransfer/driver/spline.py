@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.interpolate import BSpline
-from scipy.sparse.linalg import spsolve
 from torch import Tensor
 
 from ..objective import group_norms
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
 RIDGE = 1e-3  # of the distance to the path, for what no residual determines
@@ -47,6 +48,8 @@ class Local:
         A residual between two frames changes by the one before as by its own, the other way: their motion is what it
         measures, and it is small.
         """
+        from scipy import sparse
+
         own = self.jacobian.numpy()
         rows = sparse.block_diag(list(own), format="csr")
         if len(own) == 1:
@@ -75,6 +78,8 @@ def basis(frames: int, knots: int) -> NDArray:
     >>> basis(3, 2).round(2).tolist()
     [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]
     """
+    from scipy.interpolate import BSpline
+
     degree = min(DEGREE, knots - 1)
     inner = np.linspace(0, 1, knots - degree + 1)
     places = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
@@ -91,6 +96,9 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
         knots: at least 1, at most N.
         fixed: direction (D,) along which nothing may change, e.g. the focal length's; None leaves all free.
     """
+    from scipy import sparse
+    from scipy.sparse.linalg import spsolve
+
     design, path = _design(x, knots, fixed), x.numpy().ravel()
     if local is None:
         moved = design @ spsolve((design.T @ design).tocsc(), design.T @ path)
@@ -110,6 +118,8 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
 
 def _design(x: Tensor, knots: int, fixed: Tensor | None) -> sparse.csr_array:
     """Coefficients to the path laid out frame by frame, (N D, C)."""
+    from scipy import sparse
+
     frames, dimensions = x.shape
     curve = sparse.csr_array(basis(frames, knots))
     if fixed is None:
