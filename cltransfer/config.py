@@ -63,8 +63,9 @@ class RunConfig:
         steps: of refinement per frame at most.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's.
-        lean: refine a warm frame with one damping and the Jacobian of the frame before, and as said above only where
-            that ends worse than the frames before it.
+        lean: mean total up to which it is enough to follow a clip leanly: one damping, the Jacobian carried from frame
+            to frame, nothing rescued; above it the clip is followed again as the keys around this one say, and the
+            better one is kept. 0 does so at once.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too.
         generations: of CMA-ES per frame at most.
@@ -97,7 +98,7 @@ class RunConfig:
     steps: int = 6
     dampings: int = 3
     jacobians: int = 1
-    lean: bool = False
+    lean: float = 0.0
     basin: float = 0.3
     rescue: float = 2.0
     generations: int = 100
@@ -124,7 +125,7 @@ class RunConfig:
             ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("basin", 0.0, 1e6), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
-            ("clean", 0.0, 100.0), ("joint", 0, 100), ("lod", 0.0, 16.0),
+            ("clean", 0.0, 100.0), ("joint", 0, 100), ("lean", 0.0, 1e6), ("lod", 0.0, 16.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

@@ -68,7 +68,7 @@ def _search(result: Result) -> Iterator[Flag]:
     x = found.x if result.kept.path is None else result.kept.path.x
     for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
         yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
-    local = found.local(result.objective)
+    local = found.local
     if local is None:
         return
     for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):

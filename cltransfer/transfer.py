@@ -25,6 +25,8 @@ from .scenes import Scene
 from .scores import Scores, tabulate
 from .trajectory import Trajectory
 
+Report = Callable[[int, Solved], None]
+
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 
 
@@ -147,11 +149,11 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         searching = job.stage.reduced(homes[0], config.lod)
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
-        found = follow(searching, job.search, target, homes, job.schedule, report)
+        clip = WholeClip(job.stage, job.search, target, homes[0])
+        found = _followed(job, searching, target, homes, config.lean, clip, report)
         cameras, path = found.camera, None
         if config.path == "smooth":
-            clip = WholeClip(job.stage, job.search, target, homes[0])
-            path = least_path(clip, found.x, found.local(job.stage.objective), job.noise, config.joint)
+            path = least_path(clip, found.x, found.local, job.noise, config.joint)
             cameras = clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
@@ -164,7 +166,21 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
     return attempts
 
 
-def _counting(progress: Progress, step: str, count: int) -> Callable[[int, Solved], None]:
+def _followed(
+    job: Job, stage: Stage, target: Features, homes: Camera, lean: float, clip: WholeClip, report: Report
+) -> Path:
+    """The clip followed leanly where that is good enough, else thoroughly too; the better one."""
+    if not lean or job.schedule.engine != "refine":
+        return follow(stage, job.search, target, homes, job.schedule, report)
+    first = follow(stage, job.search, target, homes, job.schedule.lean, report)
+    total = clip.total(first.x)
+    if total <= lean:
+        return first
+    second = follow(stage, job.search, target, homes, job.schedule, report)
+    return min((total, first), (clip.total(second.x), second), key=lambda found: found[0])[1]
+
+
+def _counting(progress: Progress, step: str, count: int) -> Report:
     def report(frame: int, solved: Solved) -> None:
         progress(step, frame + 1, count)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..features import Features
 from ..objective import Objective
-from .frame import Memory, Problem, Schedule, Solved, predictions, solve
+from .frame import Memory, Problem, Schedule, Solved, motion_scale, predictions, solve
 from .spline import Local
 from .stage import Stage
 
@@ -26,20 +26,13 @@ class Path:
         x: (N, D) vectors of the search.
         camera: N cameras.
         frames: what was found for each frame.
-        residuals: of each frame, (N, R); None where they were not searched by.
+        local: what the losses make of it; None where it was not refined by residuals.
     """
 
     x: Tensor  # (N, D)
     camera: Camera
     frames: tuple[Solved, ...]
-    residuals: Tensor | None = None  # (N, R)
-
-    def local(self, objective: Objective) -> Local | None:
-        """What the losses make of the path; None where it was not refined by residuals."""
-        jacobians = [solved.memory.jacobian for solved in self.frames if solved.memory.jacobian is not None]
-        if self.residuals is None or objective.groups is None or len(jacobians) < len(self.frames):
-            return None
-        return Local(self.residuals, torch.stack(jacobians), objective.groups, objective.paired)
+    local: Local | None = None
 
 
 def follow(
@@ -91,7 +84,15 @@ def follow(
         before = now
         progress(i, solved)
     x = torch.stack([solved.x for solved in found])
-    return Path(x, search.cameras(x, home, subject), tuple(found), torch.stack(residuals) if residuals else None)
+    return Path(x, search.cameras(x, home, subject), tuple(found), _local(stage.objective, found, residuals))
+
+
+def _local(objective: Objective, found: list[Solved], residuals: list[Tensor]) -> Local | None:
+    jacobians = [solved.memory.jacobian for solved in found if solved.memory.jacobian is not None]
+    if not residuals or objective.groups is None or len(jacobians) < len(found):
+        return None
+    jacobian = torch.stack(jacobians) / motion_scale(objective.paired)[:, None]
+    return Local(torch.stack(residuals), jacobian, objective.groups, objective.paired)
 
 
 def still(camera: Camera, count: int) -> Camera:

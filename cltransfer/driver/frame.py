@@ -14,14 +14,14 @@ from ..features import Features
 from ..objective import group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
-from .refine import Refined, Refinement, refine
+from .refine import Refined, refine
 from .schedule import Schedule
 from .stage import Stage
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
 BASIN = Budget(generations=40, patience=12, popsize=12)
-DOUBT, DRIFT = 0.3, 1.2  # a frame above this total, and so many times the median so far, is refined again, thoroughly
+MOTION = 0.5  # of its weight that flow keeps while frames are refined one by one: where the last one erred, it misleads
 OUTLIER = 1.5  # a frame this many times worse than the median so far is rescued too
 
 
@@ -72,8 +72,9 @@ class Problem:
         return self.stage.objective.weighted(terms, self.defined)
 
     def residuals(self, x: Tensor) -> Tensor:
-        """Weighted residuals (B, R) of x (B, D)."""
-        return self.stage.residuals(self.reference, self.cameras(x), self.before, self.defined)
+        """Residuals (B, R) of x (B, D) as one frame is refined by them: weighted, flow by :data:`MOTION` less."""
+        residuals = self.stage.residuals(self.reference, self.cameras(x), self.before, self.defined)
+        return residuals * motion_scale(self.stage.objective.paired)
 
     def aimed(self, x: Tensor) -> Tensor:
         """x (B, D) moved so that the subject stands where the reference has it, where the search can tell."""
@@ -153,21 +154,16 @@ def _by_refinement(
     if groups is None:
         raise ValueError("refinement needs residuals of every loss; use engine=cma")
 
-    def refined(x: Tensor, jacobian: Tensor | None, options: Refinement = schedule.refinement) -> Refined:
-        return refine(problem.residuals, x, groups, options, jacobian, problem.bounds)
+    def refined(x: Tensor, jacobian: Tensor | None) -> Refined:
+        return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds)
 
     if memory.jacobian is None:  # a first frame: every start may lie in another basin
         found = min((refined(x, None) for x in starts), key=lambda r: r.total)
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
     else:
-        x, usual = (
-            starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()],
-            float(np.median(memory.totals)),
-        )
-        found = refined(x, memory.jacobian, schedule.first_refinement)
-        if schedule.first_refinement != schedule.refinement and found.total > max(DOUBT, DRIFT * usual):
-            found = min((found, refined(x, None)), key=lambda r: r.total)
-        limit, sigma, budget = max(schedule.rescue, OUTLIER * usual), RESCUE_SIGMA, RESCUE
+        x, usual = starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()], np.median(memory.totals)
+        found = refined(x, memory.jacobian)
+        limit, sigma, budget = max(schedule.rescue, OUTLIER * float(usual)), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
     if total > limit:
         wide = minimise(problem.totals, Start(x, sigma), problem.bounds, budget, generator)
@@ -177,6 +173,11 @@ def _by_refinement(
             x, total, jacobian, stop = again.x, again.total, again.jacobian, f"rescued, {again.stop}"
     learned = Memory(None, jacobian if schedule.warm else None, (*memory.totals, total))
     return Solved(x, total, generations, stop, learned)
+
+
+def motion_scale(paired: Tensor) -> Tensor:
+    """What each residual (R,) is scaled by while frames are refined one by one."""
+    return torch.where(paired, MOTION, 1.0).double()
 
 
 def predictions(xs: list[Tensor]) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ..config import RunConfig
@@ -11,6 +12,7 @@ from ..objective import Objective
 from .cma_es import Budget
 from .refine import Refinement
 
+LEAN_STEPS = 5
 QUIET = 0.5  # of the noise: what is below it is not optimised
 DAMPINGS = {1: (3e-2,), 2: (1e-2, 1.0), 3: (1e-3, 3e-2, 1.0)}
 
@@ -23,7 +25,6 @@ class Schedule:
         engine: refine (least squares, rescued by CMA-ES), cma (alone) or adam.
         budget: of CMA-ES, each frame.
         refinement: of least squares, each frame.
-        first_refinement: the same, tried before it on warm frames.
         adam: of gradient descent, each frame.
         sigma: first step size of CMA-ES from the initial view, as a share of the half-range.
         warm_sigma: the same from the frames before.
@@ -38,7 +39,6 @@ class Schedule:
     engine: str
     budget: Budget
     refinement: Refinement
-    first_refinement: Refinement
     adam: AdamConfig
     sigma: float
     warm_sigma: float
@@ -49,6 +49,12 @@ class Schedule:
     seed: int
     note: str = ""
 
+    @property
+    def lean(self) -> Schedule:
+        """The cheapest way along a clip: one damping, the Jacobian carried from frame to frame, nothing rescued."""
+        refinement = replace(self.refinement, steps=LEAN_STEPS, dampings=DAMPINGS[1], jacobians=0)
+        return replace(self, refinement=refinement, basin=math.inf, rescue=math.inf)
+
 
 def make_schedule(config: RunConfig, objective: Objective, reference: Features, noise: float = 0.0) -> Schedule:
     """The schedule of ``config`` for a reference of N frames, whose totals are uncertain by ``noise``."""
@@ -57,12 +63,10 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features, 
     if config.zoom == "auto" and "filmic_space" in objective.names:
         free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
     note = _why_cma_alone(config, objective) if config.engine == "refine" else ""
-    thorough = Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, tolerance)
     return Schedule(
         engine="cma" if note else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, tolerance),
-        refinement=thorough,
-        first_refinement=replace(thorough, dampings=DAMPINGS[1], jacobians=0) if config.lean else thorough,
+        refinement=Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, tolerance),
         adam=config.adam,
         sigma=config.sigma0,
         warm_sigma=config.warm_sigma,
