@@ -35,11 +35,13 @@ class ExtractConfig:
         inner: inside the search, geometric (scene extractors) or image (networks).
         verify: read the result of a clip's transfer with the networks that read the clip.
         corrections: rounds in which the networks' bias is measured on the result and aimed off in a new search.
+        bias: robust (steady along the clip) or frame (every frame's own difference, noise and all).
     """
 
     inner: Literal["geometric", "image"] = "geometric"
     verify: bool = True
     corrections: int = 0
+    bias: Literal["robust", "frame"] = "robust"
 
 
 @dataclass

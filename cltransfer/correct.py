@@ -44,7 +44,7 @@ def measure_bias(network: Features, geometry: Features, window: float) -> Bias:
     Args:
         network: read by image extractors.
         geometry: read by scene extractors.
-        window: standard deviation of the smoothing along the clip [frames].
+        window: standard deviation of the smoothing along the clip [frames]; 0 takes every frame's own difference.
     """
     off = _joints(network) - _joints(geometry)
     sure = (network.require("keypoints")[..., 2] > VISIBLE) & (off.norm(dim=-1) < FARTHEST)
@@ -74,6 +74,8 @@ def _joints(features: Features) -> Tensor:
 def _smooth(off: Tensor, sure: Tensor, window: float) -> tuple[Tensor, float]:
     """Bias (N, D), 0 in columns with too few sure frames, and the median absolute rest."""
     known = torch.where(sure & torch.isfinite(off), off, math.nan)
+    if window == 0:
+        return torch.nan_to_num(known), 0.0
     bias, rests = torch.zeros_like(off), []
     for d in range(off.shape[1]):
         index = torch.isfinite(known[:, d]).nonzero()[:, 0]

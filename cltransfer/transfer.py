@@ -161,7 +161,7 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         attempts.append(Attempt(found, cameras, path, shown, _blocked(job.stage, seen)))
         clock.lap("reading back")
         if number < rounds:
-            bias = measure_bias(shown.features, seen, BIAS_WINDOW)
+            bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
             target, homes = corrected(job.wanted, bias), cameras[0]
     return attempts
 

@@ -8,6 +8,7 @@ and the paper's setting on the same features is what the others are held against
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,27 +17,33 @@ from statistics import fmean, median
 
 import numpy as np
 import torch
+from joblib import Parallel, delayed
 from kornia.metrics import angle_error_mat
 
 from ..camera import Camera
 from ..config import RunConfig, load_config
+from ..errors import UsageError
 from ..scenes.load import load_scene
 from ..shots import SHOTS, Setup, shot
 from ..subject import Subject
 from ..trajectory import Trajectory
 from ..transfer import Inputs, Result, transfer
+from .driver_chart import write_driver_chart
 from .section import machine, table, write_section
+from .truth import jerk
 
 SIZE = (640, 360)  # [px] of the reference
-TEACHER, PUPIL = "builtin:plaza", "builtin:courtyard"
+TEACHER = "builtin:plaza"
+TARGETS = {"self": TEACHER, "cross": "builtin:courtyard"}
 PAPER = "paper"
 ON_GEOMETRY = ["extract.inner=geometric", "output_side=160", "search_side=160"]
 ROBUST = [
     f"losses.{n}.mode=robust" for n in ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 ]
 HEADER = (
-    "preset", "target", "clips", "total, mean", "median", "worst", "at or below paper", "evaluations a frame",
-    "seconds a clip", "position [heights]", "rotation [deg]", "focal [%]",
+    "preset", "target", "clips", "total, mean", "median", "worst", "at or below paper", "share of paper's mean",
+    "evaluations a frame", "seconds a clip", "position [heights]", "rotation [deg]", "focal [%]", "cost of the path",
+    "jerk before / after",
 )  # fmt: skip
 
 
@@ -50,6 +57,8 @@ class Clip:
         evaluations: a frame.
         seconds: of the search.
         position, rotation, focal: median errors of the camera [subject heights, degrees, share]; NaN where unknown.
+        extra: total that the path taken costs more than the frames as they were found.
+        shaken, smooth: jerk of those frames and of the path, :func:`.truth.jerk`.
     """
 
     preset: str
@@ -62,6 +71,9 @@ class Clip:
     position: float
     rotation: float
     focal: float
+    extra: float
+    shaken: float
+    smooth: float
 
 
 @dataclass(frozen=True)
@@ -74,6 +86,7 @@ class Bench:
         shots: canonical shots.
         paper_shots: how many of them the paper's setting runs too, a thousand evaluations a frame; 0 leaves it out.
         frames: of each clip.
+        jobs: clips at a time, one thread each; seconds are comparable where nothing else runs.
     """
 
     seeds: tuple[int, ...]
@@ -81,6 +94,23 @@ class Bench:
     shots: tuple[str, ...] = SHOTS
     paper_shots: int = 0
     frames: int = 24
+    jobs: int = 1
+
+
+def seed_range(text: str) -> range:
+    """The seeds of ``seeds=FIRST:LAST``, the last one left out.
+
+    >>> list(seed_range("seeds=500:503"))
+    [500, 501, 502]
+
+    Raises:
+        UsageError: it is not written so, or holds none or more than a thousand.
+    """
+    match = re.fullmatch(r"(?:seeds=)?(\d{1,9}):(\d{1,9})", text)
+    found = range(int(match[1]), int(match[2])) if match else range(0)
+    if not 0 < len(found) <= 1000:
+        raise UsageError("", text, "expected seeds=FIRST:LAST with 1 to 1000 seeds", "e.g. seeds=500:520")
+    return found
 
 
 def run_driver(bench: Bench, told: Callable[[Clip], None] = lambda clip: None) -> list[Clip]:
@@ -93,19 +123,29 @@ def run_driver(bench: Bench, told: Callable[[Clip], None] = lambda clip: None) -
 
 
 def _clips(bench: Bench) -> Iterator[Clip]:
+    runs = [
+        (name, seed, [*bench.presets, *([PAPER] if number < bench.paper_shots else [])])
+        for seed in bench.seeds
+        for number, name in enumerate(bench.shots)
+    ]
+    asked = (delayed(_clip)(*run, target, bench.frames) for run in runs for target in TARGETS)
+    for clips in Parallel(bench.jobs, return_as="generator")(asked):
+        yield from clips
+
+
+def _clip(name: str, seed: int, presets: Sequence[str], target: str, frames: int) -> list[Clip]:
+    """One shot taught by every preset."""
     subject = load_scene(TEACHER).subject
     assert subject is not None
+    true = shot(name, subject, SIZE, frames, setup=drawn(name, seed))
     with tempfile.TemporaryDirectory() as folder:
-        for seed in bench.seeds:
-            for number, name in enumerate(bench.shots):
-                true = shot(name, subject, SIZE, bench.frames, setup=drawn(name, seed))
-                path = Path(folder) / f"{name}-{seed}.json"
-                true.save(path)
-                presets = [*bench.presets, *([PAPER] if number < bench.paper_shots else [])]
-                for preset in presets:
-                    for target, scene in (("self", TEACHER), ("cross", PUPIL)):
-                        result = transfer(Inputs(scene, f"{TEACHER}@{path}"), settings(preset, seed))
-                        yield _measured(result, true, subject, (preset, target, name, seed))
+        path = Path(folder) / "shot.json"
+        true.save(path)
+        found = []
+        for preset in presets:
+            result = transfer(Inputs(TARGETS[target], f"{TEACHER}@{path}"), settings(preset, seed))
+            found.append(_measured(result, true, subject, (preset, target, name, seed)))
+    return found
 
 
 def drawn(name: str, seed: int) -> Setup:
@@ -119,7 +159,7 @@ def drawn(name: str, seed: int) -> Setup:
 def settings(preset: str, seed: int) -> RunConfig:
     """A preset on geometric features and the robust losses, so that only the search differs."""
     same = [*ROBUST, "losses.camera_movement.weight=40"] if preset == PAPER else []
-    return load_config(overrides=[f"preset={preset}", f"seed={seed}", *ON_GEOMETRY, *same])
+    return load_config(overrides=[f"preset={preset}", f"seed={seed}", "threads=1", *ON_GEOMETRY, *same])
 
 
 def _measured(result: Result, true: Trajectory, subject: Subject, name: tuple[str, str, str, int]) -> Clip:
@@ -129,7 +169,11 @@ def _measured(result: Result, true: Trajectory, subject: Subject, name: tuple[st
     evaluations = result.spent.evaluations / len(result.trajectory)
     seconds = result.seconds["search"] + result.seconds["initial view"]
     total = float(result.searched.totals.mean())
-    return Clip(*name, total, evaluations, seconds, position, rotation, focal)
+    kept = result.kept
+    height = subject.height if result.scene.subject is None else result.scene.subject.height
+    extra = 0.0 if kept.path is None else kept.path.total - kept.path.free
+    shaken, smooth = jerk(kept.found.camera, height), jerk(kept.cameras, height)
+    return Clip(*name, total, evaluations, seconds, position, rotation, focal, extra, shaken, smooth)
 
 
 def pose_errors(found: Camera, true: Camera, unit: float) -> tuple[float, float, float]:
@@ -152,11 +196,21 @@ def summary(clips: Sequence[Clip]) -> list[list[str]]:
         poses = [[c.position for c in mine], [c.rotation for c in mine], [100 * c.focal for c in mine]]
         rows.append(
             [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
-            + [f"{beaten} of {len(rivals)}" if rivals else "", f"{fmean(c.evaluations for c in mine):.1f}"]
+            + [f"{beaten} of {len(rivals)}" if rivals else "", _share(rivals, paper)]
+            + [f"{fmean(c.evaluations for c in mine):.1f}"]
             + [f"{median(c.seconds for c in mine):.2f}"]
             + ["" if math.isnan(values[0]) else f"{median(values):.4f}" for values in poses]
+            + [f"{fmean(c.extra for c in mine):+.3f}"]
+            + [f"{fmean(c.shaken for c in mine):.4f} / {fmean(c.smooth for c in mine):.4f}"]
         )
     return rows
+
+
+def _share(rivals: Sequence[Clip], paper: dict[tuple[str, str, int], float]) -> str:
+    """Mean total of ``rivals`` as a share of the paper's on the same clips."""
+    if not rivals:
+        return ""
+    return f"{fmean(c.total for c in rivals) / fmean(paper[c.target, c.shot, c.seed] for c in rivals):.2f}"
 
 
 def write_driver(clips: Sequence[Clip], path: Path, command: str) -> None:
@@ -165,9 +219,12 @@ def write_driver(clips: Sequence[Clip], path: Path, command: str) -> None:
         f"Made by `{command}`. Canonical shots in the plaza, taught to the plaza (self: true cameras known) and to the",
         "courtyard (cross); a total of 1 means every term at its tolerance. Pose errors are medians over clips of the",
         "median over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and",
-        "robust losses.",
+        "robust losses. Jerk is that of the frames as they were found and of the path taken, which costs so much more.",
         *machine(),
         "",
         *table(HEADER, summary(clips)),
+        "",
+        "![Loss against evaluations and seconds](driver.svg)",
     ]
     write_section(path, "The driver", lines)
+    write_driver_chart(clips, path.parent)

@@ -119,24 +119,30 @@ def bench_lod(
 
 @app.command("driver")
 def bench_driver(
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of where the shots stand (repeatable).")] = None,
+    seeds: Annotated[
+        list[str] | None, typer.Argument(metavar="[seeds=FIRST:LAST]", help="Seeds of where the shots stand, 500:520.")
+    ] = None,
+    seed: Annotated[list[int] | None, typer.Option(help="One of them (repeatable).")] = None,
     preset: Annotated[list[str] | None, typer.Option(help="Presets to compare (repeatable).")] = None,
     shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
     paper_shots: Annotated[int, typer.Option(help="Shots on which the paper's setting runs too; it is slow.")] = 0,
     frames: Annotated[int, typer.Option(help="Frames of each clip.")] = 24,
+    jobs: Annotated[int, typer.Option(help="Clips at a time, on one thread each.")] = 1,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Markdown file whose driver section is rewritten.")
     ] = None,
 ) -> None:
-    """The driver on canonical shots: loss, pose error, evaluations and seconds by preset."""
+    """The driver on canonical shots: loss, pose error, jerk, evaluations and seconds by preset, and their chart."""
     import shlex
     import sys
 
     from ..shots import SHOTS
-    from .driver import HEADER, Bench, run_driver, summary, write_driver
+    from .driver import HEADER, Bench, run_driver, seed_range, summary, write_driver
     from .section import table
 
-    bench = Bench(tuple(seed or [0]), tuple(preset or ["fast", "balanced"]), tuple(shot or SHOTS), paper_shots, frames)
+    drawn = [*(seed or []), *(number for text in seeds or [] for number in seed_range(text))]
+    presets = tuple(preset or ["fast", "balanced"])
+    bench = Bench(tuple(drawn or [0]), presets, tuple(shot or SHOTS), paper_shots, frames, jobs)
     clips = run_driver(bench, lambda clip: print(clip, file=sys.stderr))
     print("\n".join(table(HEADER, summary(clips))))
     if out is not None:

@@ -8,7 +8,9 @@ import torch
 from torch import Tensor
 
 from ..features import Features
+from ..subject import Subject
 
+BODY = 0.12  # subject heights; a camera nearer to the middle line of the body is inside it
 NEAR = 0.15  # subject heights; what is nearer stands right before the lens
 CLOSE = 0.4  # of the frame that may be so near
 COVERAGE = 0.05  # of the frame that must show something; a scene may be a person before nothing
@@ -34,6 +36,9 @@ class Guard:
         if self.height is not None:
             close = (depth < NEAR * self.height).double().mean(1)
             wrong["the camera stands inside something"] = close > CLOSE
+        if features.person is not None and features.camera is not None:
+            inside = _from_body(features.camera.center, features.person) < BODY * features.person.height
+            wrong["the camera stands inside the person"] = inside
         if features.has("subject") and features.has("keypoints"):
             wrong["the person is hidden"] = _hidden(features)
         return wrong
@@ -41,6 +46,17 @@ class Guard:
     def blocked(self, features: Features) -> Tensor:
         """Views that may not be taken, (B,) bool."""
         return torch.stack(list(self.reasons(features).values())).any(0)
+
+
+def _from_body(points: Tensor, person: Subject) -> Tensor:
+    """Distance (B,) of points (B, 3) to the line from key joint to key joint, scene units."""
+    known = person.key_joints[:, :3][person.key_joints[:, 3] > 0]  # (K, 3), from head to feet
+    if len(known) < 2:
+        return torch.full((len(points),), torch.inf, dtype=torch.float64)
+    start, along = known[:-1], known[1:] - known[:-1]
+    offset = points[:, None] - start  # (B, K - 1, 3)
+    share = ((offset * along).sum(-1) / (along**2).sum(-1)).clamp(0, 1)
+    return (offset - share[..., None] * along).norm(dim=-1).amin(1)
 
 
 def _hidden(features: Features) -> Tensor:

@@ -1,0 +1,59 @@
+"""The chart of the driver bench: what each preset's clips cost, and what they reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..files import write_text
+from .chart_svg import svg
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .driver import Clip
+
+COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44")
+COSTS = (("evaluations", "evaluations a frame"), ("seconds", "seconds a clip, search"))
+LOWEST = 1e-3  # total below which nobody cares
+
+
+def write_driver_chart(clips: Sequence[Clip], folder: Path) -> None:
+    """Write ``driver.svg`` and ``driver.csv``, one row a clip, into ``folder``."""
+    fields = ("preset", "target", "shot", "seed", "total", "evaluations", "seconds", "extra", "shaken", "smooth")
+    rows = [",".join(fields)]
+    rows += [",".join(_cell(getattr(clip, field)) for field in fields) for clip in clips]
+    write_text(folder / "driver.csv", "\n".join(rows) + "\n")
+    write_text(folder / "driver.svg", svg(lambda figure: _draw(figure, clips), (9.0, 6.4)))
+
+
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _draw(figure: Figure, clips: Sequence[Clip]) -> None:
+    targets = list(dict.fromkeys(clip.target for clip in clips))
+    grid = figure.subplots(len(targets), len(COSTS), sharey="row", squeeze=False)
+    for row, target in zip(grid, targets):
+        for ax, (cost, label) in zip(row, COSTS):
+            _panel(ax, [clip for clip in clips if clip.target == target], cost)
+            ax.set_xlabel(label)
+        row[0].set_ylabel(f"{target}: mean total of a clip")
+    grid[0][0].legend(frameon=False, fontsize=8)
+
+
+def _panel(ax: Axes, clips: Sequence[Clip], cost: str) -> None:
+    """Each clip a dot, each preset's median a ring."""
+    from statistics import median
+
+    for colour, preset in zip(COLOURS, dict.fromkeys(clip.preset for clip in clips)):
+        mine = [clip for clip in clips if clip.preset == preset]
+        x, y = [getattr(clip, cost) for clip in mine], [max(clip.total, LOWEST) for clip in mine]
+        ax.scatter(x, y, 9, color=colour, alpha=0.45, linewidths=0, label=preset)
+        ax.scatter([median(x)], [median(y)], 90, facecolors="none", edgecolors=colour, linewidths=2)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.axhline(1.0, color="#999999", linewidth=0.8, linestyle=":")
+    ax.grid(alpha=0.25)

@@ -1,0 +1,43 @@
+"""The driver bench: which seeds are meant, what its table says of planted clips, and one clip end to end."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cltransfer.bench.driver import HEADER, Bench, Clip, run_driver, seed_range, summary, write_driver
+from cltransfer.errors import UsageError
+
+CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, *[float("nan")] * 3, 0.1, 0.2, 0.02)
+
+
+@pytest.mark.parametrize("text", ["500", "seeds=5:5", "seeds=9:3", "seeds=a:b", "0:1001", "seeds=1:2;x"])
+def test_a_range_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="seeds=FIRST:LAST"):
+        seed_range(text)
+
+
+def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
+    paper = replace(CLIP, preset="paper", total=1.0, evaluations=960.0)
+    clips = [CLIP, replace(CLIP, shot="zoom", total=2.5), paper, replace(CLIP, shot="orbit", total=9.0)]
+    clips += [replace(paper, shot="zoom", total=2.0)]
+    row = dict(zip(HEADER, summary(clips)[0]))
+    assert row["at or below paper"] == "1 of 2"
+    assert row["share of paper's mean"] == "1.00"
+    assert row["total, mean"] == "4.000"
+    assert row["position [heights]"] == ""
+    assert row["cost of the path"] == "+0.100"
+    assert row["jerk before / after"] == "0.2000 / 0.0200"
+
+
+def test_one_clip_is_measured_and_written_with_its_chart(tmp_path: Path) -> None:
+    page = tmp_path / "benchmarks.md"
+    page.write_text("# Benchmarks\n")
+    clips = run_driver(Bench(seeds=(3,), presets=("fast",), shots=("static",), frames=3))
+    assert [clip.target for clip in clips] == ["self", "cross"]
+    assert clips[0].total < 0.2
+    assert clips[0].position < 0.01
+    write_driver(clips, page, "cltransfer bench driver")
+    assert "driver.svg" in page.read_text()
+    assert (tmp_path / "driver.svg").read_text().startswith("<?xml")
+    assert len((tmp_path / "driver.csv").read_text().splitlines()) == 3

@@ -1,0 +1,69 @@
+"""Views that may not be taken: from inside, of nothing, of a hidden person; and nothing else."""
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera, concatenate
+from cltransfer.driver.guard import Guard
+from cltransfer.features import Features
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import SHOTS, shot
+
+H, W = 9, 16
+
+
+def view(depth: float = 3.0, seen: float = 1.0, person: bool = True) -> Features:
+    """One view whose left part, ``seen`` of it, lies at ``depth``; the joints' box fills the middle."""
+    at = torch.full((1, H, W), math.nan)
+    at[:, :, : round(seen * W)] = depth
+    subject = torch.zeros(1, H, W, dtype=torch.bool)
+    subject[:, 2:7, 6:10] = person
+    keypoints = torch.full((1, 14, 3), 1.0, dtype=torch.float64)
+    keypoints[..., 0] = torch.linspace(5, 11, 14)
+    keypoints[..., 1] = torch.linspace(1, 8, 14)
+    return Features((W, H), depth=at, subject=subject, keypoints=keypoints)
+
+
+@pytest.mark.parametrize(
+    ("features", "reason"),
+    [
+        (view(seen=0.0), "the view is almost empty"),
+        (view(depth=0.1), "the camera stands inside something"),
+        (view(person=False), "the person is hidden"),
+    ],
+)
+def test_a_view_is_refused_for_one_reason(features: Features, reason: str) -> None:
+    reasons = Guard(1.8).reasons(features)
+    assert [name for name, wrong in reasons.items() if bool(wrong[0])] == [reason]
+
+
+def test_a_person_before_nothing_may_be_filmed() -> None:
+    assert not bool(Guard(1.8).blocked(view(seen=0.15)))
+
+
+def test_a_person_out_of_the_frame_is_not_hidden() -> None:
+    features = view(person=False)
+    assert features.keypoints is not None
+    features.keypoints[..., 0] += 10 * W
+    assert not bool(Guard(1.8).blocked(features))
+
+
+def test_every_canonical_shot_may_be_taken() -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    cameras = concatenate([shot(name, scene.subject, (W * 6, H * 6), 3).camera for name in SHOTS])
+    seen = GaussianSplats().render(scene, cameras, frozenset({"depth"}))
+    assert not bool(Guard(scene.subject.height).blocked(seen).any())
+
+
+def test_a_camera_in_the_chest_may_not() -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    anchor = scene.subject.anchor
+    inside = Camera.look_at(anchor[None], anchor + scene.subject.facing, scene.subject.up, 0.7, (W * 6, H * 6))
+    seen = GaussianSplats().render(scene, inside, frozenset({"depth"}))
+    reasons = Guard(scene.subject.height).reasons(seen)
+    assert bool(reasons["the camera stands inside the person"])
