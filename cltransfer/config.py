@@ -66,8 +66,8 @@ class RunConfig:
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's.
         lean: mean total up to which it is enough to follow a clip leanly: one damping, the Jacobian carried from frame
-            to frame, nothing rescued; above it the clip is followed again as the keys around this one say, and the
-            better one is kept. 0 does so at once.
+            to frame, nothing rescued; above it, and where it gets worse along the clip, the clip is followed again as
+            the keys around this one say, and the better one is kept. 0 does so at once.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too.
         generations: of CMA-ES per frame at most.

@@ -174,7 +174,7 @@ def _followed(
         return follow(stage, job.search, target, homes, job.schedule, report)
     first = follow(stage, job.search, target, homes, job.schedule.lean, report)
     total = clip.total(first.x)
-    if total <= lean:
+    if total <= lean and not first.drifts:
         return first
     second = follow(stage, job.search, target, homes, job.schedule, report)
     return min((total, first), (clip.total(second.x), second), key=lambda found: found[0])[1]

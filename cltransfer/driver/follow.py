@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from ..objective import Objective
 from .frame import Memory, Problem, Schedule, Solved, motion_scale, predictions, solve
 from .spline import Local
 from .stage import Stage
+
+DRIFT, DRIFT_FLOOR = 2.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,13 @@ class Path:
     camera: Camera
     frames: tuple[Solved, ...]
     local: Local | None = None
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the last third of the frames ended clearly worse than the first: each built on the one before."""
+        totals = [solved.total for solved in self.frames]
+        third = max(1, len(totals) // 3)
+        return fmean(totals[-third:]) > DRIFT * fmean(totals[:third]) + DRIFT_FLOOR
 
 
 def follow(

@@ -44,7 +44,7 @@ def test_a_shot_takes_the_knots_its_motion_needs(taught: Callable[..., Any], nam
 
 
 def test_the_lens_is_kept_in_an_orbit_and_moves_in_a_zoom(taught: Callable[..., Any]) -> None:
-    turn, zoom = taught("orbit"), taught("zoom")
+    turn, zoom = taught("orbit", "search_side=160"), taught("zoom")
     focal = turn.trajectory.camera.focal
     assert order(turn).lens_kept
     assert float(focal.max() / focal.min()) == pytest.approx(1.0, abs=1e-6)
