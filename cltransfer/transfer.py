@@ -150,10 +150,12 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
         clip = WholeClip(job.stage, job.search, target, homes[0])
-        found = _followed(job, searching, target, homes, config.lean, clip, report)
+        found = _followed(job, searching, target, homes, report)
         cameras, path = found.camera, None
         if config.path == "smooth":
-            path = least_path(clip, found.x, found.local, job.noise, config.joint)
+            known = found.local if config.lod == 0 else None  # merged, its residuals are not those of the full scene
+            free = clip.total(found.x) if known is None else known.total
+            path = least_path(clip, found.x, found.local, free, job.noise, config.joint)
             cameras = clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
@@ -166,18 +168,16 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
     return attempts
 
 
-def _followed(
-    job: Job, stage: Stage, target: Features, homes: Camera, lean: float, clip: WholeClip, report: Report
-) -> Path:
+def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report) -> Path:
     """The clip followed leanly where that is good enough, else thoroughly too; the better one."""
-    if not lean or job.schedule.engine != "refine":
-        return follow(stage, job.search, target, homes, job.schedule, report)
-    first = follow(stage, job.search, target, homes, job.schedule.lean, report)
-    total = clip.total(first.x)
-    if total <= lean and not first.drifts:
+    schedule = job.schedule
+    if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
+        return follow(stage, job.search, target, homes, schedule, report)
+    first = follow(stage, job.search, target, homes, schedule.lean, report)
+    if first.local is None or (first.local.total <= schedule.lean_limit and not first.drifts):
         return first
-    second = follow(stage, job.search, target, homes, job.schedule, report)
-    return min((total, first), (clip.total(second.x), second), key=lambda found: found[0])[1]
+    second = follow(stage, job.search, target, homes, schedule, report)
+    return second if second.local is not None and second.local.total < first.local.total else first
 
 
 def _counting(progress: Progress, step: str, count: int) -> Report:

@@ -124,17 +124,17 @@ def orders(frames: int) -> list[int]:
     return [knots for knots in ladder if knots < frames]
 
 
-def least_path(clip: WholeClip, x: Tensor, local: Local | None, noise: float, rounds: int) -> LeastPath:
+def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noise: float, rounds: int) -> LeastPath:
     """The least order that stays within the noise floor of the path as it was found.
 
     Args:
         clip: what it is a path for.
         x: the path as it was found, (N, D).
         local: what the losses make of it, as its frames ended; None where they have no residuals.
+        free: its mean total.
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
         rounds: of fresh Jacobians along the path, where the loss is not small already.
     """
-    free = clip.total(x)
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     rounds = 0 if local is None or free <= TRUSTED else rounds
     if rounds:
@@ -144,29 +144,35 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, noise: float, ro
         if path.knots is None:
             break
         local = clip.local(path.x)
-        path = _nearer(clip, path, fit(path.x, local, path.knots))
-    return _lens_kept(clip, path, local)
+        path = _nearer(clip, path, fit(path.x, local, path.knots, clip.lens(x.shape[1]) if path.lens_kept else None))
+    return path
 
 
 def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> LeastPath:
-    for knots, fitted in _promising(free.x, local, free.free + free.floor):
+    limit = free.free + free.floor
+    for knots, kept, fitted in _promising(clip, free.x, local, limit):
         total = clip.total(fitted.x)
-        if total <= free.free + free.floor:
-            return replace(free, x=fitted.x, knots=knots, lens_kept=knots == 1, total=total)
+        if total <= limit:
+            return replace(free, x=fitted.x, knots=knots, lens_kept=kept or knots == 1, total=total)
     for frames in FILTERS:  # no spline is near enough: the losses jump
         x = along(free.x, frames)
         total = clip.total(x)
-        if total <= free.free + free.floor:
+        if total <= limit:
             return replace(free, x=x, filtered=frames, total=total)
     return free
 
 
-def _promising(x: Tensor, local: Local | None, limit: float) -> list[tuple[int, Fitted]]:
-    """Orders that the linear model finds good enough, the least first; all of them where there is no model."""
-    fitted = [(knots, fit(x, local, knots)) for knots in orders(len(x))]
+def _promising(clip: WholeClip, x: Tensor, local: Local | None, limit: float) -> list[tuple[int, bool, Fitted]]:
+    """Knots, whether the lens is kept, and the spline, the least first: those the linear model finds good enough.
+
+    All of them where there is no model.
+    """
+    lens = clip.lens(x.shape[1])
+    lenses = [None] if lens is None else [lens, None]
+    fitted = [(knots, way is not None, fit(x, local, knots, way)) for knots in orders(len(x)) for way in lenses]
     if local is None:
         return fitted
-    return [(knots, f) for knots, f in fitted if f.predicted is not None and f.predicted <= limit][:TRIED]
+    return [found for found in fitted if found[2].predicted is not None and found[2].predicted <= limit][:TRIED]
 
 
 def _nearer(clip: WholeClip, path: LeastPath, fitted: Fitted) -> LeastPath:
@@ -176,12 +182,3 @@ def _nearer(clip: WholeClip, path: LeastPath, fitted: Fitted) -> LeastPath:
         if total < path.total:
             return replace(path, x=x, total=total)
     return path
-
-
-def _lens_kept(clip: WholeClip, path: LeastPath, local: Local | None) -> LeastPath:
-    lens = clip.lens(path.x.shape[1])
-    if lens is None or path.knots is None or path.knots == 1:
-        return path
-    kept = fit(path.x, local, path.knots, lens).x
-    total = clip.total(kept)
-    return replace(path, x=kept, lens_kept=True, total=total) if total <= path.free + path.floor else path

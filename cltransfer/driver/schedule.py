@@ -31,6 +31,7 @@ class Schedule:
         warm: start from the frames before; otherwise every frame starts from the initial view.
         basin: total of the first frame above which CMA-ES looks for a better basin from there.
         rescue: total above which a refined frame is searched by CMA-ES too.
+        lean_limit: mean total up to which a clip followed leanly is good enough; 0 follows none leanly.
         free_lens: whether the focal length moves.
         seed: of the run.
         note: why the engine is not the one asked for, empty where it is.
@@ -45,6 +46,7 @@ class Schedule:
     warm: bool
     basin: float
     rescue: float
+    lean_limit: float
     free_lens: bool
     seed: int
     note: str = ""
@@ -73,6 +75,7 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features, 
         warm=config.warm_start,
         basin=config.basin,
         rescue=config.rescue,
+        lean_limit=config.lean,
         free_lens=free,
         seed=config.seed,
         note=note,

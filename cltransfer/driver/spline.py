@@ -41,6 +41,11 @@ class Local:
     groups: Tensor  # (R,)
     paired: Tensor  # (R,)
 
+    @property
+    def total(self) -> float:
+        """Mean total of the frames."""
+        return float(group_norms(self.residuals, self.groups).sum(1).mean())
+
     @cached_property
     def slope(self) -> sparse.csr_array:
         """Change of all residuals (N R) by all of x (N D).
