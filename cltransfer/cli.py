@@ -192,6 +192,9 @@ def lift(
     out: Out = None,
     view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
     views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
+    person: Annotated[
+        int | None, typer.Option(min=0, help="Which one, where there are several; 0 is who most views see.")
+    ] = None,
     up: Up = None,
     config: Config = None,
     as_json: Json = False,
@@ -200,7 +203,7 @@ def lift(
     """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
 
     Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
-    and keeps it in the cache.
+    and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
     """
     settings = _settings(config, overrides or [], None)
     from .progress import progress
@@ -212,7 +215,7 @@ def lift(
     set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
     check_out(folder)
-    wanted = Lifting(scene, _vector(up), tuple(view or ()), views)
+    wanted = Lifting(scene, _vector(up), tuple(view or ()), views, person)
     with progress(quiet) as report:
         found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
     show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)

@@ -62,6 +62,11 @@ class Plan:
         """Network passes one frame costs."""
         return sum(getattr(step.extractor, "passes", 0) for step in self.steps)
 
+    def without(self, extractor: Any) -> Plan:
+        """The same where what ``extractor`` provides is given."""
+        steps = tuple(step for step in self.steps if step.extractor is not extractor)
+        return replace(self, steps=steps, wanted=self.wanted | set(extractor.provides))
+
     def load_networks(self) -> None:
         """Load every network now, so that a missing one is told before any frame is read or rendered.
 

@@ -159,16 +159,16 @@ def read_frames(
     """
     count = len(image)
     load = partial(_loaded, image, None)
-    detector = next((s for s in plan.steps if hasattr(s.extractor, "persons")), None)
+    detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
     flags: tuple[str, ...] = ()
     if detector is not None:
         found = []
         for start in range(0, count, CHUNK):
-            found += detector.extractor.persons(load(start, start + CHUNK))
+            found += detector.persons(load(start, start + CHUNK))
             progress("finding persons", min(start + CHUNK, count), count)
         box, flags = join(found).follow(person)
         load = partial(_loaded, image, torch.from_numpy(box).float())
-        plan = replace(plan, steps=tuple(s for s in plan.steps if s is not detector), wanted=plan.wanted | {"box"})
+        plan = plan.without(detector)
     features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
     return features, flags
 

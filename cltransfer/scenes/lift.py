@@ -20,15 +20,12 @@ from ..features import Features
 from ..skeleton import JOINTS, VISIBLE
 from ..subject import Subject
 from . import Scene
+from .find_people import See, boxes_of, chosen, find_people, people_of, ring
 from .triangulate import Triangulated, triangulate
 from .vote import vote_labels
 
-SIZE = (640, 360)  # [px] of the views
-FOV = math.radians(40)
 AGREE = 0.0125  # reprojection error of a view that agrees, in frame widths
 MINIMUM_VIEWS = 3
-FILL = 0.62  # of the frame height that the person takes in the views
-NEAR_VIEWS, FAR_VIEWS = 0.12, 0.38  # elevations of the ring [rad]
 
 # joints whose distance is a known share of the standing height, longest first
 _STATURE = (("head_top", "ankle", 0.955), ("head_top", "knee", 0.72), ("head_top", "hip", 0.47), ("neck", "hip", 0.29))
@@ -60,6 +57,7 @@ class Lift:
         features: what the image extractors saw in them.
         found: views with a person.
         joints: report by joint name.
+        people: how many there are in the scene.
     """
 
     subject: Subject
@@ -68,27 +66,52 @@ class Lift:
     features: Features
     found: int
     joints: dict[str, JointReport]
+    people: int
 
 
-Look = Callable[[Camera], Features]
+Look = Callable[[Camera, Tensor | None], Features]
 
 
-def lift(scene: Scene, look: Look, views: int = 16, given: Camera | None = None) -> Lift:
-    """Lift the person of ``scene``.
+@dataclass(frozen=True)
+class LiftOptions:
+    """How a person is lifted.
+
+    Args:
+        views: how many to look from.
+        given: views to use instead of a ring of our own.
+        person: which one, 0 for the one that most views see; None is that one, or the main one of the given views.
+    """
+
+    views: int = 16
+    given: Camera | None = None
+    person: int | None = None
+
+
+def lift(scene: Scene, look: Look, see: See, options: LiftOptions) -> Lift:
+    """Lift a person of ``scene``.
 
     Args:
         scene: any geometry that has ``means`` to vote on.
-        look: renders cameras and reads them: box, keypoints, subject, orientation, depth.
-        views: how many to look from.
-        given: views to use instead of a ring of our own.
+        look: renders cameras and reads them: box, keypoints, subject, orientation, depth; of the persons in the boxes
+            (V, 5) if they are given, else of the main ones.
+        see: boxes of all persons in views.
+        options: how.
 
     Raises:
         InputError: no person is found, or too few views agree on any joint.
+        UsageError: there are fewer persons.
     """
+    given, box = options.given, None
     if given is None:
-        center, height = _find(scene, look)
-        given = ring(center, height, scene.up, views)
-    seen = look(given)
+        people = find_people(scene, see)
+        who = chosen(people, options.person or 0, scene)
+        given = ring(who.middle, who.height, scene.up, options.views)
+        box = boxes_of(who, given, see(given))
+    else:
+        people = people_of(given, see(given))
+        if options.person is not None:
+            box = boxes_of(chosen(people, options.person, scene), given, see(given))
+    seen = look(given, box)
     found = torch.isfinite(seen.require("box")[:, 0])
     if int(found.sum()) < MINIMUM_VIEWS:
         reason = f"a person in {int(found.sum())} of {len(given)} views"
@@ -97,60 +120,7 @@ def lift(scene: Scene, look: Look, views: int = 16, given: Camera | None = None)
     subject = _subject(scene, given, seen, points)
     label = vote_labels(scene.geometry.means.double(), given, seen, subject)
     report = {name: _report(point, given.size[0]) for name, point in zip(JOINTS, points)}
-    return Lift(subject, label, given, seen, int(found.sum()), report)
-
-
-def ring(center: Tensor, height: float, up: Tensor, views: int) -> Camera:
-    """Views around ``center`` (3,) in which a person of ``height`` fills a good part of the frame.
-
-    Two elevations by turns: low for faces and feet, higher to see over what stands before the legs.
-    """
-    distance = height / FILL / (2 * math.tan(FOV / 2))
-    azimuth = torch.arange(views, dtype=torch.float64) * (2 * math.pi / views)
-    elevation = torch.full((views,), NEAR_VIEWS, dtype=torch.float64)
-    elevation[1::2] = FAR_VIEWS
-    side, front = _level_axes(up)
-    flat = torch.cos(azimuth)[:, None] * front + torch.sin(azimuth)[:, None] * side
-    outward = torch.cos(elevation)[:, None] * flat + torch.sin(elevation)[:, None] * up
-    return Camera.look_at(center + distance * outward, center[None], up, FOV, SIZE)
-
-
-def _level_axes(up: Tensor) -> tuple[Tensor, Tensor]:
-    helper = torch.eye(3, dtype=torch.float64)[int(up.abs().argmin())]
-    side = torch.nn.functional.normalize(torch.linalg.cross(up.double(), helper), dim=0)
-    return side, torch.linalg.cross(side, up.double())
-
-
-def _find(scene: Scene, look: Look) -> tuple[Tensor, float]:
-    """Middle and height of the person, from boxes in wide views, then in nearer ones."""
-    means = scene.geometry.means.double()
-    center = means.median(0).values
-    reach = float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
-    best: tuple[int, Tensor, float] | None = None
-    for share in (0.5, 0.9, 1.6):
-        got = _measure(ring(center, share * reach, scene.up, 12), look)
-        if got is not None and (best is None or got[0] > best[0]):
-            best = got
-    if best is None:
-        hint = "is another way up? --up X,Y,Z, or give views: --view FILE"
-        raise InputError(scene.name, "lift", "no person found in any view", hint)
-    for _ in range(2):
-        closer = _measure(ring(best[1], best[2], scene.up, 8), look)
-        best = closer if closer is not None else best
-    return best[1], best[2]
-
-
-def _measure(cameras: Camera, look: Look) -> tuple[int, Tensor, float] | None:
-    """Views that agree on a person, its middle and its height; None where fewer than two do."""
-    box = look(cameras).require("box").double()
-    seen = torch.isfinite(box[:, 0])
-    middle = box[:, :2] + box[:, 2:4] / 2
-    point = triangulate(cameras, middle, seen, 0.04 * cameras.size[0])
-    if int(point.agreed.sum()) < 2:
-        return None
-    depth = cameras.project(point.point[None])[1][:, 0]
-    height = (box[:, 3] * depth / cameras.focal)[point.agreed].median()
-    return int(point.agreed.sum()), point.point, float(height)
+    return Lift(subject, label, given, seen, int(found.sum()), report, len(people))
 
 
 def _joints(cameras: Camera, seen: Features) -> list[Triangulated]:
@@ -228,6 +198,7 @@ def summary(found: Lift) -> dict[str, Any]:
     return {
         "views": len(found.cameras),
         "views_with_person": found.found,
+        "people": found.people,
         "joints_known": len(errors),
         "median_error_widths": sorted(errors)[len(errors) // 2] if errors else None,
         "labelled": int(found.label.sum()),

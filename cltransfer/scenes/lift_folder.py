@@ -12,8 +12,9 @@ from ..config import RunConfig
 from ..reference import Components
 from ..report.contact_sheet import write_contact_sheet
 from ..trajectory import Trajectory
-from .lift import SIZE, Lift
-from .lifted import LABELS, SUBJECT, VIEWS, cached_lift, lift_scene, save_lift, summary
+from .find_people import SIZE
+from .lift import Lift, LiftOptions
+from .lifted import LABELS, SUBJECT, cached_lift, lift_scene, save_lift, summary
 from .load import load_scene
 from .named import remember
 
@@ -29,18 +30,20 @@ class Lifting:
         up: upwards in it; None takes the format's usual one.
         view: trajectory files to look from; none looks from a ring around the person.
         views: how many of a ring.
+        person: which one, 0 for the one that most views see.
     """
 
     scene: str
     up: tuple[float, float, float] | None = None
     view: tuple[Path, ...] = ()
-    views: int = VIEWS
+    views: int = LiftOptions.views
+    person: int | None = None
 
 
 def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: Callable[[str], None]) -> Lift:
-    """Lift the person of a scene and write what is known of it.
+    """Lift a person of a scene and write what is known of it.
 
-    A ring of the usual number of views also fills the cache that ``transfer`` looks in.
+    Without any choice it also fills the cache that ``transfer`` looks in.
 
     Raises:
         InputError: the scene is damaged, or no person is found.
@@ -48,11 +51,12 @@ def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: C
     """
     parts = Components.build(config)
     scene = load_scene(wanted.scene, wanted.up)
-    found = lift_scene(scene, parts.renderer, parts.extractors, _given(wanted.view), wanted.views, progress)
+    options = LiftOptions(wanted.views, _given(wanted.view), wanted.person)
+    found = lift_scene(scene, parts.renderer, parts.extractors, options, progress)
     save_lift(folder, found)
     image = parts.renderer.render(scene, found.cameras, frozenset({"image"})).image
     write_contact_sheet(folder / SHEET, image, found)
-    if not wanted.view and wanted.views == VIEWS:
+    if not wanted.view and wanted.views == LiftOptions.views and not wanted.person:
         save_lift(cached_lift(scene, parts.extractors).parent, found)
     remember(scene.digest, wanted.scene)
     return found
@@ -70,7 +74,9 @@ def lift_lines(folder: Path, found: Lift) -> str:
     """What was found, joint by joint, and where it is."""
     told = summary(found)
     error = told["median_error_widths"]
+    others = f"{told['people']} people in the scene: --person 0 to {told['people'] - 1}"
     lines = [
+        *([others] if told["people"] > 1 else []),
         f"person in {told['views_with_person']} of {told['views']} views; {told['joints_known']} of 14 joints; "
         f"median reprojection {100 * error:.2f} % of the frame width; {told['labelled']} primitives labelled",
         f"{'joint':<16}{'seen':>6}{'agreed':>8}{'error [% width]':>18}",

@@ -20,33 +20,33 @@ from ..files import atomic, cache_dir
 from ..graph import CLIP_SOURCE, make_plan, run
 from ..subject import Subject
 from . import Scene
-from .lift import Lift, lift, summary
+from .find_people import Boxes
+from .lift import Lift, LiftOptions, lift, summary
 
 SUBJECT, LABELS = "subject.json", "labels.safetensors"
 WANTED = frozenset({"box", "keypoints", "subject", "orientation"})
-VIEWS = 16
+USUAL = LiftOptions()
 
 
 def lift_scene(
     scene: Scene,
     renderer: Any,
     extractors: Mapping[str, Any],
-    given: Camera | None = None,
-    views: int = VIEWS,
+    options: LiftOptions = USUAL,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Lift:
-    """Lift the person of ``scene`` with the configured image extractors.
+    """Lift a person of ``scene`` with the configured image extractors.
 
     Args:
         scene: not lifted yet.
         renderer: draws the views.
         extractors: by name; they must provide box, keypoints, subject and orientation of an image.
-        given: views to use instead of a ring of our own.
-        views: how many to look from otherwise.
+        options: from where, and whom.
         progress: called before each round of views.
 
     Raises:
         InputError: no person is found.
+        UsageError: there are fewer persons.
     """
     plan = make_plan(WANTED, extractors, CLIP_SOURCE, "image")
     if plan.missing:
@@ -54,12 +54,25 @@ def lift_scene(
         raise InputError(scene.name, "lift", f"needs {name!r}: {reason}")
     plan.load_networks()
 
-    def look(cameras: Camera) -> Features:
-        progress(f"looking from {len(cameras)} views")
-        rendered = renderer.render(scene, cameras, frozenset({"image", "depth"}))
-        return run(plan, rendered, None)
+    detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
+    told = plan if detector is None else plan.without(detector)
 
-    return lift(scene, look, views, given)
+    def drawn(cameras: Camera) -> Features:
+        progress(f"looking from {len(cameras)} views")
+        return renderer.render(scene, cameras, frozenset({"image", "depth"}))
+
+    def look(cameras: Camera, box: Tensor | None) -> Features:
+        if box is None or detector is None:
+            return run(plan, drawn(cameras), None)
+        return run(told, replace(drawn(cameras), box=box), None)
+
+    def see(cameras: Camera) -> Boxes:
+        if detector is not None:
+            return detector.persons(drawn(cameras))
+        box = run(plan, drawn(cameras), None).require("box")
+        return [row[None].numpy() if bool(torch.isfinite(row[0])) else row[None][:0].numpy() for row in box]
+
+    return lift(scene, look, see, options)
 
 
 def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:
