@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ from cltransfer.config import RunConfig, load_config
 from cltransfer.evaluate import evaluate
 from cltransfer.reference import Components
 from cltransfer.run_folder import open_run, write_run
-from cltransfer.scenes.lift import Lift, summary
+from cltransfer.scenes import Scene
+from cltransfer.scenes.lift import Lift, LiftOptions, summary
 from cltransfer.scenes.lifted import cached_lift, lift_scene, save_lift
 from cltransfer.scenes.load import load_scene
 from cltransfer.transfer import Inputs, Result, transfer
@@ -110,3 +112,31 @@ def test_a_clip_against_itself_scores_zero_on_every_defined_term(config: RunConf
         values = term.values[torch.isfinite(term.values)]
         torch.testing.assert_close(values, torch.zeros_like(values))
     assert scores.term("shot_size").defined == 5
+
+
+@pytest.fixture(scope="module")
+def pair(config: RunConfig) -> tuple[Scene, torch.Tensor]:
+    """The man beside himself, on another part of the lawn, and the way from one to the other."""
+    scene = load_scene(SCENE)
+    one = scene.geometry
+    apart = torch.tensor([0.3, 0.0, 2.4])
+    parts = {name: getattr(one, name) for name in ("means", "scales", "quats", "opacity", "sh", "label")}
+    both = {name: torch.cat([part, part[:MAN]]) for name, part in parts.items()}
+    both["means"][len(one) :] += apart
+    return replace(scene, geometry=replace(one, **both), digest="pair"), apart.double()
+
+
+def test_either_of_two_men_is_lifted(config: RunConfig, pair: tuple[Scene, torch.Tensor]) -> None:
+    scene, apart = pair
+    parts = Components.build(config)
+    lifts = [
+        lift_scene(scene, parts.renderer, parts.extractors, LiftOptions(views=10, person=person)) for person in (0, 1)
+    ]
+    assert [found.people for found in lifts] == [2, 2]
+    way = lifts[1].subject.anchor - lifts[0].subject.anchor
+    assert min(float((way - apart).norm()), float((way + apart).norm())) < 0.15
+    own = (torch.arange(len(scene.geometry)) < MAN, torch.arange(len(scene.geometry)) >= len(scene.geometry) - MAN)
+    for found in lifts:
+        label = found.label > 0.5
+        assert max(float((label & man).sum() / (label | man).sum()) for man in own) >= 0.85
+    assert float((lifts[0].label * lifts[1].label).sum()) == 0
