@@ -7,6 +7,7 @@ lens is kept still where that costs nothing either.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
+from ..objective import group_norms
 from ..tracks import along
 from .refine import STEP
 from .spline import Fitted, Local, fit
@@ -24,7 +26,9 @@ LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
-TRIED = 3  # orders evaluated, of those the linear model finds good enough
+TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
+CLEARLY = 0.9  # of the total that the last one promised
+FAR = 3.0  # times the total allowed; above it the linear model does not hold
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,16 @@ class WholeClip:
         terms = self.stage.path_terms(self.reference, self.cameras(x))
         self.stage.spent.evaluations += len(x)
         return float(objective.totals(terms, objective.defined(self.reference)).mean())
+
+    def residuals(self, x: Tensor) -> Tensor:
+        """Weighted residuals (N, R) of a path (N, D); one evaluation a frame.
+
+        Raises:
+            ValueError: a loss has no residuals.
+        """
+        found = self.stage.path_residuals(self.reference, self.cameras(x))
+        self.stage.spent.evaluations += len(x)
+        return found
 
     def local(self, x: Tensor) -> Local:
         """What the losses make of a path (N, D), by differences; D + 1 evaluations a frame.
@@ -150,10 +164,9 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noi
 
 def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> LeastPath:
     limit = free.free + free.floor
-    for knots, kept, fitted in _promising(clip, free.x, local, limit):
-        total = clip.total(fitted.x)
-        if total <= limit:
-            return replace(free, x=fitted.x, knots=knots, lens_kept=kept or knots == 1, total=total)
+    spline = _by_total(clip, free, limit) if local is None else _by_model(clip, free, local, limit)
+    if spline is not None:
+        return spline
     for frames in FILTERS:  # no spline is near enough: the losses jump
         x = along(free.x, frames)
         total = clip.total(x)
@@ -162,17 +175,46 @@ def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> Least
     return free
 
 
-def _promising(clip: WholeClip, x: Tensor, local: Local | None, limit: float) -> list[tuple[int, bool, Fitted]]:
-    """Knots, whether the lens is kept, and the spline, the least first: those the linear model finds good enough.
+def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:
+    """The least order that is good enough, each tried in turn."""
+    for knots, way in _ladder(clip, free.x):
+        x = fit(free.x, None, knots, way).x
+        total = clip.total(x)
+        if total <= limit:
+            return replace(free, x=x, knots=knots, lens_kept=way is not None or knots == 1, total=total)
+    return None
 
-    All of them where there is no model.
+
+def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float) -> LeastPath | None:
+    """The least order that is good enough, of those of which the linear model says so.
+
+    One that turns out not to be is tried again from where it led, as long as the model there says so; the next one has
+    to promise clearly more.
     """
+    left, promised = TRIED, math.inf
+    for knots, way in _ladder(clip, free.x):
+        spline = fit(free.x, local, knots, way)
+        first = spline.predicted
+        if first is None or first > min(limit, CLEARLY * promised):
+            continue
+        while left and spline.predicted is not None and spline.predicted <= limit:
+            left -= 1
+            residuals = clip.residuals(spline.x)
+            total = float(group_norms(residuals, local.groups).sum(1).mean())
+            if total <= limit:
+                kept = way is not None or knots == 1
+                return replace(free, x=spline.x, knots=knots, lens_kept=kept, total=total)
+            if total > FAR * limit:  # the model does not hold there
+                break
+            spline = fit(spline.x, replace(local, residuals=residuals), knots, way)
+        promised = first
+    return None
+
+
+def _ladder(clip: WholeClip, x: Tensor) -> list[tuple[int, Tensor | None]]:
+    """Knots, and the direction of x that is kept still if any; the least first."""
     lens = clip.lens(x.shape[1])
-    lenses = [None] if lens is None else [lens, None]
-    fitted = [(knots, way is not None, fit(x, local, knots, way)) for knots in orders(len(x)) for way in lenses]
-    if local is None:
-        return fitted
-    return [found for found in fitted if found[2].predicted is not None and found[2].predicted <= limit][:TRIED]
+    return [(knots, way) for knots in orders(len(x)) for way in ([None] if lens is None else [lens, None])]
 
 
 def _nearer(clip: WholeClip, path: LeastPath, fitted: Fitted) -> LeastPath:

@@ -119,3 +119,17 @@ class Stage:
             before = self.features(cameras[i], before)
             rows.append(self.objective.terms(reference[i], before))
         return torch.cat(rows)
+
+    def path_residuals(self, reference: Features, cameras: Camera) -> Tensor:
+        """Weighted residuals (N, R) of a path, frame by frame against N reference frames.
+
+        Raises:
+            ValueError: a loss has no residuals.
+        """
+        if self.objective.groups is None:
+            raise ValueError("a path is refined by the residuals of every loss")
+        rows, before, defined = [], None, self.objective.defined(reference)
+        for i in range(len(cameras)):
+            before = self.features(cameras[i], before)
+            rows.append(self.objective.residuals(reference[i], before, defined[i]))
+        return torch.cat(rows)
