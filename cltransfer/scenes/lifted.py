@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from ..camera import Camera
 from ..errors import InputError
 from ..features import Features
 from ..files import atomic, cache_dir
-from ..graph import CLIP_SOURCE, make_plan, run
+from ..graph import CLIP_SOURCE, Plan, make_plan, run
 from ..subject import Subject
 from . import Scene
 from .find_people import Boxes
@@ -53,26 +53,40 @@ def lift_scene(
         name, reason = next(iter(plan.missing.items()))
         raise InputError(scene.name, "lift", f"needs {name!r}: {reason}")
     plan.load_networks()
+    eyes = _Eyes(scene, renderer, plan, progress)
+    return lift(scene, eyes.look, eyes.see, options)
 
-    detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
-    told = plan if detector is None else plan.without(detector)
 
-    def drawn(cameras: Camera) -> Features:
-        progress(f"looking from {len(cameras)} views")
-        return renderer.render(scene, cameras, frozenset({"image", "depth"}))
+@dataclass(frozen=True)
+class _Eyes:
+    """Views of a scene, and what the networks see in them."""
 
-    def look(cameras: Camera, box: Tensor | None) -> Features:
-        if box is None or detector is None:
-            return run(plan, drawn(cameras), None)
-        return run(told, replace(drawn(cameras), box=box), None)
+    scene: Scene
+    renderer: Any
+    plan: Plan
+    progress: Callable[[str], None]
 
-    def see(cameras: Camera) -> Boxes:
-        if detector is not None:
-            return detector.persons(drawn(cameras))
-        box = run(plan, drawn(cameras), None).require("box")
-        return [row[None].numpy() if bool(torch.isfinite(row[0])) else row[None][:0].numpy() for row in box]
+    @property
+    def detector(self) -> Any:
+        """The extractor that tells all persons apart, None where there is none."""
+        return next((step.extractor for step in self.plan.steps if hasattr(step.extractor, "persons")), None)
 
-    return lift(scene, look, see, options)
+    def look(self, cameras: Camera, box: Tensor | None) -> Features:
+        """Features of V views, of the persons in the boxes (V, 5) if they are given and can be."""
+        if box is None or self.detector is None:
+            return run(self.plan, self._drawn(cameras), None)
+        return run(self.plan.without(self.detector), replace(self._drawn(cameras), box=box), None)
+
+    def see(self, cameras: Camera) -> Boxes:
+        """Boxes of all persons, or of the main one where they are not told apart."""
+        if self.detector is not None:
+            return self.detector.persons(self._drawn(cameras))
+        box = run(self.plan, self._drawn(cameras), None).require("box")
+        return [row[None][: int(torch.isfinite(row[0]))].numpy() for row in box]
+
+    def _drawn(self, cameras: Camera) -> Features:
+        self.progress(f"looking from {len(cameras)} views")
+        return self.renderer.render(self.scene, cameras, frozenset({"image", "depth"}))
 
 
 def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:
