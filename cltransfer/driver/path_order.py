@@ -150,6 +150,8 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noi
         rounds: of fresh Jacobians along the path, where the loss is not small already.
     """
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
+    if len(x) == 1:
+        return path
     rounds = 0 if local is None or free <= TRUSTED else rounds
     if rounds:
         local = clip.local(x)
@@ -195,7 +197,7 @@ def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float) -> L
     for knots, way in _ladder(clip, free.x):
         spline = fit(free.x, local, knots, way)
         first = spline.predicted
-        if first is None or first > min(limit, CLEARLY * promised):
+        if not left or first is None or first > min(limit, CLEARLY * promised):
             continue
         while left and spline.predicted is not None and spline.predicted <= limit:
             left -= 1

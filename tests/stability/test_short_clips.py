@@ -27,6 +27,13 @@ def test_smoothing_a_short_clip_keeps_it_sound(
     sound(solve(reference, f"path={path}", f"frames={frames}", "joint=1"))
 
 
+def test_one_frame_has_no_path(filmed: Callable[..., Any], solve: Callable[..., Any]) -> None:
+    reference, _ = filmed("push_in", frames=2)
+    path = solve(reference, "path=smooth", "frames=1").kept.path
+    assert path.name == "every frame"
+    assert path.total == path.free
+
+
 def test_a_still_shot_stays_still(
     filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
 ) -> None:
