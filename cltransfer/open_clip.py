@@ -9,6 +9,8 @@ from .clip_source import ClipSource
 from .cuts import check_one_shot
 from .letterbox import cropped, find_letterbox
 
+APART = 1.0  # [s] between frames, above which what moved cannot be followed
+
 
 def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple[str, ...]]:
     """Read ``where``, evenly thinned to ``frames``.
@@ -22,12 +24,23 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
     clip = read_clip(where.path, frames, span=where.span)
     if where.cuts == "refuse":
         check_one_shot(where.path, where.span)
+    flags = _sparse(clip)
     if where.letterbox == "keep":
-        return clip, ()
+        return clip, flags
     picture = find_letterbox(clip.image)
     width, height = picture[2] - picture[0], picture[3] - picture[1]
     if (width, height) == clip.size:
-        return clip, ()
+        return clip, flags
     was = f"{clip.size[0]}x{clip.size[1]}"
     flag = f"black bars cropped: {was} to {width}x{height} at {picture[0]}, {picture[1]} (#letterbox=keep keeps them)"
-    return replace(clip, image=cropped(clip.image, picture)), (flag,)
+    return replace(clip, image=cropped(clip.image, picture)), (flag, *flags)
+
+
+def _sparse(clip: Clip) -> tuple[str, ...]:
+    """A flag where frames are so far apart that motion between them is a guess."""
+    if len(clip.times) < 2:
+        return ()
+    apart = float(clip.times.diff().median())
+    if apart <= APART:
+        return ()
+    return (f"frames are {apart:.1f} s apart: motion, and who is who, are uncertain (more frames=, or #t=START,END)",)

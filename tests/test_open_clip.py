@@ -124,3 +124,10 @@ def test_a_source_names_its_part(tmp_path: Path) -> None:
 def test_a_part_that_cannot_be_meant_is_a_usage_error(part: str) -> None:
     with pytest.raises(UsageError, match=rf"#{part.partition('=')[0]}"):
         ClipSource.parse(f"a.mp4#{part}")
+
+
+@pytest.mark.parametrize(("step", "flagged"), [(0.1, False), (2.5, True)])
+def test_frames_far_apart_in_time_are_flagged(tmp_path: Path, step: float, flagged: bool) -> None:
+    where = saved(tmp_path / "clip.mkv", scenery(0), torch.arange(10).double() * step)
+    _, flags = open_clip(where)
+    assert [("frames are 2.5 s apart" in flag) for flag in flags] == ([True] if flagged else [])
