@@ -206,9 +206,9 @@ def lift(
     and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
     """
     settings = _settings(config, overrides or [], None)
+    from .lift_folder import Lifting, lift_lines, lift_to_folder
     from .progress import progress
     from .run_folder import default_folder
-    from .scenes.lift_folder import Lifting, lift_lines, lift_to_folder
     from .scenes.lifted import summary
     from .threads import set_threads, thread_count
 

@@ -98,8 +98,8 @@ def evaluate_folders(
 ) -> None:
     """Score folders of clips and show the table of methods."""
     from .evaluate_many import evaluate_many, summarise
+    from .evaluate_table import methods_json, methods_markdown, write_methods
     from .progress import progress
-    from .report.method_table import methods_json, methods_markdown, write_methods
 
     with progress(quiet) as report:
         rows = evaluate_many(references, methods, settings, report)

@@ -31,7 +31,7 @@ def simplify(
 
     `transfer` does the first by itself while searching: lod=2.
     """
-    from .scenes.convert import Simplification, simplify_file
+    from .convert_scene import Simplification, simplify_file
 
     options: Simplification = _options(Simplification, overrides or [])
     found = simplify_file(scene, out, view or [], options)
@@ -58,7 +58,7 @@ def bake(
     if detail is not None and not 2 <= detail <= most:
         raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
     check_out(out)
-    from .scenes.convert import bake_to_folder
+    from .convert_scene import bake_to_folder
 
     found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
     up = ",".join(f"{value:g}" for value in found["up"])

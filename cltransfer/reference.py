@@ -220,8 +220,8 @@ def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
 
 
 def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
+    from .named_scenes import load_reference_scene
     from .renderers._request import renderer_of
-    from .scenes.named import load_reference_scene
 
     scene, path = load_reference_scene(source, reading.frames, reading.side)
     if scene.subject is None and reading.scene_family == "scene":

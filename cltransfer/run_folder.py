@@ -23,6 +23,7 @@ from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
 from .files import check_out, read_json, write_json, write_text
 from .flags import run_flags
+from .named_scenes import recall, remember
 from .preparation import Inputs, fit
 from .readback import render_frames
 from .reference import Components, Progress
@@ -31,7 +32,6 @@ from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report
 from .report.side_by_side import side_by_side
 from .scenes.load import load_scene
-from .scenes.named import recall, remember
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
 from .transfer import Result

@@ -12,7 +12,7 @@ import torch
 from cltransfer.clip import write_video
 from cltransfer.errors import InputError
 from cltransfer.evaluate_many import ClipScore, clips_in, interval, summarise
-from cltransfer.report.method_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
+from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),

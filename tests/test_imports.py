@@ -34,10 +34,8 @@ DRIVING = (
 ALLOWED = {
     # search matches the reference's joints by the pure functions of the losses
     ("cltransfer.search.*", "cltransfer.losses"),
-    # lifting reads views by the image extractors, and is a verb of its own
+    # lifting reads views by the image extractors
     ("cltransfer.scenes.lifted", "cltransfer.graph"),
-    ("cltransfer.scenes.lift_folder", "cltransfer.reference"),
-    ("cltransfer.scenes.lift_folder", "cltransfer.report"),
 }
 FORBIDDEN_CALLS = {"eval", "exec", "np.random.seed", "numpy.random.seed", "random.seed", "torch.manual_seed"}
 FORBIDDEN_CALLS |= {"yaml.load", "yaml.unsafe_load", "yaml.full_load", "torch.load", "torch.seed", "os.system"}

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..evaluate_many import CONFIDENCE, RESAMPLES, ClipScore, Interval
-from ..files import write_json, write_text
-from .metrics import number
+from .evaluate_many import CONFIDENCE, RESAMPLES, ClipScore, Interval
+from .files import write_json, write_text
+from .report.metrics import number
 
 Summary = Mapping[str, Mapping[str, Interval]]
 

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..camera import Camera, concatenate
-from ..config import RunConfig
-from ..reference import Components
-from ..report.contact_sheet import write_contact_sheet
-from ..trajectory import Trajectory
-from .find_people import SIZE
-from .lift import Lift, LiftOptions
-from .lifted import LABELS, SUBJECT, cached_lift, lift_scene, save_lift, summary
-from .load import load_scene
-from .named import remember
+from .camera import Camera, concatenate
+from .config import RunConfig
+from .named_scenes import remember
+from .reference import Components
+from .report.contact_sheet import write_contact_sheet
+from .scenes.find_people import SIZE
+from .scenes.lift import Lift, LiftOptions
+from .scenes.lifted import LABELS, SUBJECT, cached_lift, lift_scene, save_lift, summary
+from .scenes.load import load_scene
+from .trajectory import Trajectory
 
 SHEET = "contact_sheet.png"
 

@@ -8,14 +8,14 @@ import torch
 import trimesh
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
+from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
-from cltransfer.scenes.convert import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import write_splats
 from cltransfer.trajectory import Trajectory
 
-MAN = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
+MAN = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
 
 
 @pytest.fixture

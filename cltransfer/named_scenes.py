@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import cache_dir, read_json, write_json
-from ..trajectory import Trajectory
-from . import Scene
-from .lifted import load_person
-from .load import load_scene
+from .errors import InputError
+from .files import cache_dir, read_json, write_json
+from .scenes import Scene
+from .scenes.lifted import load_person
+from .scenes.load import load_scene
+from .trajectory import Trajectory
 
 REFERENCE_ASPECT = (16, 9)
 REFERENCE_FRAMES = 24
@@ -29,7 +29,7 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
         UsageError: there is no such built-in shot.
     """
     if source.startswith("builtin:") and "@" not in source:
-        from ..shots import builtin_reference
+        from .shots import builtin_reference
 
         size = (side, round(side * REFERENCE_ASPECT[1] / REFERENCE_ASPECT[0]))
         return builtin_reference(source.removeprefix("builtin:"), size, frames or REFERENCE_FRAMES)

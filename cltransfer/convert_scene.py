@@ -10,22 +10,22 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from ..camera import Camera, concatenate, resized
-from ..errors import InputError, UsageError
-from ..files import atomic
-from ..renderers.gaussian_splats import GaussianSplats
-from ..renderers.kernels.splats import make_view
-from ..subject import Subject
-from ..trajectory import Trajectory
-from .bake import bake_grid, bake_splats
-from .lifted import LABELS, SUBJECT
-from .load import load_scene
-from .mesh import Mesh
-from .nerf_grid import write_grid
-from .ply import write_splats
-from .posed import named_camera, read_posed
-from .simplify import importance, merged, subset
-from .splats import Splats
+from .camera import Camera, concatenate, resized
+from .errors import InputError, UsageError
+from .files import atomic
+from .renderers.gaussian_splats import GaussianSplats
+from .renderers.kernels.splats import make_view
+from .scenes.bake import bake_grid, bake_splats
+from .scenes.lifted import LABELS, SUBJECT
+from .scenes.load import load_scene
+from .scenes.mesh import Mesh
+from .scenes.nerf_grid import write_grid
+from .scenes.ply import write_splats
+from .scenes.posed import named_camera, read_posed
+from .scenes.simplify import importance, merged, subset
+from .scenes.splats import Splats
+from .subject import Subject
+from .trajectory import Trajectory
 
 Representation = Literal["gaussian_splats", "nerf_grid"]
 VIEW_LIMIT = 64  # evenly taken from the views that are given
