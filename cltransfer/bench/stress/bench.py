@@ -9,7 +9,7 @@ from pathlib import Path
 from ..rows import append_row, read_rows
 from ..section import machine, table, write_section
 from ..trial import Row
-from .chart import write_chart
+from .chart import write_success, write_totals
 from .trial import STRESSORS, StressTrial, run_stress
 from .verdicts import HEADER, LEVELS, summary, verdicts
 
@@ -104,9 +104,10 @@ def _run(trials: Sequence[StressTrial], jobs: int) -> Iterator[Row]:
 
 
 def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
-    """Rewrite the section "Stress" of the Markdown file ``path``, and stress.svg beside it."""
+    """Rewrite the section "Stress" of the Markdown file ``path``, stress.svg and stress_totals.svg beside it."""
     found = verdicts(rows)
-    write_chart(found, path.with_name("stress.svg"))
+    write_success(found, path.with_name("stress.svg"))
+    write_totals(found, path.with_name("stress_totals.svg"))
     lines = [
         f"Made by `{command}`. What a method is given is made worse in one way; the clip as it was before judges what",
         "it found, and a clip fails by the definition of protocol.md. Breakdown: level at which half of the clips",
@@ -117,6 +118,7 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         *table(("stressor", "what", "unit", "levels"), _levels(rows)),
         "",
         "![Success against level](stress.svg)",
+        "![Mean total against level](stress_totals.svg)",
         "",
         *table(HEADER, summary(found)),
     ]

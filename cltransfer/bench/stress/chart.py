@@ -1,11 +1,12 @@
-"""Success against level, one small chart a stressor, one line a method."""
+"""Success, and the mean total, against level; one small chart a stressor, one line a method."""
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ...files import write_text
 from .trial import STRESSORS
@@ -15,8 +16,31 @@ COLUMNS = 4
 MARKERS = "os^Dv<>P"
 
 
-def write_chart(found: Sequence[StressVerdict], path: Path) -> None:
-    """Draw all verdicts as SVG; the same verdicts give the same bytes."""
+def write_success(found: Sequence[StressVerdict], path: Path) -> None:
+    """Draw the share of clips that did not fail as SVG; the same verdicts give the same bytes."""
+
+    def draw(ax: Any, verdict: StressVerdict, nudge: float, style: Mapping[str, Any]) -> None:
+        ax.plot([share + 0.01 * nudge for share in verdict.success], **style)  # lines on one another are both seen
+        ax.set_ylim(-0.07, 1.07)
+        ax.axhline(0.5, linewidth=0.5, color="0.5", linestyle=":")
+
+    _write(found, path, "clips that did not fail", draw)
+
+
+def write_totals(found: Sequence[StressVerdict], path: Path) -> None:
+    """Draw the mean totals as SVG; the same verdicts give the same bytes."""
+
+    def draw(ax: Any, verdict: StressVerdict, nudge: float, style: Mapping[str, Any]) -> None:
+        ax.plot(verdict.totals, **style)
+        ax.set_yscale("log")
+
+    _write(found, path, "mean total", draw)
+
+
+Draw = Callable[[Any, StressVerdict, float, Mapping[str, Any]], None]
+
+
+def _write(found: Sequence[StressVerdict], path: Path, label: str, draw: Draw) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -32,18 +56,20 @@ def write_chart(found: Sequence[StressVerdict], path: Path) -> None:
         for ax, stressor in zip(axes.flat, stressors):
             for verdict in (v for v in found if v.stressor == stressor):
                 i = methods.index(verdict.method)
-                nudge = 0.01 * (i - (len(methods) - 1) / 2)  # lines that lie on one another are both seen
-                shares = [share + nudge for share in verdict.success]
-                ax.plot(shares, marker=MARKERS[i % len(MARKERS)], markersize=4, color=f"C{i}", label=verdict.method)
+                style = {
+                    "marker": MARKERS[i % len(MARKERS)],
+                    "markersize": 4,
+                    "color": f"C{i}",
+                    "label": verdict.method,
+                }
+                draw(ax, verdict, i - (len(methods) - 1) / 2, style)
             levels = ["none", *(f"{value:g}" for value in STRESSORS[stressor].levels)]
             ax.set_xticks(range(len(levels)), levels, fontsize=7)
-            ax.set_ylim(-0.07, 1.07)
-            ax.axhline(0.5, linewidth=0.5, color="0.5", linestyle=":")
             ax.set_title(stressor.replace("_", " "), loc="left", fontsize=9)
             ax.set_xlabel(STRESSORS[stressor].unit, fontsize=7)
             ax.spines[["top", "right"]].set_visible(False)
         for ax in axes[:, 0]:
-            ax.set_ylabel("clips that did not fail")
+            ax.set_ylabel(label)
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper left", ncols=len(methods), frameon=False)
         text = io.StringIO()

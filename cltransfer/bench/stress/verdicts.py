@@ -12,8 +12,8 @@ from .trial import STRESSORS
 
 LEVELS = 6  # none and five
 HEADER = (
-    "stressor", "method", "success by level, none first", "breakdown", "worst tenth", "spread by seed",
-    "growth along the clip", "breaks first",
+    "stressor", "method", "success by level, none first", "mean total by level", "breakdown", "worst tenth",
+    "spread by seed", "growth along the clip", "breaks first",
 )  # fmt: skip
 
 
@@ -24,6 +24,7 @@ class StressVerdict:
     Args:
         method, stressor: which.
         success: share of clips that did not fail, by level, none first.
+        totals: mean total by level, none first.
         breakdown: level at which success falls to a half, between levels on the line; None if it never does.
         worst_tenth: mean total of the worst tenth of all stressed clips, at least one.
         spread: distance of the quartiles of the total over clips and seeds, mean over the levels; NaN for one clip.
@@ -34,6 +35,7 @@ class StressVerdict:
     method: str
     stressor: str
     success: tuple[float, ...]
+    totals: tuple[float, ...]
     breakdown: float | None
     worst_tenth: float
     spread: float
@@ -64,6 +66,7 @@ def _verdict(method: str, stressor: str, by_level: Sequence[Sequence[Row]]) -> S
         method,
         stressor,
         success,
+        tuple(fmean(row["total"] for row in rows) for rows in by_level),
         breakdown,
         fmean(worst),
         fmean(_spread([row["total"] for row in rows]) for rows in by_level[1:]),
@@ -115,7 +118,8 @@ def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
         success = " ".join(f"{share:.2f}" for share in verdict.success)
         numbers = [verdict.worst_tenth, verdict.spread, verdict.growth]
         cells = ["" if math.isnan(number) else f"{number:.2f}" for number in numbers]
-        rows.append([verdict.stressor, verdict.method, success, _told(verdict), *cells, verdict.first])
+        totals = " ".join(f"{total:.1f}" for total in verdict.totals)
+        rows.append([verdict.stressor, verdict.method, success, totals, _told(verdict), *cells, verdict.first])
     return rows
 
 
