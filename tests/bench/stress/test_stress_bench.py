@@ -44,7 +44,8 @@ def test_a_verdict_says_when_how_badly_how_unevenly_and_why() -> None:
     assert verdict.spread == pytest.approx(0.5)
     assert verdict.growth == pytest.approx(1.0)
     assert verdict.first == "shot_size"
-    assert summary([verdict])[0][3] == "3.0, 90 degrees"
+    assert verdict.totals == (1.5, 2.5, 3.5, 4.5, 5.5, 6.5)
+    assert summary([verdict])[0][4] == "3.0, 90 degrees"
 
 
 def test_a_term_that_the_reference_lacks_breaks_nothing() -> None:
