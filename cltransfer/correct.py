@@ -28,14 +28,12 @@ class Bias:
     """Network minus geometry along a clip of N frames.
 
     Args:
-        joints: (N, 14, 2) [frame]; 0 where nothing is known.
+        joints: (N, 14, 2) [frame]; 0 where nothing is known, and throughout where joints are not read.
         angles: yaw, pitch, roll, (N, 3) [rad]; 0 where nothing is known.
-        noise: what remains around the bias, median absolute, of joints [frame] and angles [rad].
     """
 
     joints: Tensor  # (N, 14, 2)
     angles: Tensor  # (N, 3)
-    noise: tuple[float, float]
 
 
 def measure_bias(network: Features, geometry: Features, window: float) -> Bias:
@@ -46,22 +44,26 @@ def measure_bias(network: Features, geometry: Features, window: float) -> Bias:
         geometry: read by scene extractors.
         window: standard deviation of the smoothing along the clip [frames]; 0 takes every frame's own difference.
     """
-    off = _joints(network) - _joints(geometry)
-    sure = (network.require("keypoints")[..., 2] > VISIBLE) & (off.norm(dim=-1) < FARTHEST)
-    joints, around = _smooth(off.flatten(1), sure.repeat_interleave(2, dim=1), window)
-    angles, turned = torch.zeros(len(off), 3, dtype=torch.float64), math.nan
+    joints = torch.zeros(len(geometry), 28, dtype=torch.float64)
+    if network.has("keypoints") and geometry.has("keypoints"):
+        off = _joints(network) - _joints(geometry)
+        sure = (network.require("keypoints")[..., 2] > VISIBLE) & (off.norm(dim=-1) < FARTHEST)
+        joints = _smooth(off.flatten(1), sure.repeat_interleave(2, dim=1), window)
+    angles = torch.zeros(len(geometry), 3, dtype=torch.float64)
     if network.has("orientation") and geometry.has("orientation"):
         turn = _wrap(network.require("orientation").double() - geometry.require("orientation").double())
-        angles, turned = _smooth(turn, turn.abs() < WIDEST, window)
-    return Bias(joints.unflatten(1, (14, 2)), angles, (around, turned))
+        angles = _smooth(turn, turn.abs() < WIDEST, window)
+    return Bias(joints.unflatten(1, (14, 2)), angles)
 
 
 def corrected(wanted: Features, bias: Bias) -> Features:
     """The target ``wanted`` (N frames) with the bias taken off, so that the networks will read what was wanted."""
     size = torch.tensor(wanted.size, dtype=torch.float64)
-    keypoints = wanted.require("keypoints").double().clone()
-    keypoints[..., :2] -= bias.joints * size
-    new: dict[str, Any] = {"keypoints": keypoints}
+    new: dict[str, Any] = {}
+    if wanted.has("keypoints"):
+        keypoints = wanted.require("keypoints").double().clone()
+        keypoints[..., :2] -= bias.joints * size
+        new["keypoints"] = keypoints
     if wanted.has("orientation"):
         new["orientation"] = _wrap(wanted.require("orientation").double() - bias.angles)
     return replace(wanted, **new)
@@ -71,12 +73,12 @@ def _joints(features: Features) -> Tensor:
     return features.require("keypoints")[..., :2].double() / torch.tensor(features.size, dtype=torch.float64)
 
 
-def _smooth(off: Tensor, sure: Tensor, window: float) -> tuple[Tensor, float]:
-    """Bias (N, D), 0 in columns with too few sure frames, and the median absolute rest."""
+def _smooth(off: Tensor, sure: Tensor, window: float) -> Tensor:
+    """Bias (N, D), 0 in columns with too few sure frames."""
     known = torch.where(sure & torch.isfinite(off), off, math.nan)
     if window == 0:
-        return torch.nan_to_num(known), 0.0
-    bias, rests = torch.zeros_like(off), []
+        return torch.nan_to_num(known)
+    bias = torch.zeros_like(off)
     for d in range(off.shape[1]):
         index = torch.isfinite(known[:, d]).nonzero()[:, 0]
         if len(index) < LEAST:
@@ -85,8 +87,7 @@ def _smooth(off: Tensor, sure: Tensor, window: float) -> tuple[Tensor, float]:
         placed = torch.full((len(off), 1), math.nan, dtype=off.dtype)
         placed[index] = values
         bias[:, d] = _filled(along(placed, window)[:, 0])
-        rests.append((known[index, d] - bias[index, d]).abs())
-    return bias, float(torch.cat(rests).median()) if rests else math.nan
+    return bias
 
 
 def _filled(line: Tensor) -> Tensor:

@@ -33,7 +33,13 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     if result.schedule.note:
         yield Flag(None, result.schedule.note)
     if not result.schedule.free_lens:
-        yield Flag(None, "focal length kept: without filmic space it cannot be told apart from distance")
+        space = result.verified.term("filmic_space")
+        why = (
+            ""
+            if space is not None and space.defined
+            else ": without filmic space it cannot be told apart from distance"
+        )
+        yield Flag(None, f"focal length kept{why}")
 
 
 def _reference(result: Result) -> Iterator[Flag]:
@@ -52,7 +58,7 @@ def _undefined(result: Result) -> Iterator[Flag]:
         if term.reason:
             continue
         for i in (~torch.isfinite(term.values)).nonzero()[:, 0].tolist():
-            if (i, term.name) != (0, "camera_movement"):  # the first frame has no flow
+            if i > 0 or "flow" not in result.objective.losses[term.name].requires:  # the first frame has no flow
                 yield Flag(i, f"{term.name} undefined")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .camera import Camera, concatenate
+from .camera import Camera, concatenate, resized
 from .config import RunConfig
 from .named_scenes import remember
 from .reference import Components
@@ -66,8 +66,9 @@ def _given(files: tuple[Path, ...]) -> Camera | None:
     if not files:
         return None
     cameras = [Trajectory.load(file).camera for file in files]
-    width = SIZE[0]
-    return concatenate([c.at_size((width, round(width * c.size[1] / c.size[0]))) for c in cameras])
+    width, first = SIZE[0], cameras[0].size
+    size = (width, round(width * first[1] / first[0]))
+    return concatenate([resized(camera, size) for camera in cameras])
 
 
 def lift_lines(folder: Path, found: Lift) -> str:

@@ -75,6 +75,11 @@ class Objective:
             groups += [first + group for group in loss.groups]
         return torch.tensor(groups)
 
+    def rows(self, defined: Tensor) -> Tensor:
+        """Residuals of the ``defined`` terms (L,), (R,) bool; of losses that have some."""
+        sizes = torch.tensor([len(getattr(loss, "groups", ())) for loss in self.losses.values()])
+        return defined.repeat_interleave(sizes)
+
     @property
     def paired(self) -> Tensor:
         """Residuals that compare a frame with the one before, (R,) bool; of losses that have some."""
@@ -96,7 +101,10 @@ class Objective:
             if not there:
                 parts.append(torch.zeros(len(rendered), len(loss.groups), dtype=torch.float64))
                 continue
-            part = loss.residuals(reference, rendered).double()
+            if any(not rendered.has(name) for name in loss.requires):
+                part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
+            else:
+                part = loss.residuals(reference, rendered).double()
             lost = ~torch.isfinite(part).all(1)
             part = part.masked_fill(lost[:, None], 0.0)
             part[lost, 0] = loss.penalty

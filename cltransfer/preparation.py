@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -115,7 +117,9 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         clock.lap("lift")
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
-    journal = None if record is None else Journal(record.path, _header(config, scene, reference), record.resume)
+    journal = None
+    if record is not None:
+        journal = Journal(record.path, _header(inputs, config, scene, reference), record.resume)
     stage = Stage(
         scene, parts.renderer, plan, Objective(parts.losses), small, guard=_guard(config, scene), journal=journal
     )
@@ -132,15 +136,23 @@ def _guard(config: RunConfig, scene: Scene) -> Guard | None:
     return Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
 
 
-def _header(config: RunConfig, scene: Scene, reference: Reference) -> dict[str, Any]:
+def _header(inputs: Inputs, config: RunConfig, scene: Scene, reference: Reference) -> dict[str, Any]:
     """What the answers of a run depend on."""
+    person = None if scene.subject is None else scene.subject.to_json()
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,
+        "person": _digest(json.dumps(person).encode(), scene.geometry.label.numpy().tobytes()),
         "reference": reference.digest,
+        "part of the reference": Path(inputs.reference).name.partition("#")[2],
+        "init": inputs.init,
         "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
         "threads": thread_count(),
     }
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
 def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:

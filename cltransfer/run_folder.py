@@ -110,6 +110,8 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
             inputs.reference,
             "--init",
             inputs.init,
+            *([] if inputs.subject is None else ["--subject", str(inputs.subject)]),
+            *([] if inputs.up is None else ["--up", ",".join(f"{value:g}" for value in inputs.up)]),
             "--config",
             str(folder / CONFIG),
         ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
@@ -153,9 +153,11 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         found = _followed(job, searching, target, homes, report)
         cameras, path = found.camera, None
         if config.path == "smooth":
-            known = found.local if config.lod == 0 else None  # merged, its residuals are not those of the full scene
-            free = clip.total(found.x) if known is None else known.total
-            path = least_path(clip, found.x, found.local, free, job.noise, config.joint)
+            local = found.local
+            if local is not None and config.lod > 0:  # merged, the scene has other residuals
+                local = replace(local, residuals=clip.residuals(found.x))
+            free = clip.total(found.x) if local is None else local.total
+            path = least_path(clip, found.x, local, free, job.noise, config.joint)
             cameras = clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -49,7 +50,16 @@ def test_outliers_and_noise_hardly_move_it() -> None:
     assert float(error.mean()) < 0.002  # noise of 0.005, outliers of 0.3
     assert float(error.max()) < 0.015
     torch.testing.assert_close(bias.angles, torch.full((N, 3), 0.2, dtype=torch.float64))
-    assert 0.001 < bias.noise[0] < 0.006
+
+
+def test_where_no_joints_are_read_only_angles_are_corrected() -> None:
+    joints, angles = scene()
+    whole = clip((480, 908), joints + 0.02, angles + 0.2)
+    bias = measure_bias(replace(whole, keypoints=None), replace(clip((85, 160), joints, angles), keypoints=None), 4.0)
+    assert float(bias.joints.abs().max()) == 0
+    aimed = corrected(replace(whole, keypoints=None), bias)
+    assert aimed.keypoints is None
+    torch.testing.assert_close(aimed.require("orientation"), angles.contiguous())
 
 
 def test_what_is_not_seen_is_not_corrected() -> None:

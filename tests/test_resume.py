@@ -44,6 +44,15 @@ def test_a_killed_run_is_resumed_to_the_same_bits(tmp_path: Path, engine: str) -
     assert journal.read_bytes() == (whole / "journal.bin").read_bytes()
 
 
+def test_a_resumed_run_from_another_view_is_refused(tmp_path: Path) -> None:
+    assert start(["--out", str(tmp_path / "run")], tmp_path).wait(120) == 0
+    view = str(tmp_path / "run" / "trajectory.json")
+    process = start(["--resume", str(tmp_path / "run")], tmp_path, "--init", view)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert "init: the run was begun with 'auto'" in errors
+
+
 def test_a_resumed_run_with_another_seed_is_refused_by_name(tmp_path: Path) -> None:
     assert start(["--out", str(tmp_path / "run")], tmp_path).wait(120) == 0
     process = start(["--resume", str(tmp_path / "run")], tmp_path, "seed=5")

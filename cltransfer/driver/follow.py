@@ -78,7 +78,7 @@ def follow(
     for i in range(len(reference)):
         problem = Problem(stage, search, home, reference[i], before, defined[i], schedule.free_lens)
         starts = at_home
-        if schedule.warm and i > 0:
+        if schedule.warm and i > 0 and memory.placed(stage.objective):
             starts = predictions([solved.x for solved in found])
             starts = torch.cat([starts, problem.aimed(starts[-1:])])
         generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
@@ -90,18 +90,20 @@ def follow(
         stage = stage.about(camera)
         now = stage.features(camera, before)
         if schedule.engine == "refine":
-            residuals.append(stage.objective.residuals(reference[i], now, defined[i])[0])
+            residuals.append(stage.priced(reference[i], now, defined[i])[0])
         before = now
         progress(i, solved)
     x = torch.stack([solved.x for solved in found])
-    return Path(x, search.cameras(x, home, subject), tuple(found), _local(stage.objective, found, residuals))
+    local = _local(stage.objective, found, residuals, defined)
+    return Path(x, search.cameras(x, home, subject), tuple(found), local)
 
 
-def _local(objective: Objective, found: list[Solved], residuals: list[Tensor]) -> Local | None:
+def _local(objective: Objective, found: list[Solved], residuals: list[Tensor], defined: Tensor) -> Local | None:
     jacobians = [solved.memory.jacobian for solved in found if solved.memory.jacobian is not None]
     if not residuals or objective.groups is None or len(jacobians) < len(found):
         return None
-    jacobian = torch.stack(jacobians) / motion_scale(objective.paired)[:, None]
+    rows = torch.stack([objective.rows(frame) for frame in defined])  # (N, R)
+    jacobian = torch.stack(jacobians) * rows[..., None] / motion_scale(objective.paired)[:, None]
     return Local(torch.stack(residuals), jacobian, objective.groups, objective.paired)
 
 

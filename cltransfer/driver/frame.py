@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
-from ..objective import group_norms
+from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .refine import Refined, refine
@@ -90,12 +90,18 @@ class Memory:
     Args:
         shape: of CMA-ES's covariance, (D, D).
         jacobian: of the residuals, (R, D).
+        known: residuals whose Jacobian was measured in some frame so far, (R,) bool.
         totals: of the frames so far.
     """
 
     shape: Tensor | None = None
     jacobian: Tensor | None = None
+    known: Tensor | None = None
     totals: tuple[float, ...] = field(default=())
+
+    def placed(self, objective: Objective) -> bool:
+        """Whether a frame so far told where to stand; flow alone does not. True where no Jacobian is kept."""
+        return self.known is None or bool((self.known & ~objective.paired).any())
 
 
 @dataclass(frozen=True)
@@ -120,7 +126,9 @@ class Solved:
 def solve(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
-    """Search one frame from ``starts`` (S, D), the first of which may be anywhere."""
+    """Search one frame from ``starts`` (S, D), moved onto the bounds where they lie beyond."""
+    low, high = problem.bounds
+    starts = torch.minimum(torch.maximum(starts, low), high)
     if schedule.engine == "cma":
         return _by_cma(problem, starts, memory, schedule, generator)
     if schedule.engine == "adam":
@@ -135,7 +143,7 @@ def _by_cma(
     x = starts[int(problem.totals(starts).argmin())] if len(starts) > 1 else starts[0]
     start = Start(x, schedule.warm_sigma if warm else schedule.sigma, memory.shape)
     found = minimise(problem.totals, start, problem.bounds, schedule.budget, generator)
-    learned = Memory(found.shape if schedule.warm else None, None, (*memory.totals, found.total))
+    learned = Memory(found.shape if schedule.warm else None, totals=(*memory.totals, found.total))
     return Solved(found.x, found.total, found.generations, found.stop, learned)
 
 
@@ -150,19 +158,23 @@ def _by_adam(
 def _by_refinement(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
-    groups = problem.stage.objective.groups
+    objective = problem.stage.objective
+    groups, rows = objective.groups, objective.rows(problem.defined)
     if groups is None:
         raise ValueError("refinement needs residuals of every loss; use engine=cma")
+    known = torch.zeros_like(rows) if memory.known is None else memory.known
+    kept = memory.jacobian
 
     def refined(x: Tensor, jacobian: Tensor | None) -> Refined:
         return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds)
 
-    if memory.jacobian is None:  # a first frame: every start may lie in another basin
+    if kept is None or not memory.placed(objective):  # a first frame: every start may lie in another basin
         found = min((refined(x, None) for x in starts), key=lambda r: r.total)
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
     else:
         x, usual = starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()], np.median(memory.totals)
-        found = refined(x, memory.jacobian)
+        new = rows & ~known & ~objective.paired  # of flow Broyden's updates are enough, measured afresh it misleads
+        found = refined(x, None if bool(new.any()) else kept * rows[:, None])
         limit, sigma, budget = max(schedule.rescue, OUTLIER * float(usual)), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
     if total > limit:
@@ -171,7 +183,10 @@ def _by_refinement(
         generations = wide.generations
         if again.total < total:
             x, total, jacobian, stop = again.x, again.total, again.jacobian, f"rescued, {again.stop}"
-    learned = Memory(None, jacobian if schedule.warm else None, (*memory.totals, total))
+    if not schedule.warm:
+        return Solved(x, total, generations, stop, Memory(totals=(*memory.totals, total)))
+    jacobian = jacobian if kept is None else torch.where(rows[:, None], jacobian, kept)
+    learned = Memory(None, jacobian, known | rows, (*memory.totals, total))
     return Solved(x, total, generations, stop, learned)
 
 

@@ -81,10 +81,6 @@ class Journal:
         self._append(_SHAPE.pack(asked, *computed.shape) + computed.contiguous().numpy().tobytes())
         return computed
 
-    def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
-
     def _append(self, payload: bytes) -> None:
         self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
         self._stream.flush()

@@ -58,6 +58,8 @@ class WholeClip:
     def total(self, x: Tensor) -> float:
         """Mean total of a path (N, D); one evaluation a frame."""
         objective = self.stage.objective
+        if objective.groups is not None:
+            return float(group_norms(self.residuals(x), objective.groups).sum(1).mean())
         terms = self.stage.path_terms(self.reference, self.cameras(x))
         self.stage.spent.evaluations += len(x)
         return float(objective.totals(terms, objective.defined(self.reference)).mean())
@@ -86,7 +88,7 @@ class WholeClip:
         for i in range(len(x)):
             around = torch.cat([x[i : i + 1], x[i] + STEP * torch.eye(x.shape[1], dtype=x.dtype)])
             seen = stage.features(self.cameras(around), before)
-            r = objective.residuals(self.reference[i], seen, defined[i])
+            r = stage.priced(self.reference[i], seen, defined[i])
             residuals.append(r[0])
             jacobians.append(((r[1:] - r[0]) / STEP).T)
             before = seen[0]

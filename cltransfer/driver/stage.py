@@ -99,14 +99,16 @@ class Stage:
         """Weighted residuals (B, R) of B candidates for one reference frame; a blocked view pays every penalty."""
 
         def compute() -> Tensor:
-            seen = self.features(cameras, before)
-            residuals = self.objective.residuals(reference, seen, defined)
-            if self.guard is None:
-                return residuals
-            blocked = self.guard.blocked(seen)[:, None]
-            return torch.where(blocked, self.objective.lost_residuals(defined), residuals)
+            return self.priced(reference, self.features(cameras, before), defined)
 
         return self._answer(cameras, compute)
+
+    def priced(self, reference: Features, seen: Features, defined: Tensor) -> Tensor:
+        """Weighted residuals (B, R) of what was seen from B cameras; a blocked view pays every penalty."""
+        residuals = self.objective.residuals(reference, seen, defined)
+        if self.guard is None:
+            return residuals
+        return torch.where(self.guard.blocked(seen)[:, None], self.objective.lost_residuals(defined), residuals)
 
     def _answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)
@@ -121,7 +123,7 @@ class Stage:
         return torch.cat(rows)
 
     def path_residuals(self, reference: Features, cameras: Camera) -> Tensor:
-        """Weighted residuals (N, R) of a path, frame by frame against N reference frames.
+        """Weighted residuals (N, R) of a path, frame by frame against N reference frames; blocked views pay too.
 
         Raises:
             ValueError: a loss has no residuals.
@@ -131,5 +133,5 @@ class Stage:
         rows, before, defined = [], None, self.objective.defined(reference)
         for i in range(len(cameras)):
             before = self.features(cameras[i], before)
-            rows.append(self.objective.residuals(reference[i], before, defined[i]))
+            rows.append(self.priced(reference[i], before, defined[i]))
         return torch.cat(rows)

@@ -89,9 +89,9 @@ def people_of(cameras: Camera, boxes: Boxes) -> list[Found]:
         among, tolerance = cameras[view.tolist()], MEET * cameras.size[0]
         point = triangulate(among, _middle(box), torch.ones(len(view), dtype=torch.bool), tolerance)
         agreed = _one_a_view(view, point.agreed, point.error)
-        if int(agreed.sum()) < MINIMUM_VIEWS:
-            return people
         point = triangulate(among, _middle(box), agreed, tolerance)
+        if int(agreed.sum()) < MINIMUM_VIEWS or not bool(torch.isfinite(point.point).all()):
+            return people
         depth = cameras.project(point.point[None])[1][:, 0]
         height = (box[:, 3] * (depth / cameras.focal)[view])[agreed].median()
         people.append(Found(point.point, float(height), int(agreed.sum())))

@@ -38,7 +38,6 @@ def ask_all(path: Path, resume: bool) -> tuple[list[Tensor], int]:
             return values(cameras)
 
         answers.append(journal.answer(cameras, compute))
-    journal.close()
     return answers, computed
 
 

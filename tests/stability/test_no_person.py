@@ -37,6 +37,20 @@ def test_frames_without_a_person_are_undefined_and_the_rest_is_found(
     assert float(found.verified.term("shot_size").values[kept].max()) < 0.03
 
 
+@pytest.mark.parametrize("preset", ["fast", "balanced"])
+def test_a_clip_that_begins_without_the_person_is_refined_all_the_same(
+    filmed: Callable[..., Any],
+    solve: Callable[..., Any],
+    edited: Callable[..., str],
+    blanked: Callable[..., Any],
+    preset: str,
+) -> None:
+    reference, _ = filmed("orbit", frames=6, azimuth=0.5, elevation=0.25)
+    found = solve(edited(reference, blanked([0, 1])), f"preset={preset}", "path=exact", "extract.verify=false")
+    assert float(found.verified.term("camera_angle").values[2:].max()) < 0.12
+    assert float(found.verified.term("framing").values[2:].max()) < 0.02
+
+
 def test_a_run_with_gaps_is_written_without_a_nan(
     filmed: Callable[..., Any],
     solve: Callable[..., Any],
