@@ -59,7 +59,7 @@ def bench_chart(
     rows: Rows = Path("outputs/chart"),
     out: Out = None,
 ) -> None:
-    """The chart: loss and success against evaluations and seconds, for every preset, baseline and budget."""
+    """The chart: loss and success against evaluations and seconds, for presets, baselines and budgets."""
     from ..files import check_out
     from .chart import CHART_TIERS, SETTINGS, SMOKE_SETTINGS, chart_trials, hit_curves, points, points_csv
     from .chart_svg import write_chart
