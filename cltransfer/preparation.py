@@ -127,7 +127,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     schedule = make_schedule(config, stage.objective, wanted, noise)
     homes = [] if view is None else [resized(view, output)]
     if view is None or (schedule.engine == "refine" and scene.subject is not None):  # a start more costs little there
-        homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens))
+        homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens, view))
     clock.lap("initial view")
     return Job(parts, search, reference, wanted, stage, schedule, noise, concatenate(homes), by_networks)
 

@@ -31,6 +31,7 @@ from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report
 from .report.side_by_side import side_by_side
+from .scenes.lifted import SUBJECT, save_labels
 from .scenes.load import load_scene
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
@@ -79,7 +80,8 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
         both = side_by_side(reference.image, result.image, trajectory.times)
         write_video(folder / "video" / "side_by_side.mp4", both, trajectory.times)
     if result.scene.subject is not None:
-        result.scene.subject.save(folder / "subject.json")
+        result.scene.subject.save(folder / SUBJECT)
+        save_labels(folder, result.scene.geometry.label)
     report = report_data(folder, result, inputs)
     write_metrics(folder, report)
     write_report(folder, report)

@@ -52,23 +52,25 @@ class Aim:
         size: (W, H) of the views [px].
         first: the reference frame that the subject should appear as in.
         free_lens: whether the focal length follows the size; if not, the distance does.
+        fov: vertical field of view [rad]; where the lens is free, of the first guess.
     """
 
     subject: Subject
     size: tuple[int, int]
     first: Features
     free_lens: bool
+    fov: float = VERTICAL_FOV
 
     def views(self, stands: Tensor, distances: Tensor) -> Camera:
         """Views from ``stands`` (M, 3) as azimuth, elevation, roll [rad] at ``distances`` (K,) [heights], M * K."""
-        focal = 1 / (2 * math.tan(VERTICAL_FOV / 2))
+        focal = 1 / (2 * math.tan(self.fov / 2))
         rows = torch.arange(len(stands)).repeat_interleave(len(distances))
         distance = distances.log().repeat(len(stands))
         middle = torch.zeros(len(rows), 2, dtype=torch.float64)
         lens = math.log(focal) - distance
         x = torch.cat([stands[rows], distance[:, None], middle, lens[:, None]], dim=1) / SCALE
         anchor = self.subject.anchor[None]
-        normal = Camera.look_at(anchor + self.subject.facing, anchor, self.subject.up, VERTICAL_FOV, self.size)
+        normal = Camera.look_at(anchor + self.subject.facing, anchor, self.subject.up, self.fov, self.size)
         search = SubjectOrbit()
         x = x if self.free_lens else x[:, :-1]
         if self.first.has("keypoints"):
@@ -104,8 +106,12 @@ def first_seen(features: Features) -> Features:
     return features[int(seen.int().argmax())]
 
 
-def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_lens: bool) -> Camera:
+def best_of_orbit(
+    stage: Stage, first: Features, size: tuple[int, int], free_lens: bool, given: Camera | None = None
+) -> Camera:
     """Views of the orbit, the nearest to the first reference frame by the losses that need no motion first.
+
+    A lens that is kept is that of the view that was ``given``, if one was.
 
     Raises:
         UsageError: the scene has no subject to orbit.
@@ -114,7 +120,8 @@ def best_of_orbit(stage: Stage, first: Features, size: tuple[int, int], free_len
     subject = stage.scene.subject
     if subject is None:
         raise UsageError("", "--init", "auto needs a lifted subject", "give a view: --init view.json")
-    aim, defined = Aim(subject, size, first, free_lens), stage.objective.defined(first)[0]
+    fov = VERTICAL_FOV if given is None or free_lens else float(given.vertical_fov[0])
+    aim, defined = Aim(subject, size, first, free_lens, fov), stage.objective.defined(first)[0]
     read = _read_stand(first)
     stands = _stands(read)
     views = aim.views(stands, COARSE)

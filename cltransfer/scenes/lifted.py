@@ -98,18 +98,23 @@ def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:
 
 def save_lift(folder: Path, found: Lift) -> None:
     """Write subject.json (with the report) and the labels into ``folder``."""
+    save_labels(folder, found.label)
+    found.subject.save(folder / SUBJECT, lift=summary(found))
+
+
+def save_labels(folder: Path, label: Tensor) -> None:
+    """Write the membership (N,) in {0, 1} of the primitives into ``folder``."""
     from safetensors.torch import save_file
 
     with atomic(folder / LABELS) as temporary:
-        save_file({"label": found.label.to(torch.uint8)}, temporary)
-    found.subject.save(folder / SUBJECT, lift=summary(found))
+        save_file({"label": (label > 0.5).to(torch.uint8)}, temporary)
 
 
 def load_person(scene: Scene, subject_file: Path) -> Scene:
     """The scene with the person of ``subject_file``, and the labels beside it where there are any.
 
     Raises:
-        InputError: a file is damaged, or the labels are of another scene.
+        InputError: a file is damaged, the labels are of another scene, or there are none at all.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
@@ -117,6 +122,9 @@ def load_person(scene: Scene, subject_file: Path) -> Scene:
     subject = Subject.load(subject_file)
     labels = subject_file.with_name(LABELS)
     if not labels.is_file():
+        if not bool(scene.geometry.label.any()):
+            hint = "it stands beside the subject.json that lift leaves; copy it too"
+            raise InputError(labels, "label", "is missing, and the scene marks nobody", hint)
         return with_person(scene, subject, None)
     count = len(scene.geometry)
     if labels.stat().st_size > count + 4096:

@@ -1,14 +1,21 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 import torch
 
-from cltransfer.camera import resized
-from cltransfer.driver.initial_view import given_view
+from cltransfer.camera import Camera, resized
+from cltransfer.config import load_config
+from cltransfer.driver.initial_view import best_of_orbit, given_view
+from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, UsageError
+from cltransfer.objective import Objective
+from cltransfer.reference import Components
+from cltransfer.scenes.builtin import named_scene
+from cltransfer.shots import shot
 from cltransfer.testing.samples import sample_cameras
 from cltransfer.trajectory import Trajectory
 
@@ -36,3 +43,20 @@ def test_a_camera_of_a_posed_set_is_named_by_its_index(tmp_path: Path) -> None:
         given_view(f"{tmp_path}:3")
     with pytest.raises(InputError, match="no such file or folder"):
         given_view(f"{tmp_path / 'gone'}:0")
+
+
+@pytest.mark.parametrize("degrees", [15.0, 40.0, 70.0])
+def test_a_lens_that_is_kept_is_that_of_the_given_view(degrees: float) -> None:
+    scene = named_scene("courtyard")
+    assert scene.subject is not None
+    parts = Components.build(load_config(overrides=["search_side=96", "losses.filmic_space=null"]))
+    plan = parts.plan("scene")
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), (96, 54))
+    first = stage.features(shot("static", scene.subject, (96, 54), 1).camera, None)
+    center = scene.subject.anchor + 6 * scene.subject.facing
+    given = Camera.look_at(center[None], scene.subject.anchor[None], scene.up, math.radians(degrees), (96, 54))
+    views = best_of_orbit(stage, first, (96, 54), False, given)
+    torch.testing.assert_close(views.vertical_fov, given.vertical_fov.expand(len(views)))
+    wanted = first.require("keypoints")[0, :, 1]
+    seen = stage.features(views[0], None).require("keypoints")[0, :, 1]
+    assert float(seen.max() - seen.min()) == pytest.approx(float(wanted.max() - wanted.min()), rel=0.15)
