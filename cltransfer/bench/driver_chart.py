@@ -55,5 +55,7 @@ def _panel(ax: Axes, clips: Sequence[Clip], cost: str) -> None:
         ax.scatter([median(x)], [median(y)], 90, facecolors="none", edgecolors=colour, linewidths=2)
     ax.set_xscale("log")
     ax.set_yscale("log")
+    for axis in (ax.xaxis, ax.yaxis):  # plain numbers: powers are not text in every viewer
+        axis.set_major_formatter("{x:g}")
     ax.axhline(1.0, color="#999999", linewidth=0.8, linestyle=":")
     ax.grid(alpha=0.25)

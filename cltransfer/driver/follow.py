@@ -14,7 +14,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..features import Features
 from ..objective import Objective
-from .frame import Memory, Problem, Schedule, Solved, motion_scale, predictions, solve
+from .frame import Memory, Problem, Schedule, Solved, carried, motion_scale, predictions, solve
 from .spline import Local
 from .stage import Stage
 
@@ -69,6 +69,7 @@ def follow(
     """
     home, subject = homes[0], stage.scene.subject
     defined = stage.objective.defined(reference)
+    hidden = _hidden(stage.objective, defined)
     D = search.dimensions if schedule.free_lens else search.dimensions - 1
     at_home = search.vector(homes, home, subject)[:, :D]
     found: list[Solved] = []
@@ -81,8 +82,11 @@ def follow(
         if schedule.warm and i > 0 and memory.placed(stage.objective):
             starts = predictions([solved.x for solved in found])
             starts = torch.cat([starts, problem.aimed(starts[-1:])])
-        generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
-        solved = solve(problem, starts, memory, schedule, generator)
+        if hidden[i] and found and schedule.warm:
+            solved = carried(problem, starts, memory)
+        else:
+            generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
+            solved = solve(problem, starts, memory, schedule, generator)
         stage.spent.generations += solved.generations
         memory = solved.memory
         found.append(solved)
@@ -105,6 +109,13 @@ def _local(objective: Objective, found: list[Solved], residuals: list[Tensor], d
     rows = torch.stack([objective.rows(frame) for frame in defined])  # (N, R)
     jacobian = torch.stack(jacobians) * rows[..., None] / motion_scale(objective.paired)[:, None]
     return Local(torch.stack(residuals), jacobian, objective.groups, objective.paired)
+
+
+def _hidden(objective: Objective, defined: Tensor) -> Tensor:
+    """Frames (N,) in which nothing is known of the joints, of a clip that shows them elsewhere."""
+    placing = torch.tensor(["keypoints" in loss.requires for loss in objective.losses.values()])
+    seen = (defined & placing).any(1)
+    return ~seen & seen.any()
 
 
 def still(camera: Camera, count: int) -> Camera:

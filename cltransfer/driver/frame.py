@@ -136,6 +136,13 @@ def solve(
     return _by_refinement(problem, starts, memory, schedule, generator)
 
 
+def carried(problem: Problem, starts: Tensor, memory: Memory) -> Solved:
+    """The best of ``starts`` (S, D) as it is: where the person is hidden, a search would only drift away."""
+    totals = problem.totals(starts)
+    best = int(totals.argmin())
+    return Solved(starts[best], float(totals[best]), 0, "carried", memory)
+
+
 def _by_cma(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:

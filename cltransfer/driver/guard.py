@@ -14,7 +14,9 @@ BODY = 0.12  # subject heights; a camera nearer to the middle line of the body i
 NEAR = 0.15  # subject heights; what is nearer stands right before the lens
 CLOSE = 0.4  # of the frame that may be so near
 COVERAGE = 0.05  # of the frame that must show something; a scene may be a person before nothing
-HIDDEN = 0.03  # of the joints' box that must show the person
+SHOWN = 0.03  # of the joints' box that must show the person
+
+HIDDEN = "the person is hidden"
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Guard:
             inside = _from_body(features.camera.center, features.person) < BODY * features.person.height
             wrong["the camera stands inside the person"] = inside
         if features.has("subject") and features.has("keypoints"):
-            wrong["the person is hidden"] = _hidden(features)
+            wrong[HIDDEN] = _hidden(features)
         return wrong
 
     def blocked(self, features: Features) -> Tensor:
@@ -68,4 +70,4 @@ def _hidden(features: Features) -> Tensor:
     high = joints.masked_fill(unknown, -torch.inf).amax(1).clamp(0, 1)
     box = (high - low).clamp_min(0).prod(-1)  # [frame]
     shown = features.require("subject").flatten(1).double().mean(1)
-    return (box > 0) & (shown < HIDDEN * box)
+    return (box > 0) & (shown < SHOWN * box)

@@ -14,7 +14,8 @@ from ..features import Features
 from ..graph import Plan, run
 from ..objective import Objective
 from ..scenes import Scene
-from .guard import Guard
+from ..skeleton import VISIBLE
+from .guard import HIDDEN, Guard
 from .journal import Journal
 from .working_set import WorkingSet
 
@@ -91,7 +92,9 @@ class Stage:
         def compute() -> Tensor:
             seen = self.features(cameras, before)
             terms = self.objective.terms(reference, seen)
-            return terms if self.guard is None else terms.masked_fill(self.guard.blocked(seen)[:, None], torch.nan)
+            return (
+                terms if self.guard is None else terms.masked_fill(self._blocked(reference, seen)[:, None], torch.nan)
+            )
 
         return self._answer(cameras, compute)
 
@@ -108,7 +111,16 @@ class Stage:
         residuals = self.objective.residuals(reference, seen, defined)
         if self.guard is None:
             return residuals
-        return torch.where(self.guard.blocked(seen)[:, None], self.objective.lost_residuals(defined), residuals)
+        blocked = self._blocked(reference, seen)[:, None]
+        return torch.where(blocked, self.objective.lost_residuals(defined), residuals)
+
+    def _blocked(self, reference: Features, seen: Features) -> Tensor:
+        """Views (B,) bool that may not be taken; where the reference hides the person, they may hide it too."""
+        assert self.guard is not None
+        shown = not reference.has("keypoints") or bool((reference.require("keypoints")[..., 2] > VISIBLE).any())
+        return torch.stack(
+            [wrong for reason, wrong in self.guard.reasons(seen).items() if shown or reason != HIDDEN]
+        ).any(0)
 
     def _answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)

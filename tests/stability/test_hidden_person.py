@@ -1,0 +1,27 @@
+"""Something stands before the person for a while: the camera goes on, and finds the person where they come out."""
+
+from pathlib import Path
+
+import torch
+
+from cltransfer.bench.driver import SIZE, TEACHER, drawn, settings
+from cltransfer.scenes.load import load_scene
+from cltransfer.shots import shot
+from cltransfer.transfer import Inputs, transfer
+
+HIDDEN = [7, 8]
+
+
+def test_a_person_who_passes_behind_a_tree_is_found_again(tmp_path: Path) -> None:
+    subject = load_scene(TEACHER).subject
+    assert subject is not None
+    true = shot("truck", subject, SIZE, 24, setup=drawn("truck", 601))
+    true.save(tmp_path / "shot.json")
+    found = transfer(Inputs(TEACHER, f"{TEACHER}@{tmp_path / 'shot.json'}"), settings("balanced", 601))
+    sure = found.reference.features.require("keypoints")[..., 2] > 0.5
+    assert (~sure.any(1)).nonzero()[:, 0].tolist() == HIDDEN
+    off = (found.trajectory.camera.center - true.camera.center).norm(dim=1) / subject.height
+    assert float(off.max()) < 0.1
+    framing = found.verified.term("framing").values
+    assert torch.isnan(framing[HIDDEN]).all()
+    assert float(framing[max(HIDDEN) + 1 :].max()) < 0.01
