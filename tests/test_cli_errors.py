@@ -22,7 +22,7 @@ from cltransfer.scenes.ply import write_splats
 SPLAT: tuple[str, ...] = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
 SPLAT += ("rot_0", "rot_1", "rot_2", "rot_3")
 SHORT = ("frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
-SECONDS = 2.0  # of a processor, for anything that has nothing to render
+SECONDS = 3.0  # of a processor, both threads of it busy, for anything that has nothing to render
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
 
@@ -291,8 +291,8 @@ FRESH = {
 
 
 @pytest.mark.parametrize("code", FRESH)
-def test_a_fresh_process_refuses_within_two_seconds(fresh: Callable[..., Any], tmp_path: Path, code: int) -> None:
-    answers = [fresh(*FRESH[code]) for _ in range(3)]  # the first may write bytecode, and a busy core is slow
+def test_a_fresh_process_refuses_at_once(fresh: Callable[..., Any], tmp_path: Path, code: int) -> None:
+    answers = [fresh(*FRESH[code]) for _ in range(2)]  # the first may write bytecode
     for answer in answers:
         refused(answer, code)
     assert min(answer.seconds for answer in answers) < SECONDS
