@@ -22,7 +22,8 @@ from .scenes.lifted import lifted_scene
 from .scenes.load import load_scene
 from .shots import Moves, Setup, cameras
 
-SIZE = (640, 360)  # of the views [px]
+SIZE, VIEWS = (640, 360), 8  # of the views [px]; how many
+DEPTH = "depth_onnx"
 MOVES = tuple(Moves.__annotations__)
 
 
@@ -44,6 +45,13 @@ class DepthAlignment:
     affine: tuple[float, float]
     spread: float
     error: tuple[float, float]
+
+    def __str__(self) -> str:
+        (a, b), (before, after) = self.affine, self.error
+        return (
+            f"1 / depth = {a:.4g} d + {b:.4g} in this scene ({self.align}; inverse depth off by {100 * before:.1f} % "
+            f"before, {100 * after:.1f} % after; the shift varies by {100 * self.spread:.1f} % between views)"
+        )
 
 
 def align_depth(disparity: Tensor, depth: Tensor, align: Align) -> DepthAlignment:
@@ -120,16 +128,38 @@ def align_config(scene: str, config: RunConfig, views: int) -> DepthAlignment:
         ModelError: the network is missing or refused.
     """
     parts = Components.build(config)
-    extractor = parts.extractors.get("depth_onnx")
+    extractor = parts.extractors.get(DEPTH)
     if extractor is None or extractor.align == "raw":
         got = "no depth_onnx" if extractor is None else "align raw"
         raise UsageError("", "extractors.depth_onnx", f"expected align shift or metric, got {got}")
     loaded = load_scene(scene)
-    renderer = renderer_of(loaded, parts.renderer)
-    lifted = lifted_scene(loaded, renderer, parts.extractors)
-    assert lifted.subject is not None  # it was lifted
+    lifted = lifted_scene(loaded, renderer_of(loaded, parts.renderer), parts.extractors)
+    return align_parts(parts, lifted, views)[1]
+
+
+def align_parts(parts: Components, scene: Scene, views: int = VIEWS) -> tuple[Components, DepthAlignment]:
+    """``parts`` with the affine that their ``depth_onnx`` has in a lifted scene.
+
+    Args:
+        parts: with a ``depth_onnx`` whose policy is shift or metric.
+        scene: with its person.
+        views: looked at, all around the person.
+
+    Raises:
+        InputError: the views do not tell.
+        ModelError: the network is missing or refused.
+    """
+    assert scene.subject is not None
     setup = Setup(azimuth=0.0, distance=3.0, coverage=0.5)
     around = {name: torch.ones(views, dtype=torch.float64) * (name in ("dolly", "follow", "zoom")) for name in MOVES}
     around["azimuth"] = torch.arange(views, dtype=torch.float64) * (2 * math.pi / views)
-    ring = cameras(lifted.subject, SIZE, setup, Moves(**around))
-    return align_to_scene(extractor, lifted, renderer, ring, extractor.align)[1]
+    ring = cameras(scene.subject, SIZE, setup, Moves(**around))
+    network = parts.extractors[DEPTH]
+    extractor, found = align_to_scene(network, scene, renderer_of(scene, parts.renderer), ring, network.align)
+    return replace(parts, extractors={**parts.extractors, DEPTH: extractor}), found
+
+
+def needs_scene(parts: Components) -> bool:
+    """Whether the shift of ``parts``' depth network is to be read off the scene."""
+    network = parts.extractors.get(DEPTH)
+    return network is not None and network.unaligned

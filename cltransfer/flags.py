@@ -30,6 +30,8 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
             yield Flag(None, f"{term.name}: {term.reason}")
     for flag in result.reference.flags:
         yield Flag(None, f"reference: {flag}")
+    if result.alignment is not None:
+        yield Flag(None, f"depth network: {result.alignment}")
     if result.schedule.note:
         yield Flag(None, result.schedule.note)
     if not result.schedule.free_lens:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import torch
 
 from .camera import Camera, concatenate, resized
 from .config import RunConfig
+from .depth_alignment import DepthAlignment, align_parts, needs_scene
 from .driver.guard import Guard
 from .driver.initial_view import best_of_orbit, first_seen, given_view
 from .driver.journal import Journal
@@ -22,7 +24,7 @@ from .driver.stage import Stage
 from .features import Features
 from .graph import Family
 from .objective import Objective
-from .reference import Components, Progress, Reading, Reference, read_reference
+from .reference import Components, Progress, Reading, Reference, is_scene, read_reference
 from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
@@ -89,6 +91,7 @@ class Job:
     noise: float  # total that cannot be told apart
     homes: Camera  # initial views, the best first
     by_networks: bool  # whether networks read the result
+    alignment: DepthAlignment | None  # of the depth network, where it was read off the scene
 
 
 def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress, record: Record | None) -> Job:
@@ -106,6 +109,12 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
     view = None if inputs.init == "auto" else given_view(inputs.init)
     clock.lap("scene")
+    lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors)
+    alignment = None
+    if needs_scene(parts) and (family == "image" or not is_scene(inputs.reference)):
+        scene = lift(scene)  # what the reference's depth means is read off it
+        parts, alignment = align_parts(parts, scene)
+        clock.lap("depth alignment")
     reference = read_reference(inputs.reference, parts, Reading(config.frames, config.output_side, family), progress)
     by_networks = reference.family == "image" and config.extract.verify
     if by_networks or family == "image":
@@ -113,7 +122,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
     clock.lap("reference")
     if family == "scene" or search.needs_subject or view is None:
-        scene = lifted_scene(scene, parts.renderer, parts.extractors, lambda step: progress(step, 0, 0))
+        scene = lift(scene, progress=lambda step: progress(step, 0, 0))
         clock.lap("lift")
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
@@ -129,7 +138,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     if view is None or (schedule.engine == "refine" and scene.subject is not None):  # a start more costs little there
         homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens, view))
     clock.lap("initial view")
-    return Job(parts, search, reference, wanted, stage, schedule, noise, concatenate(homes), by_networks)
+    start = concatenate(homes)
+    return Job(parts, search, reference, wanted, stage, schedule, noise, start, by_networks, alignment)
 
 
 def _guard(config: RunConfig, scene: Scene) -> Guard | None:

@@ -126,7 +126,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         InputError: it is missing, damaged, has a cut, or shows no person in any frame.
         UsageError: the part asked for cannot be.
     """
-    if source.startswith("builtin:") or ("@" in source and source.endswith(".json")):
+    if is_scene(source):
         reference = _from_scene(source, parts, reading, progress)
     elif source.endswith(".safetensors"):
         reference = _from_file(Path(source), parts, reading.frames)
@@ -134,6 +134,11 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         reference = _from_clip(source, parts, reading.frames, progress)
     _require_person(reference)
     return reference
+
+
+def is_scene(source: str) -> bool:
+    """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
+    return source.startswith("builtin:") or ("@" in source and source.endswith(".json"))
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:

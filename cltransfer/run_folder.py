@@ -8,7 +8,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -69,7 +69,7 @@ def open_run(folder: Path) -> Path:
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
     """Write everything a run leaves behind; returns what its report shows."""
     write_json(folder / MANIFEST, _manifest(result, config, plugins))
-    write_text(folder / CONFIG, config.to_yaml())
+    write_text(folder / CONFIG, _settled(config, result).to_yaml())
     remember(result.scene.digest, inputs.scene)
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / "trajectory.json")
@@ -87,6 +87,14 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     write_report(folder, report)
     write_text(folder / DONE, "")
     return report
+
+
+def _settled(config: RunConfig, result: Result) -> RunConfig:
+    """``config`` with what the run found out for itself, so that the same clip is read the same way again."""
+    if result.alignment is None:
+        return config
+    network = {**config.extractors["depth_onnx"], "affine": list(result.alignment.affine)}
+    return replace(config, extractors={**config.extractors, "depth_onnx": network})
 
 
 def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:

@@ -11,6 +11,7 @@ from torch import Tensor
 from .camera import Camera
 from .config import RunConfig
 from .correct import corrected, measure_bias
+from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
 from .driver.path_order import LeastPath, WholeClip, least_path
@@ -67,6 +68,7 @@ class Result:
         read_by: image (networks on both sides) or geometry (a scene taught a scene).
         spent: what it cost.
         seconds: by step.
+        alignment: of the depth network, where the scene told it.
     """
 
     scene: Scene
@@ -83,6 +85,7 @@ class Result:
     read_by: str
     spent: Spent
     seconds: dict[str, float]
+    alignment: DepthAlignment | None = None
 
     @property
     def kept(self) -> Attempt:
@@ -137,6 +140,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         read_by="image" if job.by_networks or config.extract.inner == "image" else "geometry",
         spent=stage.spent,
         seconds=clock.seconds,
+        alignment=job.alignment,
     )
 
 

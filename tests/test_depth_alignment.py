@@ -13,9 +13,18 @@ from typer.testing import CliRunner
 
 from cltransfer.cli import app
 from cltransfer.config import load_config
-from cltransfer.depth_alignment import align_config, align_depth
+from cltransfer.depth_alignment import VIEWS, align_config, align_depth, align_parts
 from cltransfer.errors import InputError, UsageError
 from cltransfer.extractors._disparity import aligned, fit_affine
+from cltransfer.feature_file import FeatureFile
+from cltransfer.features import Features
+from cltransfer.flags import run_flags
+from cltransfer.preparation import Inputs
+from cltransfer.reference import Components
+from cltransfer.registry import EXTRACTORS
+from cltransfer.run_folder import write_run
+from cltransfer.scenes.load import load_scene
+from cltransfer.transfer import transfer
 
 
 def depths(seed=0, views=5):
@@ -77,8 +86,9 @@ def test_a_config_without_a_policy_is_refused(more):
         align_config("builtin:plaza", load_config(overrides=more), 4)
 
 
-def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(tmp_path, monkeypatch):
-    """The network here takes blue less green for disparity, which no scene bears out."""
+@pytest.fixture
+def blue(tmp_path, monkeypatch):
+    """A network that takes blue less green for disparity, which no scene bears out."""
     weight = numpy_helper.from_array(np.array([0.0, -0.5, 1.0], np.float32).reshape(1, 3, 1, 1), "w")
     node = helper.make_node("Conv", ["pixel_values", "w"], ["predicted_depth"])
     image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, ["b", 3, 16, 32])
@@ -87,11 +97,44 @@ def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(tmp_path
     opset = [helper.make_opsetid("", 17)]
     onnx.save_model(helper.make_model(graph, opset_imports=opset, ir_version=9), str(tmp_path / "blue.onnx"))
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
-    network = "extractors.depth_onnx={model: blue.onnx, kind: disparity, align: shift, width: 32, height: 16}"
-    told = CliRunner().invoke(app, ["models", "align", "builtin:plaza", network, "--views", "4", "--json"])
+    return "extractors.depth_onnx={model: blue.onnx, kind: disparity, align: shift, width: 32, height: 16}"
+
+
+def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(blue):
+    told = CliRunner().invoke(app, ["models", "align", "builtin:plaza", blue, "--views", "4", "--json"])
     assert told.exit_code == 0
     found = json.loads(told.stdout)
     assert found["align"] == "shift"
     assert found["affine"][0] == 1
     assert found["error"][1] < found["error"][0]
     assert found["spread"] > 0.1
+
+
+def test_a_transfer_reads_the_shift_off_its_scene_and_keeps_it_in_the_run(blue, tmp_path):
+    features, times = tmp_path / "seen.safetensors", torch.arange(2) / 24
+    heights = torch.tensor([30.0, 30, 40, 40, 50, 50, 50, 50, 65, 65, 80, 80, 20, 28])  # as of JOINTS [px]
+    joints = torch.stack([torch.full((14,), 80.0), heights, torch.ones(14)], dim=1).expand(2, 14, 3)
+    FeatureFile(Features((160, 90), keypoints=joints), times, "made").save(features)
+    settings = [blue, "losses.framing.mode=faithful", "extract.verify=false", "preset=fast", "output_side=64"]
+    inputs, config = Inputs("builtin:plaza", str(features)), load_config(overrides=settings)
+    result = transfer(inputs, config)
+    assert result.alignment == align_config("builtin:plaza", config, VIEWS)
+    write_run(tmp_path / "run", result, inputs, config, [])
+    kept = load_config(tmp_path / "run" / "config.yaml").extractors["depth_onnx"]
+    assert kept["affine"] == list(result.alignment.affine)
+    assert any("in this scene (shift;" in flag.reason for flag in run_flags(result))
+
+
+def test_a_clip_is_read_with_the_shift_of_the_scene(blue):
+    config = load_config(overrides=[blue])
+    parts, found = align_parts(Components.build(config), load_scene("builtin:plaza"))
+    image = torch.rand(1, 3, 16, 32, generator=torch.Generator().manual_seed(0))
+    seen = Features((32, 16), image=image)
+    given = EXTRACTORS.build("depth_onnx", {**config.extractors["depth_onnx"], "affine": list(found.affine)})
+    torch.testing.assert_close(parts.extractors["depth_onnx"](seen).depth, given(seen).depth)
+
+
+def test_without_a_scene_a_shift_that_is_not_known_is_refused(blue):
+    network = Components.build(load_config(overrides=[blue])).extractors["depth_onnx"]
+    with pytest.raises(UsageError, match=r"affine: expected \[a, b\] for align shift, got null .*models align SCENE"):
+        network(Features((32, 16), image=torch.rand(1, 3, 16, 32)))

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..errors import UsageError
 from ..features import Features
 from ..onnx import Network, find_model
 from ..pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
@@ -41,9 +42,8 @@ class DepthOnnx:
         floor: smallest disparity over the largest, in (0, 1).
         align: what is done about a disparity's unknown shift, which changes the depth ratio of two layers. ``raw``
             takes it for none; ``shift`` and ``metric`` take 1 / depth = a d + b, ``shift`` with d in the frame's
-            largest, for a network that scales each frame by itself. ``cltransfer models align`` reads a and b off a
-            scene.
-        affine: a and b, for shift and metric.
+            largest, for a network that scales each frame by itself.
+        affine: a and b, for shift and metric; null has a transfer read them off its own scene.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image",)
@@ -61,14 +61,14 @@ class DepthOnnx:
     output: str = "predicted_depth"
     floor: float = 1e-3
     align: Align = "raw"
-    affine: tuple[float, float] = (1.0, 0.0)
+    affine: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("disparity", "depth"):
             raise ValueError(f"kind must be disparity or depth, got {self.kind!r}")
         if self.align not in ("raw", "shift", "metric") or (self.align != "raw" and self.kind != "disparity"):
             raise ValueError(f"align must be raw, or shift or metric of a disparity, got {self.align!r} of {self.kind}")
-        if not self.affine[0] > 0:
+        if self.affine is not None and not self.affine[0] > 0:
             raise ValueError(f"affine must rise with the disparity, got {self.affine}")
         if self.multiple < 0:
             raise ValueError(f"multiple must be at least 0, got {self.multiple}")
@@ -86,14 +86,27 @@ class DepthOnnx:
 
         Raises:
             ModelError: the network is missing or refused, or its output is no map.
+            UsageError: its shift is to be taken out and not known.
         """
         image = now.require("image")
         maps = self.output_maps(image)
         if self.kind == "disparity":
-            depth = depth_from_disparity(aligned(maps, self.align, self.affine), self.floor)
+            depth = depth_from_disparity(aligned(maps, self.align, self._known_affine()), self.floor)
         else:
             depth = torch.where(maps > 0, maps, torch.nan)
         return replace(now, depth=depth.to(image.device))
+
+    @property
+    def unaligned(self) -> bool:
+        """Whether a shift is to be taken out that is not known yet."""
+        return self.align != "raw" and self.affine is None
+
+    def _known_affine(self) -> tuple[float, float]:
+        if self.unaligned:
+            field = "extractors.depth_onnx.affine"
+            hint = "a transfer reads it off its scene; elsewhere take what `cltransfer models align SCENE` prints"
+            raise UsageError("", field, f"expected [a, b] for align {self.align}, got null", hint)
+        return self.affine or (1.0, 0.0)
 
     def output_maps(self, image: Tensor) -> Tensor:
         """What the network says of ``image`` (B, 3, H, W) in [0, 1], on its pixels, (B, H, W).
