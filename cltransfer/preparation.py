@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from .camera import Camera, concatenate, resized
 from .config import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
+from .driver.closed_form import closed_form
 from .driver.guard import Guard
-from .driver.initial_view import best_of_orbit, first_seen, given_view
+from .driver.initial_view import any_view, best_of_orbit, first_seen, given_view
 from .driver.journal import Journal
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Stage
@@ -90,6 +92,7 @@ class Job:
     schedule: Schedule
     noise: float  # total that cannot be told apart
     homes: Camera  # initial views, the best first
+    guide: Tensor | None  # (N, D) a path in closed form, where there is one
     by_networks: bool  # whether networks read the result
     alignment: DepthAlignment | None  # of the depth network, where it was read off the scene
 
@@ -134,12 +137,19 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     )
     noise = noise_floor(stage.objective, reference.features, wanted)
     schedule = make_schedule(config, stage.objective, wanted, noise)
-    homes = [] if view is None else [resized(view, output)]
-    if view is None or (schedule.engine == "refine" and scene.subject is not None):  # a start more costs little there
+    homes, guide = [] if view is None else [resized(view, output)], None
+    subject, refined = scene.subject, schedule.engine == "refine"
+    if refined and schedule.warm and subject is not None:
+        lens = homes[0] if homes else any_view(subject, output)
+        guide = closed_form(stage, search, wanted, lens, schedule.free_lens)
+        if guide is not None:
+            homes.append(search.cameras(guide[:1], lens, subject))
+    unsure = guide is None or reference.family == "image"  # networks err about where a person looks
+    if not homes or (refined and unsure and subject is not None):
         homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens, view))
     clock.lap("initial view")
     start = concatenate(homes)
-    return Job(parts, search, reference, wanted, stage, schedule, noise, start, by_networks, alignment)
+    return Job(parts, search, reference, wanted, stage, schedule, noise, start, guide, by_networks, alignment)
 
 
 def _guard(config: RunConfig, scene: Scene) -> Guard | None:

@@ -148,13 +148,13 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
     """Rounds of search and reading back; after the first, aimed off the networks' bias."""
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
-    target, homes, attempts = job.wanted, job.homes, list[Attempt]()
+    target, homes, guide, attempts = job.wanted, job.homes, job.guide, list[Attempt]()
     for number in range(rounds + 1):
         searching = job.stage.reduced(homes[0], config.lod)
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
         clip = WholeClip(job.stage, job.search, target, homes[0])
-        found = _followed(job, searching, target, homes, report)
+        found = _followed(job, searching, target, homes, report, guide)
         cameras, path = found.camera, None
         if config.path == "smooth":
             local = found.local
@@ -171,18 +171,19 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         if number < rounds:
             bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
             target, homes = corrected(job.wanted, bias), cameras[0]
+            guide = found.x if path is None else path.x
     return attempts
 
 
-def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report) -> Path:
+def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:
     """The clip followed leanly where that is good enough, else thoroughly too; the better one."""
     schedule = job.schedule
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
-        return follow(stage, job.search, target, homes, schedule, report)
-    first = follow(stage, job.search, target, homes, schedule.lean, report)
+        return follow(stage, job.search, target, homes, schedule, report, guide)
+    first = follow(stage, job.search, target, homes, schedule.lean, report, guide)
     if first.local is None or (first.local.total <= schedule.lean_limit and not first.drifts):
         return first
-    second = follow(stage, job.search, target, homes, schedule, report)
+    second = follow(stage, job.search, target, homes, schedule, report, guide)
     return second if second.local is not None and second.local.total < first.local.total else first
 
 

@@ -52,11 +52,12 @@ def follow(
     homes: Camera,
     schedule: Schedule,
     progress: Callable[[int, Solved], None] = lambda frame, found: None,
+    guide: Tensor | None = None,
 ) -> Path:
     """Find a camera for every frame of ``reference``, in order.
 
-    Sequential because flow spans a frame and the one before (paper Sec. 9). A warm frame starts where the last ones
-    lead or where the reference's joints aim it, and with what the last one learned of the landscape: neighbours have
+    Sequential because flow spans a frame and the one before (paper Sec. 9). A warm frame starts where a guide leads, or
+    else the last frames or the reference's joints, and with what the last one learned of the landscape: neighbours have
     nearly the same. Each frame has its own random numbers, derived from the seed and its index.
 
     Args:
@@ -66,6 +67,7 @@ def follow(
         homes: initial views, the best first; the first frame starts from the best of them.
         schedule: engine, budgets and starts.
         progress: called after each frame.
+        guide: a path (N, D) that every frame may start from too, None where there is none.
     """
     home, subject = homes[0], stage.scene.subject
     defined = stage.objective.defined(reference)
@@ -80,8 +82,11 @@ def follow(
         problem = Problem(stage, search, home, reference[i], before, defined[i], schedule.free_lens)
         starts = at_home
         if schedule.warm and i > 0 and memory.placed(stage.objective):
-            starts = predictions([solved.x for solved in found])
-            starts = torch.cat([starts, problem.aimed(starts[-1:])])
+            if guide is None or hidden[i]:
+                starts = predictions([solved.x for solved in found])
+                starts = torch.cat([starts, problem.aimed(starts[-1:])])
+            else:  # the guide's own motion from where the last frame was found, and the guide itself
+                starts = torch.stack([found[-1].x + guide[i] - guide[i - 1], guide[i]])
         if hidden[i] and found and schedule.warm:
             solved = carried(problem, starts, memory)
         else:

@@ -69,13 +69,18 @@ class Aim:
         middle = torch.zeros(len(rows), 2, dtype=torch.float64)
         lens = math.log(focal) - distance
         x = torch.cat([stands[rows], distance[:, None], middle, lens[:, None]], dim=1) / SCALE
-        anchor = self.subject.anchor[None]
-        normal = Camera.look_at(anchor + self.subject.facing, anchor, self.subject.up, self.fov, self.size)
+        normal = any_view(self.subject, self.size, self.fov)
         search = SubjectOrbit()
         x = x if self.free_lens else x[:, :-1]
         if self.first.has("keypoints"):
             x = search.aimed(x, normal, self.subject, self.first)
         return search.cameras(x, normal, self.subject)
+
+
+def any_view(subject: Subject, size: tuple[int, int], fov: float = VERTICAL_FOV) -> Camera:
+    """A view (1) of the subject's front."""
+    anchor = subject.anchor[None]
+    return Camera.look_at(anchor + subject.facing, anchor, subject.up, fov, size)
 
 
 def _read_stand(first: Features) -> Tensor | None:

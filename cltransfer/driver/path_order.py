@@ -25,6 +25,7 @@ from .stage import Stage
 LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
+JUMPS = 0.15  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
 CLEARLY = 0.9  # of the total that the last one promised
@@ -171,10 +172,10 @@ def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> Least
     spline = _by_total(clip, free, limit) if local is None else _by_model(clip, free, local, limit)
     if spline is not None:
         return spline
-    for frames in FILTERS:  # no spline is near enough: the losses jump
+    for frames in FILTERS:  # no spline is near enough: the losses jump, and so would the camera
         x = along(free.x, frames)
         total = clip.total(x)
-        if total <= limit:
+        if total <= max(limit, free.free + JUMPS):
             return replace(free, x=x, filtered=frames, total=total)
     return free
 

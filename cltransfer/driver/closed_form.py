@@ -1,0 +1,115 @@
+"""A whole path in closed form: stands as read, aimed at the reference's joints, at the distances that suit the clip.
+
+Where a camera stands around the person is read off the reference, and where and how large the person appears follows
+by projection alone. What is left is the distance at one size. That is looked up for a few frames along the clip and
+chosen for all of them together, by dynamic programming: a depth that suits the first frame best may suit the rest
+badly, and a search that follows the clip frame by frame cannot come back from there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from ..placement import frame_joints, visible_joints
+from ..search.subject_orbit import SCALE, SubjectOrbit
+from .stage import Stage
+
+DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
+SAMPLES = 5  # frames along the clip for which all of them are tried
+BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
+
+
+def closed_form(stage: Stage, search: Any, reference: Features, home: Camera, free_lens: bool) -> Tensor | None:
+    """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
+
+    Evaluates :data:`SAMPLES` times :data:`DISTANCES` candidates, the same few for a clip of any length.
+
+    Args:
+        stage: renders and scores.
+        search: vectors to cameras.
+        reference: N frames.
+        home: any view of the right size; it lends its lens where that is kept.
+        free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
+    """
+    if not isinstance(search, SubjectOrbit) or not (reference.has("orientation") and reference.has("keypoints")):
+        return None
+    stands = _stands(reference.require("orientation").double())
+    if stands is None or not bool(visible_joints(frame_joints(reference)).any()):
+        return None
+    x = search.vector(home, home, stage.scene.subject)[:, : 7 if free_lens else 6].repeat(len(reference), 1)
+    x[:, :3] = stands / SCALE[:3]
+    if free_lens:
+        found = _distances(stage, search, reference, home, x)
+        if found is None:
+            return None
+        x[:, 3] = found
+    subject = stage.scene.subject
+    x = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
+    x[:, 3:] = _bridged(x[:, 3:], visible_joints(frame_joints(reference)).any(1))
+    return x
+
+
+def _bridged(x: Tensor, known: Tensor) -> Tensor:
+    """x (N, D) with the frames that are not ``known``, (N,) bool, taken from those around them."""
+    at, frames = known.nonzero()[:, 0].numpy(), np.arange(len(x))
+    return torch.from_numpy(np.stack([np.interp(frames, at, column) for column in x[known].numpy().T], axis=1))
+
+
+def _stands(read: Tensor) -> Tensor | None:
+    """Azimuth, elevation and roll (N, 3) [rad] as read, without turns; None where no frame was read."""
+    known = torch.isfinite(read).all(1)
+    if not bool(known.any()):
+        return None
+    turning = read.clone()
+    turning[known] = torch.from_numpy(np.unwrap(read[known].numpy(), axis=0))
+    return _bridged(turning, known)
+
+
+def _distances(stage: Stage, search: SubjectOrbit, reference: Features, home: Camera, x: Tensor) -> Tensor | None:
+    """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
+    frames = np.unique(np.linspace(0, len(reference) - 1, SAMPLES).round().astype(int))
+    logs = DISTANCES.log()
+    objective, costs, seen = stage.objective, [], False
+    still = torch.tensor(["flow" not in loss.requires for loss in objective.losses.values()])
+    for i in frames.tolist():
+        tried = x[i].repeat(len(logs), 1)
+        tried[:, 3] = logs / SCALE[3]
+        tried = search.aimed(tried, home, stage.scene.subject, reference[i])
+        terms = stage.terms(reference[i], search.cameras(tried, home, stage.scene.subject), None)
+        defined = objective.defined(reference[i])[0] & still
+        seen |= bool(torch.isfinite(terms[:, defined]).any())
+        costs.append(objective.weighted(terms, defined)[:, still].sum(1).numpy())
+    if not seen:
+        return None
+    chosen = _cheapest(np.stack(costs), logs.numpy(), BEND * len(frames) / len(reference))
+    return torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen])) / SCALE[3]
+
+
+def _cheapest(costs: NDArray, values: NDArray, rate: float) -> NDArray:
+    """Which value (S,) each of S samples takes, so that costs (S, K) and ``rate`` times every bend are least.
+
+    A bend is a second difference: a steady move is as good as standing still, since the reference may move too.
+
+    >>> _cheapest(np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 5.0).tolist()
+    [1, 1, 1]
+    """
+    if len(costs) < 3:
+        return costs.argmin(1)
+    bend = rate * np.abs(values[:, None, None] - 2 * values[:, None] + values)  # (K, K, K)
+    best, back = costs[0][:, None] + costs[1], []  # (K, K) of the last two
+    for cost in costs[2:]:
+        ways = best[:, :, None] + bend
+        back.append(ways.argmin(0))
+        best = ways.min(0) + cost
+    last, now = np.unravel_index(best.argmin(), best.shape)
+    chosen = [int(now), int(last)]
+    for step in reversed(back):
+        chosen.append(int(step[chosen[-1], chosen[-2]]))
+    return np.array(chosen[::-1])

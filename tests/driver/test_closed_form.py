@@ -1,0 +1,99 @@
+"""A whole path in closed form: from a reference's own scene it is nearly the true one, from a few candidates."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.driver.closed_form import DISTANCES, SAMPLES, _cheapest, closed_form
+from cltransfer.preparation import Clock, Inputs, Job, prepare
+from cltransfer.reference import silent
+from cltransfer.scenes.load import load_scene
+from cltransfer.shots import shot
+from cltransfer.trajectory import Trajectory
+
+FRAMES = 8
+
+
+@pytest.fixture
+def prepared(tmp_path: Path) -> Callable[..., tuple[Job, Trajectory]]:
+    """A shot in the plaza, ready to be taught to the plaza, and its true cameras."""
+
+    def run(name: str, *overrides: str) -> tuple[Job, Trajectory]:
+        subject = load_scene("builtin:plaza").subject
+        assert subject is not None
+        true = shot(name, subject, (160, 90), FRAMES)
+        true.save(tmp_path / "shot.json")
+        small = ["search_side=96", "output_side=96", "threads=1", "extract.verify=false", *overrides]
+        inputs = Inputs("builtin:plaza", f"builtin:plaza@{tmp_path / 'shot.json'}")
+        return prepare(inputs, load_config(overrides=small), Clock(), silent, None), true
+
+    return run
+
+
+def found(job: Job, **features: Any) -> Any:
+    reference = replace(job.wanted, **features)
+    return closed_form(job.stage, job.search, reference, job.homes[0], job.schedule.free_lens)
+
+
+@pytest.mark.parametrize("name", ["static", "push_in", "orbit", "zoom", "dolly_zoom"])
+def test_the_path_is_that_of_the_true_cameras_to_the_step_of_the_distances(prepared: Any, name: str) -> None:
+    job, true = prepared(name)
+    assert job.guide is not None
+    truth = job.search.vector(true.camera, true.camera[0], job.stage.scene.subject)
+    step = float(DISTANCES[1] / DISTANCES[0]) - 1
+    torch.testing.assert_close(job.guide[:, :3], truth[:, :3], atol=0.01, rtol=0)
+    assert float((job.guide[:, 3] - truth[:, 3]).abs().max()) < 2.5 * step
+    torch.testing.assert_close(job.guide[:, 4:], truth[:, 4:], atol=0.01, rtol=0)
+
+
+def test_it_costs_as_many_evaluations_as_it_tries_distances(prepared: Any) -> None:
+    job, _ = prepared("push_in")
+    assert job.stage.spent.evaluations == SAMPLES * len(DISTANCES)
+
+
+def test_a_kept_lens_leaves_nothing_to_try(prepared: Any) -> None:
+    job, _ = prepared("push_in", "zoom=fixed")
+    assert job.guide is not None
+    assert job.guide.shape == (FRAMES, 6)
+    assert job.stage.spent.evaluations == 0
+
+
+def test_a_frame_that_was_not_read_is_taken_from_those_around_it(prepared: Any) -> None:
+    job, _ = prepared("push_in")
+    orientation, keypoints = (job.wanted.require(n).clone() for n in ("orientation", "keypoints"))
+    orientation[3], keypoints[3] = torch.nan, torch.nan
+    guide = found(job, orientation=orientation, keypoints=keypoints)
+    torch.testing.assert_close(guide[3], (guide[2] + guide[4]) / 2, atol=0.02, rtol=0)
+    assert torch.isfinite(guide).all()
+
+
+@pytest.mark.parametrize("name", ["orientation", "keypoints"])
+def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
+    job, _ = prepared("static")
+    assert found(job, **{name: None}) is None
+    assert found(job, **{name: torch.full_like(job.wanted.require(name), torch.nan)}) is None
+
+
+def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
+    job, _ = prepared("static", "search={subject_orbit: null, paper_box: {}}")
+    assert job.guide is None
+
+
+def test_a_depth_that_suits_the_first_frame_alone_is_not_taken() -> None:
+    costs = np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    assert _cheapest(costs, np.array([0.0, 1.0]), 5.0).tolist() == [1, 1, 1, 1]
+
+
+def test_a_steady_move_costs_no_more_than_standing_still() -> None:
+    costs = 0.2 * np.abs(np.arange(4)[:, None] - np.arange(4))
+    assert _cheapest(costs, np.arange(4.0), 5.0).tolist() == [0, 1, 2, 3]
+
+
+def test_two_samples_take_the_cheapest_each() -> None:
+    assert _cheapest(np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 5.0).tolist() == [0, 1]
