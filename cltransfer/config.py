@@ -58,6 +58,8 @@ class RunConfig:
         lod: level of detail while searching: splats that share a voxel of so many pixels are merged; 0 merges nothing.
             The result is rendered and scored in full.
         warm_start: start each frame from the frames before it; otherwise from the initial view.
+        guide: frames along the clip at which every distance is tried, to choose one path in closed form that all frames
+            start from; 0 starts each frame from the ones before it alone.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.
         engine: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A loss without
@@ -95,6 +97,7 @@ class RunConfig:
     output_side: int = 720
     lod: float = 0.0
     warm_start: bool = True
+    guide: int = 5
     zoom: Literal["auto", "free", "fixed"] = "auto"
     engine: Literal["refine", "cma", "adam"] = "cma"
     steps: int = 6
@@ -127,7 +130,7 @@ class RunConfig:
             ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("basin", 0.0, 1e6), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
-            ("clean", 0.0, 100.0), ("joint", 0, 100), ("lean", 0.0, 1e6), ("lod", 0.0, 16.0),
+            ("clean", 0.0, 100.0), ("guide", 0, 1000), ("joint", 0, 100), ("lean", 0.0, 1e6), ("lod", 0.0, 16.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

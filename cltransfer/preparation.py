@@ -139,9 +139,9 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     schedule = make_schedule(config, stage.objective, wanted, noise)
     homes, guide = [] if view is None else [resized(view, output)], None
     subject, refined = scene.subject, schedule.engine == "refine"
-    if refined and schedule.warm and subject is not None:
+    if refined and schedule.warm and subject is not None and config.guide:
         lens = homes[0] if homes else any_view(subject, output)
-        guide = closed_form(stage, search, wanted, lens, schedule.free_lens)
+        guide = closed_form(stage, search, wanted, lens, schedule.free_lens, config.guide)
         if guide is not None:
             homes.append(search.cameras(guide[:1], lens, subject))
     unsure = guide is None or reference.family == "image"  # networks err about where a person looks

@@ -14,7 +14,7 @@ from .correct import corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
-from .driver.path_order import LeastPath, WholeClip, least_path
+from .driver.path_order import JUMPS, LeastPath, WholeClip, least_path
 from .driver.schedule import Schedule
 from .driver.stage import Spent, Stage
 from .features import Features
@@ -24,10 +24,12 @@ from .readback import Readback, read_back, read_held, read_path
 from .reference import Progress, Reference, silent
 from .scenes import Scene
 from .scores import Scores, tabulate
+from .tracks import along
 from .trajectory import Trajectory
 
 Report = Callable[[int, Solved], None]
 
+CALM = 2.0  # [frames] standard deviation of the filter over frames that jump
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 
 
@@ -154,15 +156,8 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
         clip = WholeClip(job.stage, job.search, target, homes[0])
-        found = _followed(job, searching, target, homes, report, guide)
-        cameras, path = found.camera, None
-        if config.path == "smooth":
-            local = found.local
-            if local is not None and config.lod > 0:  # merged, the scene has other residuals
-                local = replace(local, residuals=clip.residuals(found.x))
-            free = clip.total(found.x) if local is None else local.total
-            path = least_path(clip, found.x, local, free, job.noise, config.joint)
-            cameras = clip.cameras(path.x)
+        found, path = _searched(job, config, searching, clip, homes, guide, report)
+        cameras = found.camera if path is None else clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
         seen = read_path(job.stage, cameras)
@@ -173,6 +168,33 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
             target, homes = corrected(job.wanted, bias), cameras[0]
             guide = found.x if path is None else path.x
     return attempts
+
+
+def _searched(
+    job: Job, config: RunConfig, stage: Stage, clip: WholeClip, homes: Camera, guide: Tensor | None, report: Report
+) -> tuple[Path, LeastPath | None]:
+    """The frames of one round, and the path through them where one is asked for.
+
+    Where frames jump and no path through them is near enough, the clip is followed once more about its filtered self.
+    """
+    found = _followed(job, stage, clip.reference, homes, report, guide)
+    if config.path == "exact":
+        return found, None
+    path = _least(job, config, clip, found)
+    if path.jumps and found.local is not None:
+        calm = follow(stage, job.search, clip.reference, homes, job.schedule.lean, report, along(found.x, CALM))
+        again = _least(job, config, clip, calm)
+        if not again.jumps and again.total <= path.total + JUMPS:
+            return calm, again
+    return found, path
+
+
+def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path) -> LeastPath:
+    local = found.local
+    if local is not None and config.lod > 0:  # merged, the scene has other residuals
+        local = replace(local, residuals=clip.residuals(found.x))
+    free = clip.total(found.x) if local is None else local.total
+    return least_path(clip, found.x, local, free, job.noise, config.joint)
 
 
 def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:

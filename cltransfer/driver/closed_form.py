@@ -22,14 +22,15 @@ from ..search.subject_orbit import SCALE, SubjectOrbit
 from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
-SAMPLES = 5  # frames along the clip for which all of them are tried
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
-def closed_form(stage: Stage, search: Any, reference: Features, home: Camera, free_lens: bool) -> Tensor | None:
+def closed_form(
+    stage: Stage, search: Any, reference: Features, home: Camera, free_lens: bool, samples: int
+) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
-    Evaluates :data:`SAMPLES` times :data:`DISTANCES` candidates, the same few for a clip of any length.
+    Evaluates ``samples`` times :data:`DISTANCES` candidates, the same few for a clip of any length.
 
     Args:
         stage: renders and scores.
@@ -37,6 +38,7 @@ def closed_form(stage: Stage, search: Any, reference: Features, home: Camera, fr
         reference: N frames.
         home: any view of the right size; it lends its lens where that is kept.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
+        samples: frames along the clip for which all distances are tried, at least 1.
     """
     if not isinstance(search, SubjectOrbit) or not (reference.has("orientation") and reference.has("keypoints")):
         return None
@@ -46,7 +48,7 @@ def closed_form(stage: Stage, search: Any, reference: Features, home: Camera, fr
     x = search.vector(home, home, stage.scene.subject)[:, : 7 if free_lens else 6].repeat(len(reference), 1)
     x[:, :3] = stands / SCALE[:3]
     if free_lens:
-        found = _distances(stage, search, reference, home, x)
+        found = _distances(stage, search, reference, home, x, samples)
         if found is None:
             return None
         x[:, 3] = found
@@ -72,9 +74,11 @@ def _stands(read: Tensor) -> Tensor | None:
     return _bridged(turning, known)
 
 
-def _distances(stage: Stage, search: SubjectOrbit, reference: Features, home: Camera, x: Tensor) -> Tensor | None:
+def _distances(
+    stage: Stage, search: SubjectOrbit, reference: Features, home: Camera, x: Tensor, samples: int
+) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
-    frames = np.unique(np.linspace(0, len(reference) - 1, SAMPLES).round().astype(int))
+    frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
     logs = DISTANCES.log()
     objective, costs, seen = stage.objective, [], False
     still = torch.tensor(["flow" not in loss.requires for loss in objective.losses.values()])

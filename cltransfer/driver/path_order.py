@@ -120,6 +120,11 @@ class LeastPath:
     floor: float
 
     @property
+    def jumps(self) -> bool:
+        """Whether every frame was left as it was found, though there are several."""
+        return self.knots is None and not self.filtered and len(self.x) > 1
+
+    @property
     def name(self) -> str:
         """In words, for reports."""
         if self.filtered:

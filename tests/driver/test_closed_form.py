@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.driver.closed_form import DISTANCES, SAMPLES, _cheapest, closed_form
+from cltransfer.driver.closed_form import DISTANCES, _cheapest, closed_form
 from cltransfer.preparation import Clock, Inputs, Job, prepare
 from cltransfer.reference import silent
 from cltransfer.scenes.load import load_scene
@@ -38,7 +38,7 @@ def prepared(tmp_path: Path) -> Callable[..., tuple[Job, Trajectory]]:
 
 def found(job: Job, **features: Any) -> Any:
     reference = replace(job.wanted, **features)
-    return closed_form(job.stage, job.search, reference, job.homes[0], job.schedule.free_lens)
+    return closed_form(job.stage, job.search, reference, job.homes[0], job.schedule.free_lens, 5)
 
 
 @pytest.mark.parametrize("name", ["static", "push_in", "orbit", "zoom", "dolly_zoom"])
@@ -53,8 +53,14 @@ def test_the_path_is_that_of_the_true_cameras_to_the_step_of_the_distances(prepa
 
 
 def test_it_costs_as_many_evaluations_as_it_tries_distances(prepared: Any) -> None:
-    job, _ = prepared("push_in")
-    assert job.stage.spent.evaluations == SAMPLES * len(DISTANCES)
+    job, _ = prepared("push_in", "guide=3")
+    assert job.stage.spent.evaluations == 3 * len(DISTANCES)
+
+
+def test_without_one_the_first_frame_starts_from_the_best_of_an_orbit(prepared: Any) -> None:
+    job, _ = prepared("push_in", "guide=0")
+    assert job.guide is None
+    assert len(job.homes) >= 1
 
 
 def test_a_kept_lens_leaves_nothing_to_try(prepared: Any) -> None:
