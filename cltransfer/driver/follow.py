@@ -18,6 +18,7 @@ from .frame import Memory, Problem, Schedule, Solved, carried, motion_scale, pre
 from .spline import Local
 from .stage import Stage
 
+GOOD = 0.3  # total of a frame that is about right
 DRIFT, DRIFT_FLOOR = 2.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
 
 
@@ -85,8 +86,10 @@ def follow(
             if guide is None or hidden[i]:
                 starts = predictions([solved.x for solved in found])
                 starts = torch.cat([starts, problem.aimed(starts[-1:])])
-            else:  # the guide's own motion from where the last frame was found, and the guide itself
-                starts = torch.stack([found[-1].x + guide[i] - guide[i - 1], guide[i]])
+            else:
+                starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
+                if found[-1].total < GOOD:  # then its own motion may go on too, lest the guide leaps
+                    starts = torch.cat([starts, predictions([solved.x for solved in found])[-1:]])
         if hidden[i] and found and schedule.warm:
             solved = carried(problem, starts, memory)
         else:

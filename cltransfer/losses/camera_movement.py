@@ -46,6 +46,8 @@ def movement_residuals(
 ) -> Tensor:
     """Six residuals a layer whose norms add up to the mean difference of the layers' affine flow.
 
+    A layer differs by :data:`WHIP` at most: a field fitted to a sliver of the render says nothing beyond it.
+
     Args:
         reference: fields of 1 or B frames.
         rendered: fields of B candidates.
@@ -59,11 +61,15 @@ def movement_residuals(
     wanted = reference.area >= min_area  # (R, 3)
     there = rendered.area >= (min_share * reference.area).clamp_min(min_area)  # (B, 3)
     residuals = affine_flow_residuals(reference, rendered)
+    residuals = residuals * (WHIP / residuals.norm(dim=-1, keepdim=True)).clamp_max(1.0)
     lacking = torch.zeros(6).to(residuals)
     lacking[0] = mismatch
     residuals = torch.where(there[..., None], residuals, lacking)
     residuals = residuals.masked_fill(~wanted[..., None], 0.0) / wanted.sum(-1)[:, None, None]
     return residuals.flatten(1).masked_fill(~there.any(-1, keepdim=True), float("nan"))
+
+
+WHIP = 0.25  # a whip pan: a quarter of the frame width in one frame
 
 
 @LOSSES.register("camera_movement")
@@ -85,7 +91,8 @@ class CameraMovement:
             field seen through a keyhole says nothing about the frame.
         weight: lambda of Eq. 15; tolerance 0.005 frame widths.
 
-    The penalty is a quarter of the frame width in one frame, a whip pan; faithful: that of a frame 1280 wide.
+    The penalty is a quarter of the frame width in one frame, a whip pan, and the most that a layer can differ by, so
+    that to lose one never pays; faithful: that of a frame 1280 wide.
     """
 
     mode: Literal["robust", "faithful"] = "robust"
@@ -98,7 +105,7 @@ class CameraMovement:
     requires: ClassVar[tuple[str, ...]] = ("flow", "layers")
     uses: ClassVar[tuple[str, ...]] = ("flow_confidence",)
     unit: ClassVar[str] = "frame widths"
-    penalty: ClassVar[float] = 0.25
+    penalty: ClassVar[float] = WHIP
     groups: ClassVar[tuple[int, ...]] = (0,) * 6 + (1,) * 6 + (2,) * 6
 
     def __post_init__(self) -> None:

@@ -226,3 +226,10 @@ def test_the_frame_as_one_layer_asks_for_no_layers() -> None:
     features = replace(moving(STILL), layers=None)
     assert CameraMovement(layered=False).requires == ("flow",)
     assert float(CameraMovement(layered=False)(features, replace(moving(PAN), layers=None))) == pytest.approx(0.03)
+
+
+def test_a_layer_differs_by_a_whip_pan_at_most() -> None:
+    """A field fitted to a sliver can be anything beyond it; a view that lacks the layer must not be better."""
+    wild = moving([[3.0, 50.0, 0], [0.0, 0, 80.0]])
+    assert float(CameraMovement()(moving(STILL), wild)) == pytest.approx(CameraMovement.penalty, rel=1e-6)
+    assert float(CameraMovement()(moving(STILL), moving([[0.2, 0, 0], [0.0, 0, 0]]))) == pytest.approx(0.2, rel=1e-4)
