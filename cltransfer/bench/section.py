@@ -64,11 +64,20 @@ def _cpu() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def commit() -> str:
-    """Commit of the checkout this runs from, else the version of the package."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+def commit(root: Path | None = None) -> str:
+    """Commit of the checkout at ``root``, this one where it is None; else the version of the package.
+
+    ``-dirty`` if code or configs have changed since: figures and pages, which a benchmark writes itself, do not count.
+    """
+    git = ["git", "-C", str(root or Path(__file__).parents[2])]
     try:
-        answer = subprocess.run(command, capture_output=True, text=True, check=False)
+        at = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "--", "cltransfer", "configs", "plugins"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
     except FileNotFoundError:
         return f"cltransfer {__version__}"
-    return answer.stdout.strip() or f"cltransfer {__version__}"
+    if not at.stdout.strip():
+        return f"cltransfer {__version__}"
+    return at.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")
