@@ -31,7 +31,7 @@ from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
 from .threads import set_threads, thread_count
-from .tracks import cleaned
+from .tracks import cleaned, turned_back
 
 
 @dataclass(frozen=True)
@@ -178,9 +178,9 @@ def _digest(*parts: bytes) -> str:
 def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
     """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
 
-    0 where it was not filtered. Nothing below it can be told apart.
+    0 where it was not filtered. Nothing below it can be told apart. A frame read back to front is an error, no jitter.
     """
-    terms = objective.terms(read, wanted)
+    terms = objective.terms(read if wanted is read else turned_back(read), wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
     return float(objective.totals(terms, defined).mean())
 

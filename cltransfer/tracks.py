@@ -15,8 +15,11 @@ from torch import Tensor
 
 from .features import Features
 from .placement import frame_joints, visible_joints
+from .skeleton import JOINTS
 
 FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
+CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
+SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, from which on their order is sure
 MEDIAN = 5  # frames
 
 
@@ -34,7 +37,7 @@ def cleaned(features: Features, frames: float) -> Features:
         return features
     new: dict[str, Any] = {}
     if features.has("orientation"):
-        new["orientation"] = _steady_angles(features.require("orientation"), frames)
+        new["orientation"] = _steady_angles(turned_back(features).require("orientation"), frames)
     if features.has("keypoints"):
         stretches = _stretches(visible_joints(frame_joints(features)))
         joints = features.require("keypoints").clone()
@@ -44,19 +47,51 @@ def cleaned(features: Features, frames: float) -> Features:
     return replace(features, **new)
 
 
-def repair_flips(yaw: Tensor) -> Tensor:
-    """Yaw (N,) [rad] with frames that were read back to front turned by pi, by a two-state Viterbi.
+def turned_back(features: Features) -> Features:
+    """The features of N frames in order, with those turned by pi in which the person's back was taken for the front."""
+    if not features.has("orientation"):
+        return features
+    angles = features.require("orientation")
+    yaw = repair_flips(angles[:, 0], facing(features))
+    return replace(features, orientation=torch.cat([yaw[:, None], angles[:, 1:]], dim=1))
+
+
+def facing(features: Features) -> Tensor:
+    """Whether the shoulders' order says front (1) or back (-1), or in between how surely, (N,); 0 where it is unknown.
+
+    The body's left shoulder is on the right of who sees its front. What is right and left in the image is counted along
+    the body's roll.
+    """
+    if not features.has("keypoints"):
+        return torch.zeros(len(features), dtype=torch.float64)
+    parts = [JOINTS.index(name) for name in ("left_shoulder", "right_shoulder", "head_top")]
+    joints, roll = features.require("keypoints").double()[:, parts], features.require("orientation").double()[:, 2]
+    left, right, top = joints[..., :2].unbind(1)
+    across = torch.stack([torch.cos(roll), torch.sin(roll)], dim=1)
+    apart = ((left - right) * across).sum(1) / (top - (left + right) / 2).norm(dim=1)
+    known = visible_joints(joints).all(1) & apart.isfinite()
+    return torch.where(known, (apart / SURELY_WIDE).clamp(-1, 1), 0.0)
+
+
+def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
+    """Yaw with frames that were read back to front turned by pi, by a two-state Viterbi.
 
     Between two frames the body turns little, so a jump by pi is the reader's; which side is right is decided by the
-    majority. NaN frames are passed over.
+    majority, and by what another reader says of it. NaN frames are passed over.
+
+    Args:
+        yaw: (N,) [rad], 0 in front of the body.
+        facing: whether it shows its front (1) or back (-1), (N,), 0 where unknown; see :func:`facing`.
     """
     known = torch.isfinite(yaw).nonzero()[:, 0]
     if len(known) < 2:
         return yaw
     both = torch.stack([yaw[known], yaw[known] + math.pi], dim=1)  # (M, 2)
-    cost = torch.tensor([0.0, FLIP_COST], dtype=yaw.dtype)
-    pay, back = cost.clone(), []
-    for before, now in pairwise(both):
+    costs = torch.tensor([0.0, FLIP_COST], dtype=yaw.dtype).repeat(len(known), 1)
+    if facing is not None:
+        costs = costs + CONTRADICTED * (-facing[known, None].to(yaw) * both.cos().sign()).clamp_min(0)
+    pay, back = costs[0], []
+    for (before, now), cost in zip(pairwise(both), costs[1:]):
         turn = _wrap(now[:, None] - before[None]).abs()  # (now, before)
         best = (pay[None] + turn).min(1)
         back.append(best.indices)
@@ -86,9 +121,7 @@ def along(x: Tensor, frames: float) -> Tensor:
     return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
 
 
-def _steady_angles(orientation: Tensor, frames: float) -> Tensor:
-    yaw = repair_flips(orientation[:, 0])
-    angles = torch.cat([yaw[:, None], orientation[:, 1:]], dim=1)
+def _steady_angles(angles: Tensor, frames: float) -> Tensor:
     known = torch.isfinite(angles).all(1)
     if int(known.sum()) < 3:
         return angles

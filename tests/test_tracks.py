@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from cltransfer.features import Features
-from cltransfer.tracks import along, cleaned, repair_flips
+from cltransfer.skeleton import JOINTS
+from cltransfer.tracks import along, cleaned, facing, repair_flips
 
 
 def wrapped(x: torch.Tensor) -> torch.Tensor:
@@ -35,6 +36,40 @@ def test_a_flipped_first_frame_does_not_lock_the_clip() -> None:
 def test_a_body_that_really_turns_around_is_left_alone() -> None:
     turning = wrapped(torch.linspace(0, 2 * math.pi, 48, dtype=torch.float64))
     torch.testing.assert_close(repair_flips(turning), turning)
+
+
+def shown(yaw: torch.Tensor, roll: float = 0.0) -> Features:
+    """A body of three joints seen from ``yaw`` (N,), leaning by ``roll``."""
+    across = torch.tensor([math.cos(roll), math.sin(roll)], dtype=torch.float64)
+    up = torch.tensor([math.sin(roll), -math.cos(roll)], dtype=torch.float64)
+    joints = torch.zeros(len(yaw), 14, 3, dtype=torch.float64)
+    for name, side, height in (("left_shoulder", 12.0, 0.0), ("right_shoulder", -12.0, 0.0), ("head_top", 0.0, 19.0)):
+        place = 50 + side * yaw.cos()[:, None] * across + height * up
+        joints[:, JOINTS.index(name)] = torch.cat([place, torch.ones(len(yaw), 1)], dim=1)
+    orientation = torch.stack([yaw, torch.zeros_like(yaw), torch.full_like(yaw, roll)], dim=1)
+    return Features((100, 100), keypoints=joints, orientation=orientation)
+
+
+@pytest.mark.parametrize("side", [0.4, 2.6])
+@pytest.mark.parametrize("roll", [0.0, 0.7])
+def test_half_the_frames_flipped_are_sorted_out_by_the_shoulders(side: float, roll: float) -> None:
+    right = side + 0.2 * torch.linspace(-1, 1, 20, dtype=torch.float64)
+    told = facing(shown(right, roll))
+    read = wrapped(right + math.pi * (torch.arange(20) % 2 == 0))
+    torch.testing.assert_close(wrapped(repair_flips(read, told) - right), torch.zeros(20, dtype=torch.float64))
+    torch.testing.assert_close(wrapped(repair_flips(wrapped(read + math.pi), told) - right), torch.zeros_like(right))
+
+
+def test_an_orientation_that_is_sure_of_itself_is_not_turned_by_the_shoulders() -> None:
+    yaw = torch.full((10,), 0.3, dtype=torch.float64)
+    torch.testing.assert_close(repair_flips(yaw, -facing(shown(yaw))), yaw)
+
+
+def test_shoulders_in_profile_or_unseen_say_nothing() -> None:
+    features = shown(torch.tensor([math.pi / 2, 0.0], dtype=torch.float64))
+    features.require("keypoints")[1, JOINTS.index("left_shoulder"), 2] = 0.1
+    assert facing(features).abs().lt(1e-9).all()
+    assert facing(Features((10, 10), orientation=torch.zeros(3, 3))).tolist() == [0, 0, 0]
 
 
 def test_frames_without_a_person_are_passed_over() -> None:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..features import Features
 from ..shot_scale import SCALE_NAMES, SCALES, shot_scale
-from ..tracks import repair_flips
+from ..tracks import turned_back
 from .angle import HEIGHTS, SIDES, STAGINGS, dutch_class, height_class, side_class, staging_class
 from .motion import Motion
 from .movement import STILL, Movement, movement
@@ -123,8 +123,7 @@ def describe_features(
         missing: why a feature is missing, by feature.
     """
     count = len(times)
-    orientation = features.require("orientation").double()
-    orientation = torch.cat([repair_flips(orientation[:, 0])[:, None], orientation[:, 1:]], dim=1)
+    orientation = turned_back(features).require("orientation").double()
     deep = features.has("depth") and features.has("layers")
     staging = staging_class(features) if deep else torch.full((count,), -1)
     no_depth = "" if deep else missing.get("depth", "no depth")

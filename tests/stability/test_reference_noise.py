@@ -72,3 +72,12 @@ def test_a_minority_of_flipped_frames_does_not_move_the_camera_behind_the_person
     reference, truth = filmed("push_in")
     _, rotation, _ = errors_of(solve(edited(reference, turned_round(frames))), truth)
     assert rotation < 2  # degrees
+
+
+def test_flips_that_the_shoulders_contradict_change_nothing(
+    filmed: Callable[..., Any], solve: Callable[..., Any], edited: Callable[..., str]
+) -> None:
+    reference, _ = filmed("push_in")
+    right, flipped = (solve(edited(reference, turned_round(frames))) for frames in ([], [0, 2, 4]))
+    torch.testing.assert_close(flipped.trajectory.camera.w2c, right.trajectory.camera.w2c, atol=1e-6, rtol=0)
+    assert flipped.noise == pytest.approx(right.noise)  # a flip is no jitter, and stops no search early
