@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from torch import Tensor
+
 from .errors import UsageError
+from .persons import Spot, Who
 
 KEYS = ("t", "person", "letterbox", "cuts")
 
@@ -18,20 +21,23 @@ class ClipSource:
     Args:
         path: video file or image folder.
         span: from when to when, both included [s] after the first frame.
-        person: id of the person to follow, 0 the largest; None is the largest.
+        person: id of the person to follow, 0 the largest; or a place that the person covers, as x and y from the top
+            left in [0, 1] of the frame as it is read, and the moment [s] in the part that is read; None is the largest.
         letterbox: crop black bars, or keep them.
         cuts: refuse a clip of several shots, or keep it.
     """
 
     path: Path
     span: tuple[float, float] = (0.0, math.inf)
-    person: int | None = None
+    person: int | tuple[float, float, float] | None = None
     letterbox: str = "crop"
     cuts: str = "refuse"
 
     @classmethod
     def parse(cls, source: str) -> ClipSource:
         """From ``PATH`` or ``PATH#t=START,END&person=ID&letterbox=keep&cuts=keep``, each part optional.
+
+        A person is an id, or a place as in ``person=0.4,0.6`` (in the first frame) or ``person=0.4,0.6,1.5``.
 
         Raises:
             UsageError: a part is unknown or has no such value.
@@ -48,16 +54,33 @@ class ClipSource:
             if key not in KEYS or key in values:
                 raise UsageError(source, f"#{key}", "expected each part once", f"known: {', '.join(KEYS)}")
             values[key] = value
-        person = values.get("person")
-        if person is not None and not person.isdecimal():
-            raise UsageError(source, "#person", f"expected 0 or more, got {person!r}")
         return cls(
             Path(name),
             _span(source, values.get("t", "")),
-            None if person is None else int(person),
+            _person(source, values["person"]) if "person" in values else None,
             _choice(source, "letterbox", values.get("letterbox", "crop"), ("crop", "keep")),
             _choice(source, "cuts", values.get("cuts", "refuse"), ("refuse", "keep")),
         )
+
+    def who(self, times: Tensor, size: tuple[int, int]) -> Who:
+        """Whom to follow in frames at ``times`` (N,) [s] of ``size`` (W, H) [px]."""
+        if not isinstance(self.person, tuple):
+            return self.person
+        x, y, moment = self.person
+        return Spot(int((times - moment).abs().argmin()), x * size[0], y * size[1])
+
+
+def _person(source: str, text: str) -> int | tuple[float, float, float]:
+    if text.isdecimal():
+        return int(text)
+    try:
+        x, y, moment = (float(part) for part in (text if text.count(",") == 2 else f"{text},0").split(","))
+    except ValueError:
+        x = y = moment = math.nan
+    if not (0 <= x <= 1 and 0 <= y <= 1 and 0 <= moment < math.inf):
+        reason = f"expected an id, or X,Y or X,Y,SECONDS with X and Y in [0, 1], got {text!r}"
+        raise UsageError(source, "#person", reason, "`cltransfer inspect` shows where to click")
+    return x, y, moment
 
 
 def _span(source: str, text: str) -> tuple[float, float]:

@@ -13,7 +13,9 @@ from .config import RunConfig
 from .errors import InputError
 from .objective import Objective
 from .open_clip import open_clip
-from .reference import Components, Progress, read_frames, silent
+from .progress import Progress, silent
+from .read_frames import read_frames
+from .reference import Components
 from .report.data import Flag, ReportData
 from .scores import score
 
@@ -43,10 +45,10 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     original, flags = open_clip(asked)
     plan.load_networks()
     paired = original.image[pair_by_time(original.times, shown.times)]
-    features, read = read_frames(paired, plan, asked.person, progress)
+    features, read = read_frames(paired, plan, asked.who(shown.times, original.size), progress)
     if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):
         raise InputError(reference, "person", f"none found in {len(paired)} frames")
-    rendered, seen = read_frames(shown.image, plan, found.person, progress)
+    rendered, seen = read_frames(shown.image, plan, found.who(shown.times, shown.size), progress)
     scores = score(Objective(parts.losses), features, rendered, plan.missing)
     spent = {"network_passes": 2 * len(paired) * plan.passes, "seconds": round(time.perf_counter() - start, 2)}
     title = f"{found.path.name} against {asked.path.name}"

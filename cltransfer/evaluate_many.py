@@ -12,7 +12,7 @@ from .config import RunConfig
 from .errors import InputError
 from .evaluate import evaluate
 from .image_folder import VIDEOS, natural_order
-from .reference import Progress, silent
+from .progress import Progress, silent
 from .report.metrics import finite
 
 RUN_VIDEO = Path("video") / "frames.mkv"  # what a run folder keeps of its frames, lossless

@@ -14,7 +14,8 @@ from .errors import InputError
 from .features import Features
 from .objective import Objective
 from .placement import frame_joints, visible_joints
-from .reference import Components, Progress, Reading, Reference, read_reference, silent
+from .progress import Progress, silent
+from .reference import Components, Reading, Reference, read_reference
 from .scores import Scores, score
 from .shot_scale import SCALES, shot_scale
 

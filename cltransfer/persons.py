@@ -16,6 +16,23 @@ CROSSING = 0.3  # overlap with another person from which it is not certain who i
 
 
 @dataclass(frozen=True)
+class Spot:
+    """A place in a frame that a person covers.
+
+    Args:
+        frame: index.
+        x, y: [px].
+    """
+
+    frame: int
+    x: float
+    y: float
+
+
+Who = int | Spot | None  # id, where the person is seen, or the largest
+
+
+@dataclass(frozen=True)
 class Persons:
     """Every person of a clip.
 
@@ -28,18 +45,18 @@ class Persons:
     boxes: np.ndarray  # (P, N, 5)
     jumps: tuple[tuple[int, ...], ...]
 
-    def follow(self, person: int | None) -> tuple[np.ndarray, tuple[str, ...]]:
-        """Boxes (N, 5) of ``person`` (None: the largest), and what a reader should know.
+    def follow(self, who: Who) -> tuple[np.ndarray, tuple[str, ...]]:
+        """Boxes (N, 5) of one person, and what a reader should know.
 
         Raises:
             UsageError: there is no such person.
         """
         count, frames = self.boxes.shape[:2]
-        if count == 0 and person in (None, 0):
+        if count == 0 and who in (None, 0):
             return np.full((frames, 5), np.nan), ()
-        chosen = person or 0
+        chosen = self.at(who) if isinstance(who, Spot) else who or 0
         if chosen >= count:
-            raise UsageError("", f"person={person}", f"expected 0 to {count - 1}: {count} persons are seen")
+            raise UsageError("", f"person={who}", f"expected 0 to {count - 1}: {count} persons are seen")
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
         if count > 1:
@@ -51,6 +68,22 @@ class Persons:
         if self.jumps[chosen]:
             flags.append(f"the person jumps in frames {_listed(self.jumps[chosen])}: it may be another")
         return self.boxes[chosen], tuple(flags)
+
+    def at(self, spot: Spot) -> int:
+        """Who covers ``spot``; of several the one whose box is smallest, for a person before another hides less.
+
+        Raises:
+            UsageError: nobody does.
+        """
+        x, y, width, height = self.boxes[:, spot.frame, :4].T
+        over = (x <= spot.x) & (spot.x <= x + width) & (y <= spot.y) & (spot.y <= y + height)  # NaN is not over
+        if not over.any():
+            corners = np.stack([x, x + width, y, y + height], axis=1)
+            seen = [i for i in range(len(x)) if np.isfinite(x[i])]
+            known = "; ".join("person {}, x {:.0f} to {:.0f}, y {:.0f} to {:.0f}".format(i, *corners[i]) for i in seen)
+            where = f"nobody at ({spot.x:.0f}, {spot.y:.0f}) px of frame {spot.frame}"
+            raise UsageError("", "person", where, f"seen there: {known or 'nobody'}")
+        return int(np.where(over, width * height, np.inf).argmin())
 
     def _crossings(self, first: int, second: int) -> list[int]:
         both = np.isfinite(self.boxes[[first, second], :, 0]).all(0)

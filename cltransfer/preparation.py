@@ -26,7 +26,8 @@ from .driver.stage import Stage
 from .features import Features
 from .graph import Family
 from .objective import Objective
-from .reference import Components, Progress, Reading, Reference, is_scene, read_reference
+from .progress import Progress
+from .reference import Components, Reading, Reference, is_scene, read_reference
 from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene

@@ -6,12 +6,18 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+Progress = Callable[[str, int, int], None]  # step, done, total; a total of 0 means that nobody knows
+
+
+def silent(step: str, done: int, total: int) -> None:
+    """A progress that says nothing."""
+
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """Reporter ``(step, done, total)``; a total of 0 means that nobody knows."""
+def progress(quiet: bool) -> Iterator[Progress]:
+    """What long work reports to."""
     if quiet:
-        yield lambda step, done, total: None
+        yield silent
     elif sys.stderr.isatty():
         with _live() as report:
             yield report
@@ -19,7 +25,7 @@ def progress(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
         yield _plain()
 
 
-def _plain() -> Callable[[str, int, int], None]:
+def _plain() -> Progress:
     told: set[tuple[str, int]] = set()
 
     def report(step: str, done: int, total: int) -> None:
@@ -32,19 +38,13 @@ def _plain() -> Callable[[str, int, int], None]:
 
 
 @contextmanager
-def _live() -> Iterator[Callable[[str, int, int], None]]:
+def _live() -> Iterator[Progress]:
+    from rich import progress as bar
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bars:
+    columns = (bar.TextColumn("{task.description:<24}"), bar.BarColumn(), bar.MofNCompleteColumn())
+    times = (bar.TimeElapsedColumn(), bar.TimeRemainingColumn())
+    with bar.Progress(*columns, *times, console=Console(stderr=True)) as bars:
         tasks: dict[str, object] = {}
 
         def report(step: str, done: int, total: int) -> None:

@@ -11,7 +11,9 @@ from .camera import Camera
 from .driver.follow import still
 from .driver.stage import Stage
 from .features import Features
-from .reference import Components, Progress, Reference, clip_features, quantised, silent
+from .progress import Progress, silent
+from .read_frames import clip_features
+from .reference import Components, Reference, quantised
 from .scenes import Scene
 from .scores import Scores, score
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,11 @@ from .errors import InputError
 from .feature_file import FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
-from .graph import CHUNK, CLIP_SOURCE, Family, Plan, make_plan, run_clip
-from .persons import join
+from .graph import CLIP_SOURCE, Family, Plan, make_plan, run_clip
+from .progress import Progress, silent
+from .read_frames import read_frames
 
-Progress = Callable[[str, int, int], None]
 SCENE_SOURCE = frozenset({"camera", "person"})
-
-
-def silent(step: str, done: int, total: int) -> None:
-    """A progress that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -141,48 +136,6 @@ def is_scene(source: str) -> bool:
     return source.startswith("builtin:") or ("@" in source and source.endswith(".json"))
 
 
-def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
-    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's."""
-    return read_frames(image, plan, None, progress)[0]
-
-
-def read_frames(
-    image: Tensor, plan: Plan, person: int | None, progress: Progress = silent
-) -> tuple[Features, tuple[str, ...]]:
-    """Features of frames (N, 3, H, W) uint8, and what a reader should know.
-
-    Where the plan's detector sees all persons, they are joined along the clip and one is followed.
-
-    Args:
-        image: the frames.
-        plan: of image extractors.
-        person: whom to follow; None is the largest.
-        progress: called with a step, frames done, frames in all.
-
-    Raises:
-        UsageError: there is no such person.
-    """
-    count = len(image)
-    load = partial(_loaded, image, None)
-    detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
-    flags: tuple[str, ...] = ()
-    if detector is not None:
-        found = []
-        for start in range(0, count, CHUNK):
-            found += detector.persons(load(start, start + CHUNK))
-            progress("finding persons", min(start + CHUNK, count), count)
-        box, flags = join(found).follow(person)
-        load = partial(_loaded, image, torch.from_numpy(box).float())
-        plan = plan.without(detector)
-    features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
-    return features, flags
-
-
-def _loaded(image: Tensor, box: Tensor | None, start: int, stop: int) -> Features:
-    size = (image.shape[3], image.shape[2])
-    return Features(size, image=image[start:stop].float() / 255, box=None if box is None else box[start:stop])
-
-
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
     from .clip_source import ClipSource
     from .open_clip import open_clip
@@ -201,7 +154,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         features, read = stored.features, tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
-        features, read = read_frames(clip.image, plan, where.person, progress)
+        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
         FeatureFile(features, clip.times, "\n".join([where.path.name, *read])).save(cached)
     flags = (*flags, *read)
     return Reference(features, clip.times, clip.image, where.path.stem, digest, "image", plan.missing, flags)

@@ -25,8 +25,9 @@ from .files import check_out, read_json, write_json, write_text
 from .flags import run_flags
 from .named_scenes import recall, remember
 from .preparation import Inputs, fit
+from .progress import Progress
 from .readback import render_frames
-from .reference import Components, Progress
+from .reference import Components
 from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report

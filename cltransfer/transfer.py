@@ -20,8 +20,9 @@ from .driver.stage import Spent, Stage
 from .features import Features
 from .objective import Objective
 from .preparation import Clock, Inputs, Job, Record, prepare
+from .progress import Progress, silent
 from .readback import Readback, read_back, read_held, read_path
-from .reference import Progress, Reference, silent
+from .reference import Reference
 from .scenes import Scene
 from .scores import Scores, tabulate
 from .tracks import along

@@ -5,8 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 import torch
 
+from cltransfer.clip_source import ClipSource
 from cltransfer.feature_file import FeatureFile
 from cltransfer.inspect_clip import reading_confidence
 from cltransfer.testing import sample_features, without_person
@@ -24,6 +26,21 @@ def test_a_shot_is_laid_open(command: Any, tmp_path: Path) -> None:
     for name in ("0000.png", "0000_flow.png", "0001.png", "0001_flow.png"):
         assert f"frames/{name}" in page
         assert (tmp_path / "page" / "frames" / name).stat().st_size > 500
+
+
+def test_a_click_in_a_picture_names_the_person(browser: Any, command: Any, tmp_path: Path) -> None:
+    said = command("inspect", "builtin:push_in", "frames=2", "output_side=96", "--out", tmp_path / "page")
+    assert said.code == 0, said.err
+    browser.get((tmp_path / "page" / "index.html").as_uri())
+    picture = browser.find_elements("css selector", "img[data-time]")[1]
+    size = picture.size
+    offset = (round(0.25 * size["width"] - size["width"] / 2), round(0.6 * size["height"] - size["height"] / 2))
+    chain = pytest.importorskip("selenium.webdriver").ActionChains(browser)
+    chain.move_to_element_with_offset(picture, *offset).click().perform()
+    line = browser.find_element("id", "who").text
+    source = ClipSource.parse(f"clip.mp4{line}")
+    assert source.person == pytest.approx((0.25, 0.6, float(picture.get_attribute("data-time"))), abs=0.02)
+    assert not browser.get_log("browser")
 
 
 def test_confidence_is_0_without_a_person_and_grows_with_joints_and_box() -> None:

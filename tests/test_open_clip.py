@@ -14,6 +14,7 @@ from cltransfer.cuts import find_cuts, small_pictures
 from cltransfer.errors import InputError, UsageError
 from cltransfer.letterbox import find_letterbox
 from cltransfer.open_clip import open_clip
+from cltransfer.persons import Spot
 
 VIDEOS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "video"
 SIZE = (64, 36)
@@ -120,7 +121,18 @@ def test_a_source_names_its_part(tmp_path: Path) -> None:
     assert ClipSource.parse(str(tmp_path / "b#t=1.mp4")).path.name == "b#t=1.mp4"
 
 
-@pytest.mark.parametrize("part", ["t=4,1", "t=x", "t=-1,2", "person=-1", "speed=2", "cuts=no", "t=1&t=2"])
+def test_a_person_is_named_by_a_place_and_a_moment() -> None:
+    times = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float64)
+    assert ClipSource.parse("a.mp4#person=0.25,0.5").who(times, (200, 100)) == Spot(0, 50.0, 50.0)
+    assert ClipSource.parse("a.mp4#person=0.25,0.5,0.6").who(times, (200, 100)) == Spot(1, 50.0, 50.0)
+    assert ClipSource.parse("a.mp4#person=1").who(times, (200, 100)) == 1
+    assert ClipSource.parse("a.mp4").who(times, (200, 100)) is None
+
+
+BAD_PERSONS = ["person=-1", "person=0.5", "person=0.5,1.5", "person=0.5,0.5,-1", "person=0.1,0.2,0.3,0.4"]
+
+
+@pytest.mark.parametrize("part", [*BAD_PERSONS, "t=4,1", "t=x", "t=-1,2", "speed=2", "cuts=no", "t=1&t=2"])
 def test_a_part_that_cannot_be_meant_is_a_usage_error(part: str) -> None:
     with pytest.raises(UsageError, match=rf"#{part.partition('=')[0]}"):
         ClipSource.parse(f"a.mp4#{part}")

@@ -5,7 +5,7 @@ import pytest
 
 from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import all_boxes
-from cltransfer.persons import join, overlap
+from cltransfer.persons import Spot, join, overlap
 
 
 def walk(start: float, step: float, frames: int, width: float = 20.0) -> np.ndarray:
@@ -29,6 +29,26 @@ def test_the_largest_is_person_0_in_whatever_order_they_are_found() -> None:
     np.testing.assert_array_equal(box, large)
     assert flags == ("person 0 is followed, seen in 12 frames; also seen: 1 in 12 frames",)
     np.testing.assert_array_equal(persons.follow(1)[0], small)
+
+
+def test_a_click_follows_who_covers_it_and_of_two_the_smaller() -> None:
+    large, small = walk(0, 0, 8, 100), walk(40, 2, 8, 10)
+    persons = join(frames_of(large, small))
+    np.testing.assert_array_equal(persons.follow(Spot(2, 46, 20))[0], small)  # both cover it
+    np.testing.assert_array_equal(persons.follow(Spot(2, 90, 20))[0], large)
+    with pytest.raises(
+        UsageError, match=r"nobody at \(300, 20\) px of frame 2 .seen there: person 0, x 0 to 100, y 10 to 310; p"
+    ):
+        persons.follow(Spot(2, 300, 20))
+
+
+def test_a_click_on_a_frame_without_anybody_says_so() -> None:
+    lone = walk(0, 1, 6)
+    lone[3] = np.nan
+    with pytest.raises(UsageError, match="seen there: nobody"):
+        join(frames_of(lone)).follow(Spot(3, 5, 20))
+    with pytest.raises(UsageError, match="seen there: nobody"):
+        join([np.zeros((0, 5))] * 4).follow(Spot(3, 5, 20))
 
 
 def test_a_gap_keeps_the_id_and_has_no_box() -> None:

@@ -6,8 +6,9 @@ from ..config import RunConfig
 from ..driver.stage import Stage
 from ..graph import Family
 from ..objective import Objective
+from ..read_frames import clip_features
 from ..readback import read_path
-from ..reference import Components, Reading, clip_features, read_reference
+from ..reference import Components, Reading, read_reference
 from ..scenes.lifted import lifted_scene
 from ..scores import Scores, score
 from ..transfer import Result

@@ -9,7 +9,8 @@ from typing import Any
 
 from ..errors import UsageError
 from ..files import check_out, write_json, write_text
-from ..reference import Components, Progress, silent
+from ..progress import Progress, silent
+from ..reference import Components
 from .drawn import draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes

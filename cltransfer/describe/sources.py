@@ -13,7 +13,8 @@ from ..errors import InputError
 from ..extractors.scene_joints import NEAR, project_joints
 from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
-from ..reference import Components, Progress, Reading, read_reference, silent
+from ..progress import Progress, silent
+from ..reference import Components, Reading, read_reference
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .description import Description, describe_features

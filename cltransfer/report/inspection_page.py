@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,12 +19,12 @@ def write_page(folder: Path, shown: Inspection) -> Path:
     """Write ``index.html`` beside the folder ``frames``, and return its path."""
     reference = shown.reference
     frames = [
-        {"name": f"{i:04d}", "caption": caption, "doubtful": float(shown.confidence[i]) < 0.5}
-        for i, caption in enumerate(shown.captions())
+        {"name": f"{i:04d}", "time": f"{moment:.3f}", "caption": caption, "doubtful": float(shown.confidence[i]) < 0.5}
+        for i, (caption, moment) in enumerate(zip(shown.captions(), reference.times.tolist()))
     ]
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(Path(__file__).with_name("inspection.html").read_text(encoding="utf-8"))
-    page = template.render(
+    template, script = (Path(__file__).with_name(f"inspection.{kind}").read_text("utf-8") for kind in ("html", "js"))
+    page = environment.from_string(template).render(
         name=reference.name,
         count=len(reference),
         seen=shown.seen,
@@ -31,6 +33,8 @@ def write_page(folder: Path, shown: Inspection) -> Path:
         flags=reference.flags,
         frames=frames,
         flow=reference.features.has("flow"),
+        script=script,
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
     write_text(folder / "index.html", page)
     return folder / "index.html"

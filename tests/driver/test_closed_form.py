@@ -12,7 +12,7 @@ import torch
 from cltransfer.config import load_config
 from cltransfer.driver.closed_form import DISTANCES, _cheapest, closed_form
 from cltransfer.preparation import Clock, Inputs, Job, prepare
-from cltransfer.reference import silent
+from cltransfer.progress import silent
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.trajectory import Trajectory

@@ -1,0 +1,53 @@
+"""Frames to features: all persons found along the clip, one followed, and read by the image extractors."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from .features import Features
+from .graph import CHUNK, Plan, run_clip
+from .persons import Who, join
+from .progress import Progress, silent
+
+
+def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
+    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's."""
+    return read_frames(image, plan, None, progress)[0]
+
+
+def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent) -> tuple[Features, tuple[str, ...]]:
+    """Features of frames (N, 3, H, W) uint8, and what a reader should know.
+
+    Where the plan's detector sees all persons, they are joined along the clip and one is followed.
+
+    Args:
+        image: the frames.
+        plan: of image extractors.
+        who: whom to follow; None is the largest.
+        progress: called with a step, frames done, frames in all.
+
+    Raises:
+        UsageError: there is no such person.
+    """
+    count = len(image)
+    load = partial(_loaded, image, None)
+    detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
+    flags: tuple[str, ...] = ()
+    if detector is not None:
+        found = []
+        for start in range(0, count, CHUNK):
+            found += detector.persons(load(start, start + CHUNK))
+            progress("finding persons", min(start + CHUNK, count), count)
+        box, flags = join(found).follow(who)
+        load = partial(_loaded, image, torch.from_numpy(box).float())
+        plan = plan.without(detector)
+    features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
+    return features, flags
+
+
+def _loaded(image: Tensor, box: Tensor | None, start: int, stop: int) -> Features:
+    size = (image.shape[3], image.shape[2])
+    return Features(size, image=image[start:stop].float() / 255, box=None if box is None else box[start:stop])
