@@ -45,7 +45,7 @@ def fit(
     from .scenes.posed import read_posed
     from .threads import set_threads, thread_count
 
-    set_threads(thread_count())
+    set_threads(thread_count(), tensors=thread_count())
     views = views_of(read_posed(posed), fitter.side)
     with progress(quiet) as report:
         levels = fitter.fit(views, out, report)

@@ -33,6 +33,10 @@ def test_set_threads_reaches_every_library(monkeypatch):
     before = torch.get_num_threads(), cv2.getNumThreads()
     set_threads(1)
     assert (torch.get_num_threads(), cv2.getNumThreads(), thread_count()) == (1, 1, 1)
+    set_threads(2)
+    assert (torch.get_num_threads(), cv2.getNumThreads(), thread_count()) == (1, 2, 2)
+    set_threads(2, tensors=2)
+    assert torch.get_num_threads() == 2
     torch.set_num_threads(before[0])
     cv2.setNumThreads(before[1])
     with pytest.raises(ValueError, match="at least 1"):
