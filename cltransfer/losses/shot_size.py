@@ -108,10 +108,13 @@ class ShotSize:
         if self.mode == "faithful":
             return key_joint_difference(shown, joints)[:, None]
         shown = hide_unknown(shown, joints)
-        by_mask = extent_difference(mask_extent(reference.require("subject")), mask_extent(rendered.require("subject")))
+        by_joints = key_joint_difference(shown, joints)
         person = joints[..., :2].isfinite().all(-1).any(-1)
         few = (visible_joints(shown).sum(-1) < 2) & person
-        return torch.where(few, by_mask, key_joint_difference(shown, joints))[:, None]
+        if not bool(few.any()):  # masks take longer than all the rest
+            return by_joints[:, None]
+        by_mask = extent_difference(mask_extent(reference.require("subject")), mask_extent(rendered.require("subject")))
+        return torch.where(few, by_mask, by_joints)[:, None]
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,) [frame]; NaN where undefined."""
