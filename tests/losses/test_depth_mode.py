@@ -70,7 +70,7 @@ def test_takes_less_than_a_millisecond_a_frame() -> None:
     depth_mode(depth, masks)
     seconds = []
     for _ in range(5):
-        start = time.process_time()
+        start = time.thread_time()
         depth_mode(depth, masks)
-        seconds.append(time.process_time() - start)
+        seconds.append(time.thread_time() - start)
     assert min(seconds) / 10 < 1e-3
