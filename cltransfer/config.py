@@ -72,10 +72,10 @@ class RunConfig:
             the keys around this one say, and the better one is kept. 0 does so at once.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too.
-        generations: of CMA-ES per frame at most.
-        patience: generations without decrease before a frame stops.
+        generations: of the engine cma per frame at most; refine calls CMA-ES with budgets of its own.
+        patience: generations without decrease before it stops.
         popsize: candidates a generation.
-        sigma0: first step size, as a share of the half-range of each parameter.
+        sigma0: its first step size, as a share of the half-range of each parameter; refine's too.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
         guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.

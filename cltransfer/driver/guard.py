@@ -17,6 +17,7 @@ COVERAGE = 0.05  # of the frame that must show something; a scene may be a perso
 SHOWN = 0.03  # of the joints' box that must show the person
 
 HIDDEN = "the person is hidden"
+SCENE_DEPTH = "scene_depth"  # extra of a view whose ``depth`` is a network's, in a unit that nobody knows
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class Guard:
     height: float | None
 
     def reasons(self, features: Features) -> dict[str, Tensor]:
-        """What is wrong with B views, (B,) bool by reason; needs ``depth``."""
-        depth = features.require("depth").flatten(1)  # (B, H W)
+        """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it."""
+        depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth").flatten(1)  # (B, H W)
         wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
         if self.height is not None:
             close = (depth < NEAR * self.height).double().mean(1)

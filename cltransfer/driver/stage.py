@@ -15,7 +15,7 @@ from ..graph import Plan, run
 from ..objective import Objective
 from ..scenes import Scene
 from ..skeleton import VISIBLE
-from .guard import HIDDEN, Guard
+from .guard import HIDDEN, SCENE_DEPTH, Guard
 from .journal import Journal
 from .working_set import WorkingSet
 
@@ -84,7 +84,10 @@ class Stage:
         rendered = self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
         self.spent.renders += len(cameras)
         self.spent.network_passes += len(cameras) * self.plan.passes
-        return run(self.plan, rendered, before)
+        seen = run(self.plan, rendered, before)
+        if self.guard is None or seen.depth is rendered.depth:
+            return seen
+        return replace(seen, extras={**seen.extras, SCENE_DEPTH: rendered.require("depth")})
 
     def terms(self, reference: Features, cameras: Camera, before: Features | None) -> Tensor:
         """Raw terms (B, L) of B candidates for one reference frame; a view that is blocked has none."""

@@ -1,13 +1,19 @@
 """Views that may not be taken: from inside, of nothing, of a hidden person; and nothing else."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from cltransfer.camera import Camera, concatenate
+from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
+from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
+from cltransfer.objective import Objective
+from cltransfer.plan import Step
+from cltransfer.reference import Components
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import SHOTS, shot
@@ -67,3 +73,24 @@ def test_a_camera_in_the_chest_may_not() -> None:
     seen = GaussianSplats().render(scene, inside, frozenset({"depth"}))
     reasons = Guard(scene.subject.height).reasons(seen)
     assert bool(reasons["the camera stands inside the person"])
+
+
+def test_what_a_network_takes_for_depth_is_not_what_stands_before_the_lens() -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts = Components.build(load_config())
+    plan = replace(parts.plan("scene"), steps=(Step("nearness", Nearness()),), buffers=frozenset({"image"}))
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), (96, 54), guard=Guard(scene.subject.height))
+    seen = stage.features(shot("push_in", scene.subject, (96, 54), 2).camera, None)
+    assert float(seen.require("depth").max()) == 0
+    assert stage.guard is not None
+    assert not bool(stage.guard.blocked(seen).any())
+
+
+class Nearness:
+    """A network that finds everything at no distance."""
+
+    requires, provides, family, passes = ("image",), ("depth",), "image", 1
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        return replace(now, depth=torch.zeros_like(now.require("image")[:, 0]))
