@@ -152,7 +152,7 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noi
     Args:
         clip: what it is a path for.
         x: the path as it was found, (N, D).
-        local: what the losses make of it, as its frames ended; None where they have no residuals.
+        local: what the losses make of it, as its frames ended; None where they were not refined by residuals.
         free: its mean total.
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
         rounds: of fresh Jacobians along the path, where the loss is not small already.
@@ -160,7 +160,7 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noi
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
-    rounds = 0 if local is None or free <= TRUSTED else rounds
+    rounds = 0 if clip.stage.objective.groups is None or free <= TRUSTED else rounds
     if rounds:
         local = clip.local(x)
     path = _least_order(clip, path, local)

@@ -61,3 +61,11 @@ def test_a_search_without_residuals_is_smoothed_too(taught: Callable[..., Any]) 
     path = order(taught("static", "frames=6", "engine=cma", "generations=15"))
     assert path.total <= path.free + path.floor
     assert path.knots is None or path.knots < 6
+
+
+def test_a_path_is_refined_as_a_whole_however_its_frames_were_found(taught: Callable[..., Any]) -> None:
+    each, whole = (
+        taught("push_in", "frames=6", "engine=cma", "generations=8", "warm_start=false", f"joint={rounds}")
+        for rounds in (0, 2)
+    )
+    assert order(whole).total < 0.9 * order(each).total
