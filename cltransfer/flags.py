@@ -34,13 +34,14 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         yield Flag(None, f"depth network: {result.alignment}")
     if result.schedule.note:
         yield Flag(None, result.schedule.note)
+    person = result.scene.subject
+    if person is not None and (person.people or 1) > 1:
+        hint = "`cltransfer lift SCENE --person 1` and --subject take another"
+        yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")
     if not result.schedule.free_lens:
         space = result.verified.term("filmic_space")
-        why = (
-            ""
-            if space is not None and space.defined
-            else ": without filmic space it cannot be told apart from distance"
-        )
+        known = space is not None and space.defined
+        why = "" if known else ": without filmic space it cannot be told apart from distance"
         yield Flag(None, f"focal length kept{why}")
 
 

@@ -26,6 +26,7 @@ class Subject:
         up: unit vector upwards, (3,).
         height: standing height, scene units, > 0.
         metres_per_unit: scale where known.
+        people: how many the scene shows, this one among them; None where nobody counted.
     """
 
     joints: Tensor  # (14, 3)
@@ -34,6 +35,7 @@ class Subject:
     up: Tensor  # (3,)
     height: float
     metres_per_unit: float | None = None
+    people: int | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("joints", (14, 3)), ("confidence", (14,)), ("facing", (3,)), ("up", (3,))):
@@ -77,6 +79,7 @@ class Subject:
             "up": self.up.tolist(),
             "height": self.height,
             "metres_per_unit": self.metres_per_unit,
+            "people": self.people,
         }
 
     def save(self, path: Path, **more: Any) -> None:
@@ -102,6 +105,7 @@ class Subject:
                 torch.tensor(data["up"], dtype=torch.float64),
                 float(data["height"]),
                 None if data.get("metres_per_unit") is None else float(data["metres_per_unit"]),
+                None if data.get("people") is None else int(data["people"]),
             )
         except KeyError as error:
             raise InputError(path, str(error.args[0]), "field is missing") from None

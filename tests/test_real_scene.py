@@ -132,7 +132,7 @@ def test_either_of_two_men_is_lifted(config: RunConfig, pair: tuple[Scene, torch
     lifts = [
         lift_scene(scene, parts.renderer, parts.extractors, LiftOptions(views=10, person=person)) for person in (0, 1)
     ]
-    assert [found.people for found in lifts] == [2, 2]
+    assert [found.subject.people for found in lifts] == [2, 2]
     way = lifts[1].subject.anchor - lifts[0].subject.anchor
     assert min(float((way - apart).norm()), float((way + apart).norm())) < 0.15
     own = (torch.arange(len(scene.geometry)) < MAN, torch.arange(len(scene.geometry)) >= len(scene.geometry) - MAN)

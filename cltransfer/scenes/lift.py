@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -57,7 +57,6 @@ class Lift:
         features: what the image extractors saw in them.
         found: views with a person.
         joints: report by joint name.
-        people: how many there are in the scene.
     """
 
     subject: Subject
@@ -66,7 +65,6 @@ class Lift:
     features: Features
     found: int
     joints: dict[str, JointReport]
-    people: int
 
 
 Look = Callable[[Camera, Tensor | None], Features]
@@ -117,10 +115,10 @@ def lift(scene: Scene, look: Look, see: See, options: LiftOptions) -> Lift:
         reason = f"a person in {int(found.sum())} of {len(given)} views"
         raise InputError(scene.name, "lift", reason, "give views that show one: --view FILE")
     points = _joints(given, seen)
-    subject = _subject(scene, given, seen, points)
+    subject = replace(_subject(scene, given, seen, points), people=len(people))
     label = vote_labels(scene.geometry.means.double(), given, seen, subject)
     report = {name: _report(point, given.size[0]) for name, point in zip(JOINTS, points)}
-    return Lift(subject, label, given, seen, int(found.sum()), report, len(people))
+    return Lift(subject, label, given, seen, int(found.sum()), report)
 
 
 def _joints(cameras: Camera, seen: Features) -> list[Triangulated]:
@@ -198,7 +196,7 @@ def summary(found: Lift) -> dict[str, Any]:
     return {
         "views": len(found.cameras),
         "views_with_person": found.found,
-        "people": found.people,
+        "people": found.subject.people,
         "joints_known": len(errors),
         "median_error_widths": sorted(errors)[len(errors) // 2] if errors else None,
         "labelled": int(found.label.sum()),
