@@ -51,10 +51,11 @@ app.command()(evaluate)
 app.command()(describe)
 app.command()(inspect)
 
-Config = Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset; key=value goes on top.")]
+CONFIG_HELP = "YAML over the preset, or a shipped one by name (networks/paper); key=value goes on top."
+Config = Annotated[Path | None, typer.Option("--config", "-c", help=CONFIG_HELP)]
 Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")]
-SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:courtyard, builtin:plaza.")]
+SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or or builtin:NAME.")]
 Overrides = Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
@@ -115,9 +116,10 @@ def transfer(
         list[str] | None,
         typer.Argument(
             metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
-            help="Scene: a splat .ply, a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with renderer.mesh={}), a "
-            ".yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an image folder, a "
-            ".safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
+            help="Scene: splats (.ply, .splat, .spz), a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with "
+            "renderer.mesh={}), a .yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an "
+            "image folder, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default "
+            "builtin:dolly_zoom).",
         ),
     ] = None,
     out: Out = None,

@@ -91,8 +91,11 @@ def models_align(
     """
     from .config import load_config
     from .depth_alignment import align_config
+    from .threads import set_threads, thread_count
 
-    found = align_config(scene, load_config(None, overrides), views)
+    settings = load_config(None, overrides)
+    set_threads(settings.threads or thread_count())
+    found = align_config(scene, settings, views)
     a, b = found.affine
     lines = [
         f"extractors.depth_onnx.align={found.align} 'extractors.depth_onnx.affine=[{a:.6g}, {b:.6g}]'",

@@ -13,7 +13,7 @@ from .files import check_out
 
 
 def simplify(
-    scene: Annotated[str, typer.Argument(help="Gaussian-splat .ply or .splat.")],
+    scene: Annotated[str, typer.Argument(help="Gaussian splats (.ply, .splat, .spz).")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The .ply to write.")],
     view: Annotated[
         list[str] | None,

@@ -11,6 +11,7 @@ from torch import Tensor
 from .errors import UsageError
 from .persons import Spot, Who
 
+_ROUNDED = 0.01  # [s]
 KEYS = ("t", "person", "letterbox", "cuts")
 
 
@@ -63,11 +64,30 @@ class ClipSource:
         )
 
     def who(self, times: Tensor, size: tuple[int, int]) -> Who:
-        """Whom to follow in frames at ``times`` (N,) [s] of ``size`` (W, H) [px]."""
+        """Whom to follow in frames at ``times`` (N,) [s] of ``size`` (W, H) [px].
+
+        Raises:
+            UsageError: the moment lies after the last frame.
+        """
         if not isinstance(self.person, tuple):
             return self.person
         x, y, moment = self.person
-        return Spot(int((times - moment).abs().argmin()), x * size[0], y * size[1])
+        if moment > float(times[-1]) + _ROUNDED:
+            reason = f"expected up to {float(times[-1]):.3f} s, where the frames that are read end, got {moment:g}"
+            raise UsageError(self.path, "#person", reason)
+        return Spot(int((times - moment).abs().argmin()), x, y, size)
+
+
+def unnamed(source: str) -> tuple[str, str]:
+    """A clip's name without the part of it, and that part without its person, as ``t=1.5,4&`` or empty.
+
+    >>> unnamed("clip.mp4#t=1.5,4&person=1")
+    ('clip.mp4', 't=1.5,4&')
+    """
+    name, mark, fragment = source.rpartition("#")
+    if not mark or Path(source).exists():
+        return source, ""
+    return name, "".join(f"{part}&" for part in fragment.split("&") if not part.startswith("person="))
 
 
 def _person(source: str, text: str) -> int | tuple[float, float, float]:

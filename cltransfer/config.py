@@ -52,7 +52,7 @@ class RunConfig:
         preset: the shipped config the others build on.
         frames: frames to transfer, evenly over the reference; null takes all.
         seed: of the run's own random generator.
-        threads: 0 uses every core there is.
+        threads: of kernels, OpenCV and networks; 0 takes what CLTRANSFER_THREADS says, else every core there is.
         search_side: longer side of the frames rendered while searching [px].
         output_side: longer side of the final video [px].
         lod: level of detail while searching: splats that share a voxel of so many pixels are merged; 0 merges nothing.
@@ -72,10 +72,11 @@ class RunConfig:
             the keys around this one say, and the better one is kept. 0 does so at once.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too.
-        generations: of the engine cma per frame at most; refine calls CMA-ES with budgets of its own.
+        generations: of the engine cma per frame at most; refine calls CMA-ES with budgets of its own, and takes of
+            these five keys sigma0 alone.
         patience: generations without decrease before it stops.
         popsize: candidates a generation.
-        sigma0: its first step size, as a share of the half-range of each parameter; refine's too.
+        sigma0: first step size from the initial view, as a share of the half-range of each parameter.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
         guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.
@@ -163,6 +164,7 @@ def presets() -> list[str]:
 def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
     """Config of a file (or of the preset alone) with ``key=value`` overrides on top.
 
+    A shipped file may be named without its folder and suffix, as ``networks/paper``.
     ``preset=NAME`` among the overrides, or ``preset:`` in the file, chooses what lies below (default: balanced).
 
     Raises:
@@ -171,7 +173,7 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
     """
     above = parse_overrides(overrides)
     _check(above, "command line")
-    file = _read_chain(Path(path)) if path else {}
+    file = _read_chain(_named(Path(path))) if path else {}
     return lay_config([file, above], path or "config")
 
 
@@ -196,6 +198,12 @@ def shipped_configs() -> Any:
     """The folder of the shipped configs, in a checkout as when installed."""
     installed = package_files("cltransfer") / "configs"
     return installed if installed.is_dir() else Path(__file__).resolve().parent.parent / "configs"
+
+
+def _named(path: Path) -> Path:
+    """The file, or where there is none a shipped one by its name alone, as ``networks/paper``."""
+    shipped = Path(str(shipped_configs() / f"{path}.yaml"))
+    return shipped if not path.suffix and not path.exists() and shipped.is_file() else path
 
 
 def _read_chain(path: Path) -> dict[str, Any]:

@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
+from .components import Components
 from .config import RunConfig
 from .errors import InputError, UsageError
 from .extractors._disparity import Align, aligned, fit_affine
 from .extractors.depth_onnx import DepthOnnx
-from .reference import Components
 from .renderers._request import renderer_of
 from .scenes import Scene
 from .scenes.lifted import lifted_scene

@@ -9,13 +9,13 @@ import torch
 
 from .clip import pair_by_time
 from .clip_source import ClipSource
+from .components import Components
 from .config import RunConfig
 from .errors import InputError
 from .objective import Objective
 from .open_clip import open_clip
 from .progress import Progress, silent
 from .read_frames import read_frames
-from .reference import Components
 from .report.data import Flag, ReportData
 from .scores import score
 

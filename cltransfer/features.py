@@ -12,8 +12,6 @@ from torch import Tensor
 from .camera import Camera, concatenate
 from .subject import Subject
 
-LAYERS = ("foreground", "character", "background")
-
 
 @dataclass(frozen=True)
 class Features:

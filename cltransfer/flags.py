@@ -36,7 +36,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         yield Flag(None, result.schedule.note)
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
-        hint = "`cltransfer lift SCENE --person 1` and --subject take another"
+        hint = "`cltransfer lift SCENE --person N` and --subject take another"
         yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")
     if not result.schedule.free_lens:
         space = result.verified.term("filmic_space")

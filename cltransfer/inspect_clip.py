@@ -9,13 +9,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from .components import Components
 from .config import RunConfig
 from .errors import InputError
 from .features import Features
 from .objective import Objective
 from .placement import frame_joints, visible_joints
 from .progress import Progress, silent
-from .reference import Components, Reading, Reference, read_reference
+from .reference import Reading, Reference, read_reference
 from .scores import Scores, score
 from .shot_scale import SCALES, shot_scale
 
@@ -25,12 +26,14 @@ class Inspection:
     """A clip as it was read.
 
     Args:
+        source: how the clip is named, with the part of it that is read.
         reference: its features, frames and flags.
         scores: of the clip against itself: a term is defined where it scores, and then it is 0.
         confidence: how far each frame's person can be trusted, (N,) in [0, 1]; 0 where there is none.
         seconds: that reading took; little where it had been read before.
     """
 
+    source: str
     reference: Reference
     scores: Scores
     confidence: Tensor  # (N,)
@@ -71,7 +74,7 @@ def inspect_clip(source: str, config: RunConfig, progress: Progress = silent) ->
     reference = read_reference(source, parts, Reading(config.frames, config.output_side, "scene"), progress)
     scores = score(Objective(parts.losses), reference.features, reference.features, reference.missing)
     seconds = time.perf_counter() - start
-    return Inspection(reference, scores, reading_confidence(reference.features), seconds)
+    return Inspection(source, reference, scores, reading_confidence(reference.features), seconds)
 
 
 def reading_confidence(features: Features) -> Tensor:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .camera import Camera, concatenate, resized
+from .components import Components
 from .config import RunConfig
 from .named_scenes import remember
-from .reference import Components
 from .report.contact_sheet import write_contact_sheet
 from .scenes.find_people import SIZE
 from .scenes.lift import Lift, LiftOptions

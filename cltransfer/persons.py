@@ -21,12 +21,14 @@ class Spot:
 
     Args:
         frame: index.
-        x, y: [px].
+        x, y: from the top left in [0, 1] of the frame.
+        size: of the frame (W, H) [px].
     """
 
     frame: int
     x: float
     y: float
+    size: tuple[int, int]
 
 
 Who = int | Spot | None  # id, where the person is seen, or the largest
@@ -56,7 +58,8 @@ class Persons:
             return np.full((frames, 5), np.nan), ()
         chosen = self.at(who) if isinstance(who, Spot) else who or 0
         if chosen >= count:
-            raise UsageError("", f"person={who}", f"expected 0 to {count - 1}: {count} persons are seen")
+            known = f"expected 0 to {count - 1}: {count} persons are seen" if count else "nobody is seen"
+            raise UsageError("", f"#person={who}", known)
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
         if count > 1:
@@ -75,14 +78,14 @@ class Persons:
         Raises:
             UsageError: nobody does.
         """
-        x, y, width, height = self.boxes[:, spot.frame, :4].T
+        x, y, width, height = (self.boxes[:, spot.frame, :4] / np.tile(spot.size, 2)).T
         over = (x <= spot.x) & (spot.x <= x + width) & (y <= spot.y) & (spot.y <= y + height)  # NaN is not over
         if not over.any():
             corners = np.stack([x, x + width, y, y + height], axis=1)
             seen = [i for i in range(len(x)) if np.isfinite(x[i])]
-            known = "; ".join("person {}, x {:.0f} to {:.0f}, y {:.0f} to {:.0f}".format(i, *corners[i]) for i in seen)
-            where = f"nobody at ({spot.x:.0f}, {spot.y:.0f}) px of frame {spot.frame}"
-            raise UsageError("", "person", where, f"seen there: {known or 'nobody'}")
+            known = "; ".join("person {}, x {:.2f} to {:.2f}, y {:.2f} to {:.2f}".format(i, *corners[i]) for i in seen)
+            where = f"nobody at {spot.x:g},{spot.y:g} of frame {spot.frame}"
+            raise UsageError("", "#person", where, f"seen there: {known or 'nobody'}")
         return int(np.where(over, width * height, np.inf).argmin())
 
     def _crossings(self, first: int, second: int) -> list[int]:

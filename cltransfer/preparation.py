@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from .camera import Camera, concatenate, resized
+from .components import Components
 from .config import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
 from .driver.closed_form import closed_form
@@ -27,7 +28,7 @@ from .features import Features
 from .graph import Family
 from .objective import Objective
 from .progress import Progress
-from .reference import Components, Reading, Reference, is_scene, read_reference
+from .reference import Reading, Reference, is_scene, read_reference
 from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene

@@ -7,6 +7,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from .errors import UsageError
 from .features import Features
 from .graph import CHUNK, Plan, run_clip
 from .persons import Who, join
@@ -36,6 +37,8 @@ def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent
     load = partial(_loaded, image, None)
     detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
     flags: tuple[str, ...] = ()
+    if detector is None and who not in (None, 0):
+        raise UsageError("", "#person", "no extractor tells persons apart", "add extractors.detect_yolox={}")
     if detector is not None:
         found = []
         for start in range(0, count, CHUNK):

@@ -8,12 +8,13 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
+from .components import Components
 from .driver.follow import still
 from .driver.stage import Stage
 from .features import Features
 from .progress import Progress, silent
 from .read_frames import clip_features
-from .reference import Components, Reference, quantised
+from .reference import Reference, quantised
 from .scenes import Scene
 from .scores import Scores, score
 

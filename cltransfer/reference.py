@@ -13,54 +13,14 @@ import torch
 from torch import Tensor
 
 from . import __version__
-from .config import RunConfig
+from .components import SCENE_SOURCE, Components
 from .errors import InputError
 from .feature_file import FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
-from .graph import CLIP_SOURCE, Family, Plan, make_plan, run_clip
+from .graph import Family, Plan, run_clip
 from .progress import Progress, silent
 from .read_frames import read_frames
-
-SCENE_SOURCE = frozenset({"camera", "person"})
-
-
-@dataclass(frozen=True)
-class Components:
-    """What a config builds.
-
-    Args:
-        renderer: the one renderer.
-        extractors: by name.
-        losses: by name, in the config's order.
-    """
-
-    renderer: Any
-    extractors: Mapping[str, Any]
-    losses: Mapping[str, Any]
-
-    @classmethod
-    def build(cls, config: RunConfig) -> Components:
-        """Components of ``config``.
-
-        Raises:
-            UsageError: an option has the wrong type or range.
-        """
-        return cls(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
-
-    def plan(self, family: Family, shared: frozenset[str] | None = None) -> Plan:
-        """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).
-
-        ``shared`` names what the other side has: a loss that the other side cannot feed asks for nothing.
-        """
-        source = CLIP_SOURCE if family == "image" else frozenset(self.renderer.provides) | SCENE_SOURCE
-        wanted: set[str] = set()
-        uses: set[str] = set()
-        for loss in self.losses.values():
-            if shared is None or shared >= set(loss.requires):
-                wanted.update(loss.requires)
-                uses.update(getattr(loss, "uses", ()))
-        return make_plan(frozenset(wanted), self.extractors, source, family, shared, frozenset(uses))
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from typing import Any
 from . import __version__
 from .camera import resized
 from .clip import write_video
+from .components import Components
 from .config import RunConfig, load_config
 from .doctor import PACKAGES
 from .errors import InputError, UsageError
@@ -27,7 +28,6 @@ from .named_scenes import recall, remember
 from .preparation import Inputs, fit
 from .progress import Progress
 from .readback import render_frames
-from .reference import Components
 from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report

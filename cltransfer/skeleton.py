@@ -14,9 +14,7 @@ JOINTS = (
     "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "head_top", "neck",
 )  # fmt: skip
 
-KEY_JOINTS = ("head_top", "chest", "waist", "knees", "feet")
-
-# key joint -> its one or two parts among JOINTS; two parts mean their midpoint (paper Sec. 9)
+# head top, chest, waist, knees, feet: each of one or two parts of JOINTS; two mean their midpoint (paper Sec. 9)
 _KEY_PARTS = ((12, 12), (0, 1), (6, 7), (8, 9), (10, 11))
 
 # The head top lies beyond the ears, seen from the shoulders: ears 0.935, shoulders 0.815, top 1.0 of body height.

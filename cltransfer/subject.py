@@ -105,7 +105,7 @@ class Subject:
                 torch.tensor(data["up"], dtype=torch.float64),
                 float(data["height"]),
                 None if data.get("metres_per_unit") is None else float(data["metres_per_unit"]),
-                None if data.get("people") is None else int(data["people"]),
+                _count(data.get("people")),
             )
         except KeyError as error:
             raise InputError(path, str(error.args[0]), "field is missing") from None
@@ -115,3 +115,9 @@ class Subject:
             if abs(float(getattr(subject, name).norm()) - 1) > 1e-3:
                 raise InputError(path, name, "expected a unit vector")
         return subject
+
+
+def _count(value: Any) -> int | None:
+    if value is not None and (type(value) is not int or value < 1):
+        raise ValueError(f"people must be a whole number of at least 1, got {value!r}")
+    return value

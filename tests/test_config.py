@@ -31,6 +31,13 @@ def test_overrides_win_over_the_file_and_the_file_over_the_preset(tmp_path: Path
     assert (config.generations, config.popsize) == (3, 6)
 
 
+def test_a_shipped_file_goes_by_its_name() -> None:
+    file = Path(__file__).parents[1] / "configs" / "networks" / "paper.yaml"
+    assert load_config("networks/paper") == load_config(file)
+    with pytest.raises(UsageError, match="networks/papers"):
+        load_config("networks/papers")
+
+
 def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
     (tmp_path / "full.yaml").write_text("losses: {framing: {weight: 2.0}}\n")
     child = tmp_path / "no_framing.yaml"

@@ -12,6 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from typer.testing import CliRunner
 
 from cltransfer.cli import app
+from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.depth_alignment import VIEWS, align_config, align_depth, align_parts
 from cltransfer.errors import InputError, UsageError
@@ -20,7 +21,6 @@ from cltransfer.feature_file import FeatureFile
 from cltransfer.features import Features
 from cltransfer.flags import run_flags
 from cltransfer.preparation import Inputs
-from cltransfer.reference import Components
 from cltransfer.registry import EXTRACTORS
 from cltransfer.run_folder import write_run
 from cltransfer.scenes.load import load_scene

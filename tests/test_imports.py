@@ -22,9 +22,15 @@ DRIVING = (
     "graph",
     "objective",
     "driver",
+    "components",
     "reference",
+    "read_frames",
+    "readback",
+    "preparation",
     "transfer",
     "evaluate",
+    "inspect_clip",
+    "describe",
     "ablate",
     "run_folder",
     "report",
@@ -153,6 +159,9 @@ def test_what_is_installed_includes_the_data_files() -> None:
     assert done.returncode == 0, done.stderr
     shipped = set(done.stdout.split())
     presets = {f"cltransfer.configs/{path.name}" for path in (ROOT / "configs").glob("*.yaml")}
-    presets |= {f"cltransfer.configs/ablations/{path.name}" for path in (ROOT / "configs" / "ablations").iterdir()}
-    pages = {"cltransfer/report/page.html", *(f"cltransfer/study/page.{kind}" for kind in ("html", "css", "js"))}
+    for folder in ("ablations", "networks", "scenes"):
+        presets |= {f"cltransfer.configs/{folder}/{path.name}" for path in (ROOT / "configs" / folder).iterdir()}
+    pages = {f"cltransfer/study/page.{kind}" for kind in ("html", "css", "js")}
+    pages |= {f"cltransfer/report/{path.name}" for path in (ROOT / "cltransfer" / "report").glob("*.[hj]*")}
+    assert len(pages) == 6
     assert presets | pages | {"cltransfer/py.typed", "cltransfer/catalogue.yaml"} <= shipped

@@ -1,6 +1,7 @@
 """The page of a clip's reading: a picture of each frame, doubtful ones marked, coverage told."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,13 @@ import pytest
 import torch
 
 from cltransfer.clip_source import ClipSource
+from cltransfer.components import Components
+from cltransfer.config import load_config
 from cltransfer.feature_file import FeatureFile
-from cltransfer.inspect_clip import reading_confidence
+from cltransfer.inspect_clip import Inspection, reading_confidence, write_inspection
+from cltransfer.objective import Objective
+from cltransfer.reference import Reference
+from cltransfer.scores import score
 from cltransfer.testing import sample_features, without_person
 
 
@@ -28,19 +34,38 @@ def test_a_shot_is_laid_open(command: Any, tmp_path: Path) -> None:
         assert (tmp_path / "page" / "frames" / name).stat().st_size > 500
 
 
-def test_a_click_in_a_picture_names_the_person(browser: Any, command: Any, tmp_path: Path) -> None:
-    said = command("inspect", "builtin:push_in", "frames=2", "output_side=96", "--out", tmp_path / "page")
-    assert said.code == 0, said.err
-    browser.get((tmp_path / "page" / "index.html").as_uri())
+@pytest.fixture
+def laid_open() -> Callable[[str], Inspection]:
+    """Three frames of a person, read from a source of any name."""
+
+    def make(source: str) -> Inspection:
+        features = replace(sample_features(0, 3), image=None)
+        image = torch.zeros(3, 3, features.size[1], features.size[0], dtype=torch.uint8)
+        reference = Reference(features, torch.tensor([0.0, 0.5, 1.0]).double(), image, "clip", "", "image", {})
+        scores = score(Objective(Components.build(load_config()).losses), features, features, {})
+        return Inspection(source, reference, scores, reading_confidence(features), 0.1)
+
+    return make
+
+
+def test_a_click_in_a_picture_names_the_person(browser: Any, laid_open: Any, tmp_path: Path) -> None:
+    browser.get(write_inspection(tmp_path / "page", laid_open("a <b>.mp4#t=1,2&person=3")).as_uri())
+    assert browser.find_element("id", "who").text == "a <b>.mp4#t=1,2&person=X,Y,SECONDS"
     picture = browser.find_elements("css selector", "img[data-time]")[1]
     size = picture.size
     offset = (round(0.25 * size["width"] - size["width"] / 2), round(0.6 * size["height"] - size["height"] / 2))
     chain = pytest.importorskip("selenium.webdriver").ActionChains(browser)
     chain.move_to_element_with_offset(picture, *offset).click().perform()
-    line = browser.find_element("id", "who").text
-    source = ClipSource.parse(f"clip.mp4{line}")
-    assert source.person == pytest.approx((0.25, 0.6, float(picture.get_attribute("data-time"))), abs=0.02)
+    source = ClipSource.parse(browser.find_element("id", "who").text)
+    assert (source.path, source.span) == (Path("a <b>.mp4"), (1.0, 2.0))
+    assert source.person == pytest.approx((0.25, 0.6, 0.5), abs=0.02)
     assert not browser.get_log("browser")
+
+
+def test_a_shot_of_a_scene_has_nobody_to_click_on(laid_open: Any, tmp_path: Path) -> None:
+    page = write_inspection(tmp_path, laid_open("builtin:push_in")).read_text()
+    assert "Click on the one" not in page
+    assert "<script" not in page
 
 
 def test_confidence_is_0_without_a_person_and_grows_with_joints_and_box() -> None:

@@ -123,10 +123,12 @@ def test_a_source_names_its_part(tmp_path: Path) -> None:
 
 def test_a_person_is_named_by_a_place_and_a_moment() -> None:
     times = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float64)
-    assert ClipSource.parse("a.mp4#person=0.25,0.5").who(times, (200, 100)) == Spot(0, 50.0, 50.0)
-    assert ClipSource.parse("a.mp4#person=0.25,0.5,0.6").who(times, (200, 100)) == Spot(1, 50.0, 50.0)
+    assert ClipSource.parse("a.mp4#person=0.25,0.5").who(times, (200, 100)) == Spot(0, 0.25, 0.5, (200, 100))
+    assert ClipSource.parse("a.mp4#person=0.25,0.5,0.6").who(times, (200, 100)) == Spot(1, 0.25, 0.5, (200, 100))
     assert ClipSource.parse("a.mp4#person=1").who(times, (200, 100)) == 1
     assert ClipSource.parse("a.mp4").who(times, (200, 100)) is None
+    with pytest.raises(UsageError, match=r"expected up to 1\.000 s, where the frames that are read end, got 3"):
+        ClipSource.parse("a.mp4#person=0.25,0.5,3").who(times, (200, 100))
 
 
 BAD_PERSONS = ["person=-1", "person=0.5", "person=0.5,1.5", "person=0.5,0.5,-1", "person=0.1,0.2,0.3,0.4"]

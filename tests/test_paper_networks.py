@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 
 from cltransfer.catalogue import catalogue
+from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.reference import Components
 
 CONFIG = Path(__file__).resolve().parents[1] / "configs" / "networks" / "paper.yaml"
 SIZE = (320, 180)

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+import torch
 
+from cltransfer.components import Components
+from cltransfer.config import load_config
 from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import all_boxes
 from cltransfer.persons import Spot, join, overlap
+from cltransfer.read_frames import read_frames
 
 
 def walk(start: float, step: float, frames: int, width: float = 20.0) -> np.ndarray:
@@ -34,21 +38,23 @@ def test_the_largest_is_person_0_in_whatever_order_they_are_found() -> None:
 def test_a_click_follows_who_covers_it_and_of_two_the_smaller() -> None:
     large, small = walk(0, 0, 8, 100), walk(40, 2, 8, 10)
     persons = join(frames_of(large, small))
-    np.testing.assert_array_equal(persons.follow(Spot(2, 46, 20))[0], small)  # both cover it
-    np.testing.assert_array_equal(persons.follow(Spot(2, 90, 20))[0], large)
+    np.testing.assert_array_equal(persons.follow(Spot(2, 0.046, 0.02, (1000, 1000)))[0], small)  # both cover it
+    np.testing.assert_array_equal(persons.follow(Spot(2, 0.09, 0.02, (1000, 1000)))[0], large)
     with pytest.raises(
-        UsageError, match=r"nobody at \(300, 20\) px of frame 2 .seen there: person 0, x 0 to 100, y 10 to 310; p"
+        UsageError, match=r"nobody at 0.3,0.02 of frame 2 .seen there: person 0, x 0.00 to 0.10, y 0.01 to 0.31; p"
     ):
-        persons.follow(Spot(2, 300, 20))
+        persons.follow(Spot(2, 0.3, 0.02, (1000, 1000)))
 
 
 def test_a_click_on_a_frame_without_anybody_says_so() -> None:
     lone = walk(0, 1, 6)
     lone[3] = np.nan
     with pytest.raises(UsageError, match="seen there: nobody"):
-        join(frames_of(lone)).follow(Spot(3, 5, 20))
+        join(frames_of(lone)).follow(Spot(3, 0.005, 0.02, (1000, 1000)))
+    with pytest.raises(UsageError, match="#person=1: nobody is seen"):
+        join([np.zeros((0, 5))] * 4).follow(1)
     with pytest.raises(UsageError, match="seen there: nobody"):
-        join([np.zeros((0, 5))] * 4).follow(Spot(3, 5, 20))
+        join([np.zeros((0, 5))] * 4).follow(Spot(3, 0.005, 0.02, (1000, 1000)))
 
 
 def test_a_gap_keeps_the_id_and_has_no_box() -> None:
@@ -101,3 +107,11 @@ def test_one_person_seen_by_several_cells_is_one_box() -> None:
     found = all_boxes(boxes, np.array([0.7, 0.9, 0.5, 0.1]), 0.3)
     np.testing.assert_allclose(found, [[1, 0, 10, 30, 0.9], [50, 0, 10, 30, 0.5]])
     assert all_boxes(boxes, np.zeros(4), 0.3).shape == (0, 5)
+
+
+@pytest.mark.parametrize("who", [1, Spot(0, 0.5, 0.5, (32, 18))])
+def test_whom_to_follow_is_no_question_where_nobody_is_told_apart(who: int | Spot) -> None:
+    parts = Components.build(load_config())
+    plan = parts.plan("image").without(parts.extractors["detect_yolox"])
+    with pytest.raises(UsageError, match="#person: no extractor tells persons apart"):
+        read_frames(torch.zeros(2, 3, 18, 32, dtype=torch.uint8), plan, who)

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.components import Components
 from cltransfer.config import RunConfig, load_config
 from cltransfer.evaluate import evaluate
-from cltransfer.reference import Components
 from cltransfer.run_folder import open_run, write_run
 from cltransfer.scenes import Scene
 from cltransfer.scenes.lift import Lift, LiftOptions, summary

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError
-from cltransfer.reference import Components, Reading, read_reference
+from cltransfer.reference import Reading, read_reference
 
 
 @pytest.mark.parametrize("scene", ["scene.ply", "scenes/scene.ply"])

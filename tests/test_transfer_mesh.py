@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
-from cltransfer.reference import Components
 from cltransfer.scenes.lifted import lift_scene, summary
 from cltransfer.scenes.load import load_scene
 from cltransfer.transfer import Inputs, transfer

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from ..components import Components
 from ..config import RunConfig
 from ..driver.stage import Stage
 from ..graph import Family
 from ..objective import Objective
 from ..read_frames import clip_features
 from ..readback import read_path
-from ..reference import Components, Reading, read_reference
+from ..reference import Reading, read_reference
 from ..scenes.lifted import lifted_scene
 from ..scores import Scores, score
 from ..transfer import Result

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ..components import Components
 from ..errors import UsageError
 from ..files import check_out, write_json, write_text
 from ..progress import Progress, silent
-from ..reference import Components
 from .drawn import draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes

@@ -1,1 +1,1 @@
-"""Scenes, shots and baselines that need no data: what the project measures itself with."""
+"""Measuring: methods on drawn clips, a judge that none of them knows, timings; it makes docs/benchmarks.md."""

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..components import SCENE_SOURCE, Components
 from ..describe.flow_motion import flow_motion
 from ..describe.movement import movement
 from ..features import Features
 from ..graph import run_clip
 from ..read_frames import clip_features
-from ..reference import SCENE_SOURCE, Components
 from ..scenes import Scene
 from ..scenes.builtin import builtin_scene
 from ..shot_scale import BOUNDS, LEAST_FILLED, SCALES, scale_class, shot_scale

@@ -18,6 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..components import Components
 from ..config import load_config
 from ..config_layers import parse_overrides
 from ..errors import UsageError
@@ -26,7 +27,6 @@ from ..extractors.scene_flow import SceneFlow
 from ..extractors.scene_subject import SceneSubject
 from ..features import Features
 from ..losses.camera_movement import CameraMovement
-from ..reference import Components
 from ..registry import EXTRACTORS
 from ..renderers._request import renderer_of
 from ..scenes import Scene

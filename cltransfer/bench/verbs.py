@@ -10,7 +10,9 @@ import typer
 from .protocol_verbs import bench_chart, bench_table1
 from .stress.verb import bench_stress
 
-app = typer.Typer(help="Measure: every figure in docs/benchmarks.md is made here.", no_args_is_help=True)
+HELP = "Measure: the figures in docs/benchmarks.md are made here, those of the ablations by `cltransfer ablate`."
+
+app = typer.Typer(help=HELP, no_args_is_help=True)
 app.command("table1")(bench_table1)
 app.command("chart")(bench_chart)
 app.command("stress")(bench_stress)
@@ -191,8 +193,8 @@ def bench_describe(
     import shlex
     import sys
 
+    from ..components import Components
     from ..config import load_config
-    from ..reference import Components
     from .describe import report_lines, run_describe, write_describe
 
     readers = ("geometry", "networks") if networks else ("geometry",)

@@ -8,13 +8,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..components import Components
 from ..config import RunConfig
 from ..errors import InputError
 from ..extractors.scene_joints import NEAR, project_joints
 from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..progress import Progress, silent
-from ..reference import Components, Reading, read_reference
+from ..reference import Reading, read_reference
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .description import Description, describe_features

@@ -1,1 +1,1 @@
-"""The driver every ablation shares: CMA-ES ask and tell, frame after frame along the clip."""
+"""The driver every ablation shares: frames found one after the other, then a path through the whole clip."""

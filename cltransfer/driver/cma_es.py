@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-DECREASE = 1e-6  # relative; a smaller decrease of the best total does not count (mission gap 18)
+DECREASE = 1e-6  # relative; a smaller decrease of the best total does not count: the paper leaves open how much does
 
 
 @dataclass(frozen=True)

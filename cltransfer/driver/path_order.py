@@ -160,7 +160,8 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noi
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
-    rounds = 0 if clip.stage.objective.groups is None or free <= TRUSTED else rounds
+    if clip.stage.objective.groups is None or clip.stage.plan.passes or free <= TRUSTED:
+        rounds = 0  # differences taken through noisy networks mislead
     if rounds:
         local = clip.local(x)
     path = _least_order(clip, path, local)

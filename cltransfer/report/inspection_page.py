@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from jinja2 import Environment, StrictUndefined
 
+from ..clip_source import unnamed
 from ..files import write_text
+from ..reference import is_scene
 
 if TYPE_CHECKING:
     from ..inspect_clip import Inspection
@@ -24,6 +26,7 @@ def write_page(folder: Path, shown: Inspection) -> Path:
     ]
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template, script = (Path(__file__).with_name(f"inspection.{kind}").read_text("utf-8") for kind in ("html", "js"))
+    file, rest = unnamed(shown.source)
     page = environment.from_string(template).render(
         name=reference.name,
         count=len(reference),
@@ -33,6 +36,9 @@ def write_page(folder: Path, shown: Inspection) -> Path:
         flags=reference.flags,
         frames=frames,
         flow=reference.features.has("flow"),
+        clickable=not is_scene(shown.source),
+        file=file,
+        rest=rest,
         script=script,
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )

@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera, concatenate
+from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.plan import Step
-from cltransfer.reference import Components
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import SHOTS, shot

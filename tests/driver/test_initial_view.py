@@ -8,12 +8,12 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera, resized
+from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.initial_view import best_of_orbit, given_view
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, UsageError
 from cltransfer.objective import Objective
-from cltransfer.reference import Components
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.shots import shot
 from cltransfer.testing.samples import sample_cameras

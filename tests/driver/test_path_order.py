@@ -1,14 +1,22 @@
 """The least order: no more knots than the motion needs, no moving lens where it stands, never a path that costs."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
 import torch
 
+from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.path_order import LeastPath
+from cltransfer.driver.path_order import LeastPath, WholeClip, least_path
+from cltransfer.driver.stage import Stage
+from cltransfer.features import Features
+from cltransfer.objective import Objective
+from cltransfer.plan import Step
+from cltransfer.readback import read_path
 from cltransfer.scenes.load import load_scene
+from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import shot
 from cltransfer.transfer import Inputs, Result, transfer
 
@@ -69,3 +77,31 @@ def test_a_path_is_refined_as_a_whole_however_its_frames_were_found(taught: Call
         for rounds in (0, 2)
     )
     assert order(whole).total < 0.9 * order(each).total
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What takes a network pass a frame and gives nothing new."""
+
+    passes: int
+    requires: tuple[str, ...] = ("depth",)
+    provides: tuple[str, ...] = ("depth",)
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        return now
+
+
+def test_no_differences_are_taken_through_networks() -> None:
+    scene = load_scene("builtin:plaza")
+    assert scene.subject is not None
+    parts, path = Components.build(load_config()), shot("push_in", scene.subject, (96, 54), 5)
+    search, spent = SubjectOrbit(), []
+    for passes in (0, 1):
+        plan = parts.plan("scene")
+        plan = replace(plan, steps=(*plan.steps, Step("reader", Reader(passes))))
+        stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), (96, 54))
+        clip = WholeClip(stage, search, read_path(stage, path.camera), path.camera[0])
+        x = search.vector(path.camera, path.camera[0], scene.subject) + 0.05
+        least_path(clip, x, None, clip.total(x), 0.0, 2)
+        spent.append(stage.spent.evaluations)
+    assert spent[1] < 5 * 7 < spent[0]

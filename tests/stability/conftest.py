@@ -10,10 +10,11 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.components import Components
 from cltransfer.config import RunConfig, load_config
 from cltransfer.feature_file import FeatureFile
 from cltransfer.features import Features
-from cltransfer.reference import Components, Reading, read_reference
+from cltransfer.reference import Reading, read_reference
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import Setup, shot

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
+from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
 from cltransfer.objective import Objective
-from cltransfer.reference import Components
 from cltransfer.registry import SEARCHES
 from cltransfer.scenes import Scene
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..rows import append_row, read_rows
-from ..section import machine, table, write_section
+from ..section import commit, machine, table, write_section
 from ..trial import Row
 from .chart import write_success, write_totals
 from .trial import STRESSORS, StressTrial, run_stress
@@ -85,6 +85,7 @@ def run_bench(
     todo = [trial for trial in trials if trial.key not in done]
     told(f"{len(trials)} trials, {len(trials) - len(todo)} of them done before")
     for count, row in enumerate(_run(todo, jobs), 1):
+        row["commit"] = commit()
         append_row(folder, row)
         done[row["key"]] = row
         stress = f"{row['stressor']} {row['value']:g}" if row["stressor"] else "no stress"

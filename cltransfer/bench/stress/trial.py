@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera, resized
+from ...components import Components
 from ...config import load_config
 from ...driver.stage import Stage
 from ...errors import UsageError
@@ -26,7 +27,6 @@ from ...feature_file import FeatureFile
 from ...features import Features
 from ...objective import Objective
 from ...readback import read_path
-from ...reference import Components
 from ...scenes import Scene
 from ...scenes.lifted import LABELS, SUBJECT
 from ...scenes.load import load_scene
