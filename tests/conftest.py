@@ -110,3 +110,21 @@ def browser(tmp_path: Path) -> Iterator[Any]:
     opened = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
     yield opened
     opened.quit()
+
+
+@pytest.fixture
+def blue_network(tmp_path: Path) -> Path:
+    """A depth network that takes blue less green for disparity, which no scene bears out."""
+    import numpy as np
+    import onnx
+    from onnx import TensorProto, helper, numpy_helper
+
+    weight = numpy_helper.from_array(np.array([0.0, -0.5, 1.0], np.float32).reshape(1, 3, 1, 1), "w")
+    node = helper.make_node("Conv", ["pixel_values", "w"], ["predicted_depth"])
+    image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, ["b", 3, 16, 32])
+    depth = helper.make_tensor_value_info("predicted_depth", TensorProto.FLOAT, ["b", 1, 16, 32])
+    graph = helper.make_graph([node], "depth", [image], [depth], [weight])
+    opset = [helper.make_opsetid("", 17)]
+    path = tmp_path / "blue.onnx"
+    onnx.save_model(helper.make_model(graph, opset_imports=opset, ir_version=9), str(path))
+    return path

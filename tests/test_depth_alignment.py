@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
-import onnx
 import pytest
 import torch
-from onnx import TensorProto, helper, numpy_helper
 from typer.testing import CliRunner
 
 from cltransfer.cli import app
@@ -87,17 +84,8 @@ def test_a_config_without_a_policy_is_refused(more):
 
 
 @pytest.fixture
-def blue(tmp_path, monkeypatch):
-    """A network that takes blue less green for disparity, which no scene bears out."""
-    weight = numpy_helper.from_array(np.array([0.0, -0.5, 1.0], np.float32).reshape(1, 3, 1, 1), "w")
-    node = helper.make_node("Conv", ["pixel_values", "w"], ["predicted_depth"])
-    image = helper.make_tensor_value_info("pixel_values", TensorProto.FLOAT, ["b", 3, 16, 32])
-    depth = helper.make_tensor_value_info("predicted_depth", TensorProto.FLOAT, ["b", 1, 16, 32])
-    graph = helper.make_graph([node], "depth", [image], [depth], [weight])
-    opset = [helper.make_opsetid("", 17)]
-    onnx.save_model(helper.make_model(graph, opset_imports=opset, ir_version=9), str(tmp_path / "blue.onnx"))
-    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
-    return "extractors.depth_onnx={model: blue.onnx, kind: disparity, align: shift, width: 32, height: 16}"
+def blue(blue_network):
+    return f"extractors.depth_onnx={{model: {blue_network}, kind: disparity, align: shift, width: 32, height: 16}}"
 
 
 def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(blue):

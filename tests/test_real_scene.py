@@ -12,6 +12,8 @@ import torch
 from cltransfer.components import Components
 from cltransfer.config import RunConfig, load_config
 from cltransfer.evaluate import evaluate
+from cltransfer.features import Features
+from cltransfer.registry import EXTRACTORS
 from cltransfer.run_folder import open_run, write_run
 from cltransfer.scenes import Scene
 from cltransfer.scenes.lift import Lift, LiftOptions, summary
@@ -112,6 +114,21 @@ def test_a_clip_against_itself_scores_zero_on_every_defined_term(config: RunConf
         values = term.values[torch.isfinite(term.values)]
         torch.testing.assert_close(values, torch.zeros_like(values))
     assert scores.term("shot_size").defined == 5
+
+
+def test_a_clip_is_read_whole_with_the_shift_of_its_scene(config: RunConfig, lifted: Lift, blue_network: Path) -> None:
+    network = {"model": str(blue_network), "kind": "disparity", "align": "shift", "width": 32, "height": 16}
+    short = replace(
+        config, preset="fast", frames=3, generations=2, extractors={**config.extractors, "depth_onnx": network}
+    )
+    result = transfer(Inputs(str(SCENE), str(CLIP)), short)
+    assert result.alignment is not None
+    given = EXTRACTORS.build("depth_onnx", {**network, "affine": list(result.alignment.affine)})
+    assert result.reference.image is not None
+    image = result.reference.image.float() / 255
+    seen = given(Features(result.reference.features.size, image=image)).depth
+    torch.testing.assert_close(result.reference.features.depth, seen)
+    assert result.verified.term("filmic_space").defined == 3
 
 
 @pytest.fixture(scope="module")
