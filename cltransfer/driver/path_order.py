@@ -25,7 +25,7 @@ from .stage import Stage
 LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
-JUMPS = 0.15  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
+JUMPS = 0.3  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
 CLEARLY = 0.9  # of the total that the last one promised
