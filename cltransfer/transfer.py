@@ -14,7 +14,7 @@ from .correct import corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
-from .driver.path_order import JUMPS, LeastPath, WholeClip, least_path
+from .driver.path_order import LeastPath, WholeClip, bearable, least_path
 from .driver.schedule import Schedule
 from .driver.stage import Spent, Stage
 from .features import Features
@@ -185,7 +185,7 @@ def _searched(
     if path.jumps and found.local is not None:
         calm = follow(stage, job.search, clip.reference, homes, job.schedule.lean, report, along(found.x, CALM))
         again = _least(job, config, clip, calm)
-        if not again.jumps and again.total <= path.total + JUMPS:
+        if not again.jumps and again.total <= path.total + bearable(path.total):
             return calm, again
     return found, path
 

@@ -26,6 +26,7 @@ LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
 JUMPS = 0.3  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
+JUMPS_SHARE = 0.5  # of their total that it may be at most: where frames fit that well, they move so by right
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
 CLEARLY = 0.9  # of the total that the last one promised
@@ -134,16 +135,21 @@ class LeastPath:
 
 
 def orders(frames: int) -> list[int]:
-    """Knots to choose from, fewer than ``frames``.
+    """Knots to choose from: one, or at most one for two frames, since more would shake like the frames themselves.
 
     >>> orders(24)
-    [1, 2, 4, 6, 8, 12, 16]
+    [1, 2, 4, 6, 8, 12]
     """
     ladder, step = [1, 2, 4], 6
     while step < frames:
         ladder += [step, step + step // 3]
         step *= 2
-    return [knots for knots in ladder if knots < frames]
+    return [knots for knots in ladder if knots <= max(1, frames // 2)]
+
+
+def bearable(total: float) -> float:
+    """What a filtered path may cost more than frames that jump at a mean total of ``total``."""
+    return min(JUMPS, JUMPS_SHARE * total)
 
 
 def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noise: float, rounds: int) -> LeastPath:
@@ -181,7 +187,7 @@ def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> Least
     for frames in FILTERS:  # no spline is near enough: the losses jump, and so would the camera
         x = along(free.x, frames)
         total = clip.total(x)
-        if total <= max(limit, free.free + JUMPS):
+        if total <= max(limit, free.free + bearable(free.free)):
             return replace(free, x=x, filtered=frames, total=total)
     return free
 

@@ -9,7 +9,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.path_order import LeastPath, WholeClip, least_path
+from cltransfer.driver.path_order import LeastPath, WholeClip, bearable, least_path
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
 from cltransfer.objective import Objective
@@ -105,3 +105,8 @@ def test_no_differences_are_taken_through_networks() -> None:
         least_path(clip, x, None, clip.total(x), 0.0, 2)
         spent.append(stage.spent.evaluations)
     assert spent[1] < 5 * 7 < spent[0]
+
+
+def test_fast_motion_that_frames_fit_is_not_filtered_away() -> None:
+    assert bearable(0.01) == pytest.approx(0.005)  # a crash zoom, found to the letter
+    assert bearable(2.0) == pytest.approx(0.3)  # frames that jump between poor minima
