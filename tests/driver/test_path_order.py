@@ -104,7 +104,7 @@ def test_no_differences_are_taken_through_networks() -> None:
         x = search.vector(path.camera, path.camera[0], scene.subject) + 0.05
         least_path(clip, x, None, clip.total(x), 0.0, 2)
         spent.append(stage.spent.evaluations)
-    assert spent[1] < 5 * 7 < spent[0]
+    assert spent[1] < 5 * 8 < spent[0]  # differences take 8 evaluations a frame
 
 
 def test_fast_motion_that_frames_fit_is_not_filtered_away() -> None:
