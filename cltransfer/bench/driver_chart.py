@@ -48,6 +48,8 @@ def _panel(ax: Axes, clips: Sequence[Clip], cost: str) -> None:
     """Each clip a dot, each preset's median a ring."""
     from statistics import median
 
+    from .plain_axis import plain
+
     for colour, preset in zip(COLOURS, dict.fromkeys(clip.preset for clip in clips)):
         mine = [clip for clip in clips if clip.preset == preset]
         x, y = [getattr(clip, cost) for clip in mine], [max(clip.total, LOWEST) for clip in mine]
@@ -55,7 +57,7 @@ def _panel(ax: Axes, clips: Sequence[Clip], cost: str) -> None:
         ax.scatter([median(x)], [median(y)], 90, facecolors="none", edgecolors=colour, linewidths=2)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    for axis in (ax.xaxis, ax.yaxis):  # plain numbers: powers are not text in every viewer
-        axis.set_major_formatter("{x:g}")
+    plain(ax.xaxis)
+    plain(ax.yaxis)
     ax.axhline(1.0, color="#999999", linewidth=0.8, linestyle=":")
     ax.grid(alpha=0.25)

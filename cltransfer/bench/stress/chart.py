@@ -29,10 +29,12 @@ def write_success(found: Sequence[StressVerdict], path: Path) -> None:
 
 def write_totals(found: Sequence[StressVerdict], path: Path) -> None:
     """Draw the mean totals as SVG; the same verdicts give the same bytes."""
+    from ..plain_axis import plain
 
     def draw(ax: Any, verdict: StressVerdict, nudge: float, style: Mapping[str, Any]) -> None:
         ax.plot(verdict.totals, **style)
         ax.set_yscale("log")
+        plain(ax.yaxis)
 
     _write(found, path, "mean total", draw)
 
