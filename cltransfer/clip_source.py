@@ -46,9 +46,9 @@ class ClipSource:
         >>> ClipSource.parse("clip.mp4#t=1.5,4").span
         (1.5, 4.0)
         """
-        name, mark, fragment = source.rpartition("#")
-        if not mark or Path(source).exists():
-            return cls(Path(source))
+        name, fragment = _parted(source)
+        if not fragment:
+            return cls(Path(name))
         values = {}
         for part in fragment.split("&"):
             key, _, value = part.partition("=")
@@ -84,10 +84,15 @@ def unnamed(source: str) -> tuple[str, str]:
     >>> unnamed("clip.mp4#t=1.5,4&person=1")
     ('clip.mp4', 't=1.5,4&')
     """
+    name, fragment = _parted(source)
+    kept = [part for part in fragment.split("&") if part and not part.startswith("person=")]
+    return name, "".join(f"{part}&" for part in kept)
+
+
+def _parted(source: str) -> tuple[str, str]:
+    """A clip's name, and what is asked of it; empty where the whole is the name of a file."""
     name, mark, fragment = source.rpartition("#")
-    if not mark or Path(source).exists():
-        return source, ""
-    return name, "".join(f"{part}&" for part in fragment.split("&") if not part.startswith("person="))
+    return (name, fragment) if mark and not Path(source).exists() else (source, "")
 
 
 def _person(source: str, text: str) -> int | tuple[float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import hashlib
 import json
@@ -79,6 +80,11 @@ def read_text(path: Path, limit: int) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def csp_hash(text: str) -> str:
+    """What a page's content security policy calls an inline script or style ``text``: base64 of its sha256."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def content_hash(path: Path) -> str:

@@ -30,17 +30,6 @@ def layer_endpoint_errors(reference: Tensor, rendered: Tensor, layers: Tensor) -
     return error[:, None].masked_fill(~layers, float("nan")).flatten(2).nanmean(-1)
 
 
-def camera_movement_loss(reference: Tensor, rendered: Tensor, layers: Tensor) -> Tensor:
-    """Mean over the layers of the endpoint error of the flow (paper Eq. 11-12).
-
-    Args are those of :func:`layer_endpoint_errors`.
-
-    Returns:
-        (B,) [px], >= 0; the mean leaves out layers without an error, NaN where all are.
-    """
-    return layer_endpoint_errors(reference, rendered, layers).nanmean(-1)
-
-
 def movement_residuals(
     reference: AffineFlow, rendered: AffineFlow, mismatch: float, min_area: float, min_share: float = 0.0
 ) -> Tensor:

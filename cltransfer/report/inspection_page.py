@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, StrictUndefined
 
 from ..clip_source import unnamed
-from ..files import write_text
+from ..files import csp_hash, write_text
 from ..reference import is_scene
 
 if TYPE_CHECKING:
@@ -40,7 +38,7 @@ def write_page(folder: Path, shown: Inspection) -> Path:
         file=file,
         rest=rest,
         script=script,
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        script_hash=csp_hash(script),
     )
     write_text(folder / "index.html", page)
     return folder / "index.html"

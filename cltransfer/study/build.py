@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from torch import Tensor
 
 from ..clip import read_clip, write_video
 from ..errors import InputError, UsageError
-from ..files import check_out, content_hash, read_json, write_json, write_text
+from ..files import check_out, content_hash, csp_hash, read_json, write_json, write_text
 from ..report.side_by_side import reference_side
 from .design import NO_STUDY, QUESTIONS, Study, design
 
@@ -149,8 +148,8 @@ def page(study: Study) -> str:
     return template.render(
         script=Markup(script),  # Markup: our own files, and JSON without a bracket
         style=Markup(style),
-        script_hash=_sha256(script),
-        style_hash=_sha256(style),
+        script_hash=csp_hash(script),
+        style_hash=csp_hash(style),
         data=Markup(json.dumps(_shown(study)).replace("<", "\\u003c")),
         no_study=NO_STUDY,
         comparisons=len(study.items),
@@ -172,10 +171,6 @@ def _shown(study: Study) -> dict[str, Any]:
             for item in study.items
         ],
     }
-
-
-def _sha256(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _readme(study: Study, out: Path) -> str:
