@@ -84,7 +84,7 @@ class RunConfig:
             are repaired too; 0 takes it as it was read. The scores always use what was read.
         path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact
             (every frame as it was found).
-        joint: rounds in which a smooth path is refined as a whole, where its loss is not small already.
+        joint: rounds in which a smooth path is moved as a whole to where it costs less, unless its loss is small.
         adam: how the engine adam descends.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.

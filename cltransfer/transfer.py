@@ -14,9 +14,10 @@ from .correct import corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
-from .driver.path_order import LeastPath, WholeClip, bearable, least_path
+from .driver.path_order import LeastPath, least_path
 from .driver.schedule import Schedule
 from .driver.stage import Spent, Stage
+from .driver.whole_clip import WholeClip
 from .features import Features
 from .objective import Objective
 from .preparation import Clock, Inputs, Job, Record, prepare
@@ -25,12 +26,10 @@ from .readback import Readback, read_back, read_held, read_path
 from .reference import Reference
 from .scenes import Scene
 from .scores import Scores, tabulate
-from .tracks import along
 from .trajectory import Trajectory
 
 Report = Callable[[int, Solved], None]
 
-CALM = 2.0  # [frames] standard deviation of the filter over frames that jump
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 
 
@@ -174,28 +173,19 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
 def _searched(
     job: Job, config: RunConfig, stage: Stage, clip: WholeClip, homes: Camera, guide: Tensor | None, report: Report
 ) -> tuple[Path, LeastPath | None]:
-    """The frames of one round, and the path through them where one is asked for.
-
-    Where frames jump and no path through them is near enough, the clip is followed once more about its filtered self.
-    """
+    """The frames of one round, and the path through them where one is asked for."""
     found = _followed(job, stage, clip.reference, homes, report, guide)
     if config.path == "exact":
         return found, None
-    path = _least(job, config, clip, found)
-    if path.jumps and found.local is not None:
-        calm = follow(stage, job.search, clip.reference, homes, job.schedule.lean, report, along(found.x, CALM))
-        again = _least(job, config, clip, calm)
-        if not again.jumps and again.total <= path.total + bearable(path.total):
-            return calm, again
-    return found, path
+    return found, _least(job, config, clip, found, guide)
 
 
-def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path) -> LeastPath:
+def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:
     local = found.local
     if local is not None and config.lod > 0:  # merged, the scene has other residuals
         local = replace(local, residuals=clip.residuals(found.x))
     free = clip.total(found.x) if local is None else local.total
-    return least_path(clip, found.x, local, free, job.noise, config.joint)
+    return least_path(clip, found.x, local, free, job.noise, config.joint, guide)
 
 
 def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:

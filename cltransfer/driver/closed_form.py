@@ -19,9 +19,11 @@ from ..camera import Camera
 from ..features import Features
 from ..placement import frame_joints, visible_joints
 from ..search.subject_orbit import SCALE, SubjectOrbit
+from ..tracks import along
 from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
+BETWEEN = 2.0  # [frames] that the distances are smoothed over, between those looked up
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
@@ -93,7 +95,8 @@ def _distances(
     if not seen:
         return None
     chosen = _cheapest(np.stack(costs), logs.numpy(), BEND * len(frames) / len(reference))
-    return torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen])) / SCALE[3]
+    between = torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen]))
+    return along(between[:, None], BETWEEN)[:, 0] / SCALE[3]
 
 
 def _cheapest(costs: NDArray, values: NDArray, rate: float) -> NDArray:

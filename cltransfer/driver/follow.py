@@ -19,7 +19,7 @@ from .spline import Local
 from .stage import Stage
 
 GOOD = 0.3  # total of a frame that is about right
-DRIFT, DRIFT_FLOOR = 2.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
+DRIFT, DRIFT_FLOOR = 9.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Path:
 
     @property
     def drifts(self) -> bool:
-        """Whether the last third of the frames ended clearly worse than the first: each built on the one before."""
+        """Whether the last third of the frames ended far worse than the first: each built on the one before."""
         totals = [solved.total for solved in self.frames]
         third = max(1, len(totals) // 3)
         return fmean(totals[-third:]) > DRIFT * fmean(totals[:third]) + DRIFT_FLOOR

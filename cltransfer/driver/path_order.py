@@ -9,93 +9,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import product
 
-import torch
 from torch import Tensor
 
-from ..camera import Camera
-from ..features import Features
 from ..objective import group_norms
 from ..tracks import along
-from .refine import STEP
-from .spline import Fitted, Local, fit
-from .stage import Stage
+from .joint import Moves, refine_path
+from .spline import Local, fit
+from .whole_clip import WholeClip
 
 LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
-JUMPS = 0.3  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
+JUMPS = 0.5  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
 JUMPS_SHARE = 0.5  # of their total that it may be at most: where frames fit that well, they move so by right
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
+PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined
+MOVES = 8  # knots of what moves any other path
 CLEARLY = 0.9  # of the total that the last one promised
+HOPE = 1.3  # times the total allowed, from where refining brings a filtered path there
 FAR = 3.0  # times the total allowed; above it the linear model does not hold
-
-
-@dataclass(frozen=True)
-class WholeClip:
-    """A clip to find a path for.
-
-    Args:
-        stage: renders and scores.
-        search: vectors to cameras.
-        reference: N frames.
-        home: the initial view.
-    """
-
-    stage: Stage
-    search: Any
-    reference: Features
-    home: Camera
-
-    def cameras(self, x: Tensor) -> Camera:
-        """N cameras of x (N, D)."""
-        return self.search.cameras(x, self.home, self.stage.scene.subject)
-
-    def lens(self, dimensions: int) -> Tensor | None:
-        """Direction (D,) of x along which the focal length changes; None where it does not."""
-        return getattr(self.search, "lens", None) if dimensions == self.search.dimensions else None
-
-    def total(self, x: Tensor) -> float:
-        """Mean total of a path (N, D); one evaluation a frame."""
-        objective = self.stage.objective
-        if objective.groups is not None:
-            return float(group_norms(self.residuals(x), objective.groups).sum(1).mean())
-        terms = self.stage.path_terms(self.reference, self.cameras(x))
-        self.stage.spent.evaluations += len(x)
-        return float(objective.totals(terms, objective.defined(self.reference)).mean())
-
-    def residuals(self, x: Tensor) -> Tensor:
-        """Weighted residuals (N, R) of a path (N, D); one evaluation a frame.
-
-        Raises:
-            ValueError: a loss has no residuals.
-        """
-        found = self.stage.path_residuals(self.reference, self.cameras(x))
-        self.stage.spent.evaluations += len(x)
-        return found
-
-    def local(self, x: Tensor) -> Local:
-        """What the losses make of a path (N, D), by differences; D + 1 evaluations a frame.
-
-        Raises:
-            ValueError: a loss has no residuals.
-        """
-        stage, objective = self.stage, self.stage.objective
-        if objective.groups is None:
-            raise ValueError("a path is refined by the residuals of every loss")
-        defined, before = objective.defined(self.reference), None
-        residuals, jacobians = [], []
-        for i in range(len(x)):
-            around = torch.cat([x[i : i + 1], x[i] + STEP * torch.eye(x.shape[1], dtype=x.dtype)])
-            seen = stage.features(self.cameras(around), before)
-            r = stage.priced(self.reference[i], seen, defined[i])
-            residuals.append(r[0])
-            jacobians.append(((r[1:] - r[0]) / STEP).T)
-            before = seen[0]
-        stage.spent.evaluations += len(x) * (x.shape[1] + 1)
-        return Local(torch.stack(residuals), torch.stack(jacobians), objective.groups, objective.paired)
 
 
 @dataclass(frozen=True)
@@ -152,7 +87,9 @@ def bearable(total: float) -> float:
     return min(JUMPS, JUMPS_SHARE * total)
 
 
-def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noise: float, rounds: int) -> LeastPath:
+def least_path(
+    clip: WholeClip, x: Tensor, local: Local | None, free: float, noise: float, rounds: int, guide: Tensor | None = None
+) -> LeastPath:
     """The least order that stays within the noise floor of the path as it was found.
 
     Args:
@@ -161,35 +98,48 @@ def least_path(clip: WholeClip, x: Tensor, local: Local | None, free: float, noi
         local: what the losses make of it, as its frames ended; None where they were not refined by residuals.
         free: its mean total.
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
-        rounds: of fresh Jacobians along the path, where the loss is not small already.
+        rounds: of refining the path as a whole, where the loss is not small already.
+        guide: a path (N, D) that moves as the reference does, None where there is none.
     """
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
     if clip.stage.objective.groups is None or clip.stage.plan.passes or free <= TRUSTED:
         rounds = 0  # differences taken through noisy networks mislead
-    if rounds:
+    if rounds and local is None:
         local = clip.local(x)
-    path = _least_order(clip, path, local)
-    for _ in range(rounds - 1):
-        if path.knots is None:
+    limit = free + path.floor
+    spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit)
+    return _filtered(clip, path, guide, limit, rounds) if spline is None else _refined(clip, spline, rounds)
+
+
+def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, rounds: int) -> LeastPath:
+    """Where no spline is near enough: the losses jump, and so would the camera.
+
+    What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
+    to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
+    """
+    best = None
+    for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
+        x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
+        path = replace(free, x=x, filtered=frames, total=clip.total(x))
+        best = path if best is None or path.total < best.total else best
+        if path.total <= HOPE * limit:
             break
-        local = clip.local(path.x)
-        path = _nearer(clip, path, fit(path.x, local, path.knots, clip.lens(x.shape[1]) if path.lens_kept else None))
-    return path
+    assert best is not None
+    path = _refined(clip, best, rounds)
+    return path if path.total <= max(limit, free.free + bearable(free.free)) else free
 
 
-def _least_order(clip: WholeClip, free: LeastPath, local: Local | None) -> LeastPath:
-    limit = free.free + free.floor
-    spline = _by_total(clip, free, limit) if local is None else _by_model(clip, free, local, limit)
-    if spline is not None:
-        return spline
-    for frames in FILTERS:  # no spline is near enough: the losses jump, and so would the camera
-        x = along(free.x, frames)
-        total = clip.total(x)
-        if total <= max(limit, free.free + bearable(free.free)):
-            return replace(free, x=x, filtered=frames, total=total)
-    return free
+def _refined(clip: WholeClip, path: LeastPath, rounds: int) -> LeastPath:
+    """The path moved as a whole to where it costs less; one that is static or linear stays so."""
+    if not rounds:
+        return path
+    plain = path.knots is not None and path.knots <= PLAIN
+    way = clip.lens(path.x.shape[1]) if path.lens_kept else None
+    knots = path.knots if plain and path.knots is not None else min(MOVES, len(path.x))
+    x, total = refine_path(clip, path.x, Moves(knots, way, fade=not plain), rounds)
+    return replace(path, x=x, total=total) if total < path.total else path
 
 
 def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:
@@ -232,12 +182,3 @@ def _ladder(clip: WholeClip, x: Tensor) -> list[tuple[int, Tensor | None]]:
     """Knots, and the direction of x that is kept still if any; the least first."""
     lens = clip.lens(x.shape[1])
     return [(knots, way) for knots in orders(len(x)) for way in ([None] if lens is None else [lens, None])]
-
-
-def _nearer(clip: WholeClip, path: LeastPath, fitted: Fitted) -> LeastPath:
-    """The path moved to ``fitted``, or half the way, if that costs less."""
-    for x in (fitted.x, (fitted.x + path.x) / 2):
-        total = clip.total(x)
-        if total < path.total:
-            return replace(path, x=x, total=total)
-    return path

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
 RIDGE = 1e-3  # of the distance to the path, for what no residual determines
 DEGREE = 3
+LONGEST = 0.5  # longest move of any frame in any parameter, in the units of x
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,35 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
         predicted = torch.from_numpy(r + slope @ (moved - path)).reshape(local.residuals.shape)
         norms = group_norms(predicted, local.groups)
     return Fitted(torch.from_numpy(moved).reshape(x.shape), float(norms.sum(1).mean()))
+
+
+def moved(x: Tensor, local: Local, knots: int, damping: float, fixed: Tensor | None = None) -> Fitted:
+    """The path moved by the spline of ``knots`` coefficients a dimension that lowers its total most, by the model.
+
+    Args:
+        x: the path, (N, D) float64.
+        local: what the losses make of it.
+        knots: at least 1, at most N.
+        damping: of the step, relative to the curvature in each coefficient (Levenberg-Marquardt).
+        fixed: direction (D,) along which all frames move alike; None leaves all free.
+    """
+    from scipy import sparse
+    from scipy.sparse.linalg import spsolve
+
+    design, r = _design(x, knots, fixed), local.residuals.numpy().ravel()
+    along = (local.slope @ design).tocsr()
+    norms = group_norms(local.residuals, local.groups)
+    for floor in FLOORS[1:]:
+        weight = (1 / norms.clamp_min(floor))[:, local.groups].numpy().ravel()
+        weighted = along.T @ sparse.diags_array(weight)
+        curvature = weighted @ along
+        scale = curvature.diagonal()
+        scale = np.maximum(scale, 1e-5 * scale.mean() + 1e-9)
+        step = spsolve((curvature + damping * sparse.diags_array(scale)).tocsc(), -(weighted @ r))
+        change = torch.from_numpy(along @ step).reshape(local.residuals.shape)
+        norms = group_norms(local.residuals + change, local.groups)
+    move = torch.from_numpy(design @ step).reshape(x.shape)
+    return Fitted(x + move * min(1.0, LONGEST / max(float(move.abs().max()), 1e-12)), float(norms.sum(1).mean()))
 
 
 def _design(x: Tensor, knots: int, fixed: Tensor | None) -> sparse.csr_array:

@@ -9,8 +9,9 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.path_order import LeastPath, WholeClip, least_path
+from cltransfer.driver.path_order import LeastPath, least_path
 from cltransfer.driver.stage import Stage
+from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.plan import Step
@@ -107,7 +108,7 @@ def test_no_differences_are_taken_through_networks() -> None:
     assert spent[1] < 5 * 8 < spent[0]  # differences take 8 evaluations a frame
 
 
-def test_fast_motion_that_frames_fit_is_not_filtered_away(taught: Callable[..., Any]) -> None:
+def test_fast_motion_that_the_reference_makes_is_not_filtered_away(taught: Callable[..., Any]) -> None:
     path = order(taught("crash_zoom", "search_side=160", frames=24))
-    assert path.jumps
-    assert path.total < 0.05  # filtered it costs 0.2 more
+    assert not path.jumps
+    assert path.total < 0.05  # filtered without the guide it costs 0.2 more

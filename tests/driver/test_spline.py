@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.driver.spline import Local, basis, fit
+from cltransfer.driver.spline import Local, basis, fit, moved
 
 
 def local(x: Tensor, wanted: Tensor, paired: bool = False) -> Local:
@@ -76,3 +76,20 @@ def test_a_fixed_direction_keeps_its_value_along_the_path() -> None:
     assert float(along.max() - along.min()) < 1e-9
     assert float((found.x[:, 2] - 1).abs().max()) < 1e-3  # what is across it stays free
     assert not math.isclose(float(found.x[0, 0]), float(found.x[-1, 0]))
+
+
+def test_a_move_goes_where_the_model_leads_and_less_far_the_more_it_is_damped() -> None:
+    wanted = ramp(12)
+    bent = wanted + 0.2
+    free, damped = (moved(bent, local(bent, wanted), 4, damping) for damping in (1e-6, 10.0))
+    torch.testing.assert_close(free.x, wanted, atol=1e-3, rtol=0)
+    assert free.predicted == pytest.approx(0.0, abs=1e-3)
+    assert 0 < float((damped.x - bent).norm()) < 0.3 * float((free.x - bent).norm())
+
+
+def test_a_move_is_as_smooth_as_its_knots_and_never_longer_than_allowed() -> None:
+    wanted = ramp(12)
+    shaken = wanted + 3 * torch.randn(12, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+    move = moved(shaken, local(shaken, wanted), 2, 1e-6).x - shaken
+    assert float(move.diff(n=2, dim=0).abs().max()) < 1e-9
+    assert float((moved(wanted + 9, local(wanted + 9, wanted), 2, 1e-6).x - wanted - 9).abs().max()) <= 0.5 + 1e-12

@@ -1,0 +1,110 @@
+"""A path refined as a whole: all of its frames at once, by smooth moves alone, so that it stays as steady as it was.
+
+What is filtered ends beside the minima of its frames, and a frame cannot go back to its own without a jump. So the
+moves are splines of few knots, found by damped least squares from what the losses make of every frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..objective import group_norms
+from ..tracks import along
+from .spline import Local, moved
+from .whole_clip import WholeClip
+
+WIDE = 0.1  # step of the differences, in the units of x: depths jump, and narrow ones only tell how they creep
+SHARED = 3  # frames that measure all directions together: moves are smooth, and so is what they need
+STEPS = 4  # paths evaluated in a round, at most
+DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
+SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
+PROMISE = 0.002  # total that the linear model has to promise
+BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by it
+
+
+@dataclass(frozen=True)
+class Moves:
+    """Moves that are tried.
+
+    Args:
+        knots: a dimension.
+        fixed: direction (D,) of x along which nothing changes but for all frames alike; None leaves all free.
+        fade: whether a move may fade out towards frames that lose by it; a static or linear path would not stay one.
+    """
+
+    knots: int
+    fixed: Tensor | None
+    fade: bool
+
+
+@dataclass(frozen=True)
+class _At:
+    x: Tensor  # (N, D)
+    local: Local
+
+    @property
+    def totals(self) -> Tensor:
+        return group_norms(self.local.residuals, self.local.groups).sum(1)  # (N,)
+
+    def reached(self, x: Tensor, residuals: Tensor) -> _At:
+        """At x (N, D), with the Jacobians corrected by what that step has shown."""
+        return _At(x, replace(self.local, residuals=residuals, jacobian=broyden(self.local, x - self.x, residuals)))
+
+
+def refine_path(clip: WholeClip, x: Tensor, moves: Moves, rounds: int) -> tuple[Tensor, float]:
+    """The path moved to where it costs less, and its mean total.
+
+    Every round takes differences, half as wide as those of the one before, for 1 + D / :data:`SHARED` evaluations a
+    frame, and up to :data:`STEPS` more.
+
+    Args:
+        clip: what it is a path for; every loss has residuals.
+        x: the path, (N, D).
+        moves: that may be made.
+        rounds: at least 1.
+    """
+    total = torch.inf
+    for i in range(rounds):
+        at = _At(x, clip.local(x, WIDE / 2**i, SHARED, i))
+        at = _round(clip, at, moves)
+        x, before, total = at.x, total, at.local.total
+        if total > before - PROMISE:
+            break
+    return x, total
+
+
+def _round(clip: WholeClip, at: _At, moves: Moves) -> _At:
+    damping, left = DAMPING, STEPS
+    while left and damping <= MOST_DAMPING:
+        promised = moved(at.x, at.local, moves.knots, damping, moves.fixed)
+        if promised.predicted is None or promised.predicted > at.local.total - PROMISE:
+            break
+        there = at.reached(promised.x, clip.residuals(promised.x))
+        left -= 1
+        best = there
+        if moves.fade and left and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
+            share = along((there.totals < at.totals).double()[:, None], BLEND)
+            x = at.x + share * (there.x - at.x)
+            faded = at.reached(x, clip.residuals(x))
+            left -= 1
+            best = min(there, faded, key=lambda a: a.local.total)
+        if best.local.total < at.local.total:
+            at, damping = best, max(SOFTER * damping, LEAST_DAMPING)
+        else:
+            at, damping = replace(at, local=replace(at.local, jacobian=there.local.jacobian)), HARDER * damping
+    return at
+
+
+def broyden(local: Local, move: Tensor, residuals: Tensor) -> Tensor:
+    """Jacobians (N, R, D) changed as little as explains the ``residuals`` (N, R) seen after a ``move`` (N, D).
+
+    A residual between two frames follows the difference of their moves.
+    """
+    before = torch.cat([torch.zeros_like(move[:1]), move[:-1]])
+    step = move[:, None] - local.paired[None, :, None] * before[:, None]  # (N, R, D)
+    missed = residuals - local.residuals - (local.jacobian * step).sum(-1)
+    square = (step**2).sum(-1)
+    return local.jacobian + torch.where(square > 1e-10, missed / square.clamp_min(1e-10), 0.0)[..., None] * step

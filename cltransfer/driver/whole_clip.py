@@ -1,0 +1,104 @@
+"""A clip as a whole: paths scored, and what the losses make of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..features import Features
+from ..objective import group_norms
+from .refine import STEP
+from .spline import Local
+from .stage import Stage
+
+
+@dataclass(frozen=True)
+class WholeClip:
+    """A clip to find a path for.
+
+    Args:
+        stage: renders and scores.
+        search: vectors to cameras.
+        reference: N frames.
+        home: the initial view.
+    """
+
+    stage: Stage
+    search: Any
+    reference: Features
+    home: Camera
+
+    def cameras(self, x: Tensor) -> Camera:
+        """N cameras of x (N, D)."""
+        return self.search.cameras(x, self.home, self.stage.scene.subject)
+
+    def lens(self, dimensions: int) -> Tensor | None:
+        """Direction (D,) of x along which the focal length changes; None where it does not."""
+        return getattr(self.search, "lens", None) if dimensions == self.search.dimensions else None
+
+    def total(self, x: Tensor) -> float:
+        """Mean total of a path (N, D); one evaluation a frame."""
+        objective = self.stage.objective
+        if objective.groups is not None:
+            return float(group_norms(self.residuals(x), objective.groups).sum(1).mean())
+        terms = self.stage.path_terms(self.reference, self.cameras(x))
+        self.stage.spent.evaluations += len(x)
+        return float(objective.totals(terms, objective.defined(self.reference)).mean())
+
+    def residuals(self, x: Tensor) -> Tensor:
+        """Weighted residuals (N, R) of a path (N, D); one evaluation a frame.
+
+        Raises:
+            ValueError: a loss has no residuals.
+        """
+        found = self.stage.path_residuals(self.reference, self.cameras(x))
+        self.stage.spent.evaluations += len(x)
+        return found
+
+    def local(self, x: Tensor, step: float = STEP, shared: int = 1, first: int = 0) -> Local:
+        """What the losses make of a path (N, D), by differences of ``step``.
+
+        Neighbours have nearly the same Jacobian, so each frame may measure every ``shared``-th direction only, starting
+        from another one than the frame before, and take the others from the frames around it; 1 + D / ``shared``
+        evaluations a frame.
+
+        Args:
+            x: the path.
+            step: of the differences, in the units of x.
+            shared: frames that measure all directions together, at least 1.
+            first: direction that the first frame measures first.
+
+        Raises:
+            ValueError: a loss has no residuals.
+        """
+        stage, objective = self.stage, self.stage.objective
+        if objective.groups is None:
+            raise ValueError("a path is refined by the residuals of every loss")
+        defined, before = objective.defined(self.reference), None
+        N, D = x.shape
+        measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % min(shared, N) == 0  # (N, D)
+        residuals, jacobians = [], torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
+        for i, directions in enumerate(measured):
+            around = torch.cat([x[i : i + 1], x[i] + step * torch.eye(D, dtype=x.dtype)[directions]])
+            seen = stage.features(self.cameras(around), before)
+            r = stage.priced(self.reference[i], seen, defined[i])
+            residuals.append(r[0])
+            jacobians[i][:, directions] = ((r[1:] - r[0]) / step).T
+            stage.spent.evaluations += len(around)
+            before = seen[0]
+        return Local(torch.stack(residuals), _between(jacobians, measured), objective.groups, objective.paired)
+
+
+def _between(jacobians: Tensor, measured: Tensor) -> Tensor:
+    """Jacobians (N, R, D) with the columns that are not ``measured``, (N, D) bool, taken from the frames around."""
+    weights = torch.zeros(measured.shape[1], len(measured), len(measured), dtype=torch.float64)  # (D, N, N)
+    frames, eye = np.arange(len(measured)), np.eye(len(measured))
+    for d, known in enumerate(measured.T.numpy()):
+        at = frames[known]
+        weights[d] = torch.from_numpy(np.stack([np.interp(frames, at, column[at]) for column in eye], axis=1))
+    return torch.einsum("dnm,mrd->nrd", weights, jacobians)

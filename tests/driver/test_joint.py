@@ -1,0 +1,97 @@
+"""Paths refined as a whole: they cost less, move smoothly, and a static one stays static."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.joint import Moves, broyden, refine_path
+from cltransfer.driver.spline import Local
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.objective import Objective
+from cltransfer.readback import read_path
+from cltransfer.scenes.load import load_scene
+from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.shots import shot
+from cltransfer.tracks import along
+
+FRAMES, D = 12, 7
+
+
+def clip_of(name: str) -> tuple[WholeClip, Tensor]:
+    """A shot in the plaza, and its own path (12, 7)."""
+    scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
+    assert scene.subject is not None
+    path = shot(name, scene.subject, (96, 54), FRAMES).camera
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    return WholeClip(stage, search, read_path(stage, path), path[0]), search.vector(path, path[0], scene.subject)
+
+
+def shake(x: Tensor) -> float:
+    """Mean third difference of a path (N, D)."""
+    return float(x.diff(n=3, dim=0).abs().mean())
+
+
+def test_a_path_beside_the_true_one_comes_back_without_shaking() -> None:
+    clip, true = clip_of("push_in")
+    bent = true + 0.1 * torch.sin(torch.linspace(0, 3, FRAMES, dtype=torch.float64))[:, None]
+    x, total = refine_path(clip, bent, Moves(6, None, fade=True), rounds=2)
+    assert total < 0.3 * clip.total(bent)
+    assert total == pytest.approx(clip.total(x), abs=1e-9)
+    assert shake(x) < shake(bent) + 0.01
+
+
+@pytest.mark.parametrize("knots", [1, 2])
+def test_a_static_or_linear_path_stays_one(knots: int) -> None:
+    clip, true = clip_of("static")
+    x, total = refine_path(clip, true + 0.05, Moves(knots, None, fade=False), rounds=1)
+    assert total < clip.total(true + 0.05)
+    assert float(x.diff(n=knots, dim=0).abs().max()) < 1e-9
+
+
+def test_a_lens_that_is_kept_stays_still_while_the_camera_moves() -> None:
+    clip, true = clip_of("push_in")
+    way = clip.lens(D)
+    assert way is not None
+    x, _ = refine_path(clip, true + 0.1, Moves(4, way, fade=True), rounds=1)
+    focal, before = (clip.cameras(path).focal.log() for path in (x, true + 0.1))
+    assert float((focal - before).std()) < 1e-9
+    assert float((x - true - 0.1).std(0).max()) > 1e-3
+
+
+def test_frames_that_lose_by_a_move_keep_out_of_it() -> None:
+    clip, true = clip_of("push_in")
+    half = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None] > 0.5
+    bent = true + 0.2 * along(half.double(), 2.0)  # the first half is right already
+    x, total = refine_path(clip, bent, Moves(2, None, fade=True), rounds=1)
+    _, stiff = refine_path(clip, bent, Moves(2, None, fade=False), rounds=1)
+    assert total < stiff
+    assert float((x - true)[:3].abs().max()) < 0.05
+
+
+def test_corrected_jacobians_explain_what_was_seen_and_change_nothing_across() -> None:
+    torch.manual_seed(0)
+    paired = torch.tensor([False, True, True])
+    local = Local(torch.rand(4, 3).double(), torch.rand(4, 3, 2).double(), torch.tensor([0, 1, 1]), paired)
+    move, seen = torch.rand(4, 2).double() + 0.1, torch.rand(4, 3).double()
+    corrected = replace(local, jacobian=broyden(local, move, seen))
+    predicted = local.residuals.ravel() + torch.from_numpy(corrected.slope @ move.numpy().ravel())
+    torch.testing.assert_close(predicted.reshape(4, 3), seen)
+    across = torch.stack([-move[0, 1], move[0, 0]])
+    torch.testing.assert_close(corrected.jacobian[0] @ across, local.jacobian[0] @ across)
+
+
+def test_frames_share_what_they_measure() -> None:
+    clip, x = clip_of("static")  # all frames alike, so what one measures holds for all
+    spent, measured = [], []
+    for shared in (1, 3):
+        before = clip.stage.spent.evaluations
+        measured.append(clip.local(x + 0.02, 0.05, shared))
+        spent.append(clip.stage.spent.evaluations - before)
+    assert spent == [FRAMES * (1 + D), FRAMES * (1 + D / 3)]
+    still = ~measured[0].paired
+    torch.testing.assert_close(measured[1].jacobian[:, still], measured[0].jacobian[:, still])
