@@ -11,7 +11,7 @@ from ..section import commit, machine, table, write_section
 from ..trial import Row
 from .chart import write_success, write_totals
 from .trial import STRESSORS, StressTrial, run_stress
-from .verdicts import HEADER, LEVELS, summary, verdicts
+from .verdicts import HEADER, LEVELS, STRICTER_HEADER, stricter, summary, verdicts
 
 FIRST_SEED = 1000  # seeds below were looked at while the methods were made
 CLIPS = (  # shot, teacher, pupil: cross-scene, going round
@@ -115,6 +115,7 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "fail, of five, with its value. Worst tenth and spread (between quartiles): of totals, 1 is every term at its",
         "tolerance. Growth: last third of the frames less the first. Breaks first: the term that has grown most.",
         *machine(),
+        f"Rows measured at {', '.join(sorted({row.get('commit', 'an earlier one') for row in rows}))}.",
         "",
         *table(("stressor", "what", "unit", "levels"), _levels(rows)),
         "",
@@ -122,6 +123,11 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "![Mean total against level](stress_totals.svg)",
         "",
         *table(HEADER, summary(found)),
+        "",
+        f"How much hangs on the definition: stressors of which {found[0].method} breaks later or earlier than another, where a",
+        "clip fails above a smaller share of the total of random views. The first share is the definition.",
+        "",
+        *table(STRICTER_HEADER, stricter(rows, found[0].method)),
     ]
     write_section(path, "Stress", lines)
 

@@ -15,6 +15,8 @@ HEADER = (
     "stressor", "method", "success by level, none first", "mean total by level", "breakdown", "worst tenth",
     "spread by seed", "growth along the clip", "breaks first",
 )  # fmt: skip
+SHARES = (0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1)  # of what random views have, above which a total counts as failed
+STRICTER_HEADER = ("failed above", "against", "breaks later", "same", "breaks earlier", "never breaks")
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,25 @@ def verdicts(rows: Sequence[Row]) -> list[StressVerdict]:
             if all(by_level):
                 found.append(_verdict(method, stressor, by_level))
     return found
+
+
+def stricter(rows: Sequence[Row], method: str) -> list[list[str]]:
+    """Rows under :data:`STRICTER_HEADER`: how ``method`` compares where a clip fails at a lower total already.
+
+    A definition decides what breaks; this tells how much hangs on it. The first share is the definition itself.
+    """
+    told = []
+    for share in SHARES:
+        failed = [{**row, "failed": row["failed"] or row["total"] > share * row["random_total"]} for row in rows]
+        by_key = {(verdict.stressor, verdict.method): verdict.breakdown for verdict in verdicts(failed)}
+        broken = {key: math.inf if level is None else level for key, level in by_key.items()}
+        stressors = dict.fromkeys(stressor for stressor, _ in broken)
+        unbroken = sum(broken[stressor, method] == math.inf for stressor in stressors)
+        for other in dict.fromkeys(name for _, name in broken if name != method):
+            pairs = [(broken[stressor, method], broken[stressor, other]) for stressor in stressors]
+            counts = [sum(a > b for a, b in pairs), sum(a == b for a, b in pairs), sum(a < b for a, b in pairs)]
+            told.append([f"{100 * share:.0f} % of random", other, *map(str, counts), f"{unbroken} of {len(pairs)}"])
+    return told
 
 
 def _verdict(method: str, stressor: str, by_level: Sequence[Sequence[Row]]) -> StressVerdict:

@@ -9,7 +9,7 @@ import pytest
 
 from cltransfer.bench.stress.bench import TIERS, StressBench, run_bench, write_stress
 from cltransfer.bench.stress.trial import STRESSORS, StressTrial, run_stress
-from cltransfer.bench.stress.verdicts import breakdown_point, summary, verdicts
+from cltransfer.bench.stress.verdicts import breakdown_point, stricter, summary, verdicts
 from cltransfer.errors import UsageError
 
 CLIP = ("push_in", "plaza-2", "room-3", 1)
@@ -46,6 +46,16 @@ def test_a_verdict_says_when_how_badly_how_unevenly_and_why() -> None:
     assert verdict.first == "shot_size"
     assert verdict.totals == (1.5, 2.5, 3.5, 4.5, 5.5, 6.5)
     assert summary([verdict])[0][4] == "3.0, 90 degrees"
+
+
+def test_a_stricter_definition_breaks_what_was_poor_all_along() -> None:
+    good = [{**row(level, failed=False, total=1.0), "random_total": 10.0} for level in range(6)]
+    poor = [
+        {**row(level, failed=False, total=2.2 + 0.2 * level, method="b"), "random_total": 10.0} for level in range(6)
+    ]
+    told = {cells[0]: cells[1:] for cells in stricter([*good, *poor], "a")}
+    assert told["50 % of random"] == ["b", "0", "1", "0", "1 of 1"]
+    assert told["25 % of random"] == ["b", "1", "0", "0", "1 of 1"]
 
 
 def test_a_term_that_the_reference_lacks_breaks_nothing() -> None:
