@@ -124,8 +124,9 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "",
         *table(HEADER, summary(found)),
         "",
-        f"How much hangs on the definition: stressors of which {found[0].method} breaks later or earlier than another, where a",
-        "clip fails above a smaller share of the total of random views. The first share is the definition.",
+        f"How much hangs on the definition: on how many stressors {found[0].method} breaks later or earlier than",
+        "another method, where a clip fails above a smaller share of the total of random views. The first share",
+        "is the one used.",
         "",
         *table(STRICTER_HEADER, stricter(rows, found[0].method)),
     ]
