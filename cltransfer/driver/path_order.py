@@ -119,16 +119,17 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
     What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
     to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
     """
-    best = None
+    accepted = max(limit, free.free + bearable(free.free))
+    enough, best = HOPE * limit if rounds else accepted, None
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
         path = replace(free, x=x, filtered=frames, total=clip.total(x))
         best = path if best is None or path.total < best.total else best
-        if path.total <= HOPE * limit:
+        if path.total <= enough:
             break
     assert best is not None
     path = _refined(clip, best, rounds)
-    return path if path.total <= max(limit, free.free + bearable(free.free)) else free
+    return path if path.total <= accepted else free
 
 
 def _refined(clip: WholeClip, path: LeastPath, rounds: int) -> LeastPath:
