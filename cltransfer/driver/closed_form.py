@@ -23,7 +23,7 @@ from ..tracks import along
 from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
-BETWEEN = 2.0  # [frames] that the distances are smoothed over, between those looked up
+BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
@@ -96,7 +96,10 @@ def _distances(
         return None
     chosen = _cheapest(np.stack(costs), logs.numpy(), BEND * len(frames) / len(reference))
     between = torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen]))
-    return along(between[:, None], BETWEEN)[:, 0] / SCALE[3]
+    if len(frames) == 1:
+        return between / SCALE[3]
+    apart = (len(reference) - 1) / (len(frames) - 1)
+    return along(between[:, None], min(BETWEEN * apart, LONGEST))[:, 0] / SCALE[3]
 
 
 def _cheapest(costs: NDArray, values: NDArray, rate: float) -> NDArray:
