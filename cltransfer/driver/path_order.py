@@ -42,6 +42,7 @@ class LeastPath:
         knots: a dimension; None is every frame for itself.
         filtered: standard deviation of the filter along the clip, where there are no knots [frames]; 0 is none.
         lens_kept: whether the focal length stays the same.
+        refined: whether it was then moved as a whole; one of 4 knots and more has more of them since.
         total: mean over the frames.
         free: the same of the frames as they were found.
         floor: how much more than that it may cost.
@@ -54,6 +55,7 @@ class LeastPath:
     total: float
     free: float
     floor: float
+    refined: bool = False
 
     @property
     def jumps(self) -> bool:
@@ -63,10 +65,10 @@ class LeastPath:
     @property
     def name(self) -> str:
         """In words, for reports."""
-        if self.filtered:
-            return f"every frame, filtered over {self.filtered:g}"
         order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
-        return f"{order}, focal length kept" if self.lens_kept and self.knots != 1 else order
+        kept = ", focal length kept" if self.lens_kept and self.knots != 1 else ""
+        filtered = f", filtered over {self.filtered:g}" if self.filtered else ""
+        return order + kept + filtered + (", refined as a whole" if self.refined else "")
 
 
 def orders(frames: int) -> list[int]:
@@ -140,7 +142,7 @@ def _refined(clip: WholeClip, path: LeastPath, rounds: int) -> LeastPath:
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
     knots = path.knots if plain and path.knots is not None else min(MOVES, len(path.x))
     x, total = refine_path(clip, path.x, Moves(knots, way, fade=not plain), rounds)
-    return replace(path, x=x, total=total) if total < path.total else path
+    return replace(path, x=x, total=total, refined=True) if total < path.total else path
 
 
 def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:

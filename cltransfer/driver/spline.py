@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..objective import group_norms
+from .refine import LONGEST
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
 RIDGE = 1e-3  # of the distance to the path, for what no residual determines
 DEGREE = 3
-LONGEST = 0.5  # longest move of any frame in any parameter, in the units of x
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,8 @@ def test_a_path_is_refined_as_a_whole_however_its_frames_were_found(taught: Call
         for rounds in (0, 2)
     )
     assert order(whole).total < 0.9 * order(each).total
+    assert order(whole).name.endswith("refined as a whole")
+    assert not order(each).refined
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean, quantiles
 
+from ..failure import RANDOM_SHARE
 from ..trial import Row
 from .trial import STRESSORS
 
@@ -15,7 +16,15 @@ HEADER = (
     "stressor", "method", "success by level, none first", "mean total by level", "breakdown", "worst tenth",
     "spread by seed", "growth along the clip", "breaks first",
 )  # fmt: skip
-SHARES = (0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1)  # of what random views have, above which a total counts as failed
+SHARES = (
+    RANDOM_SHARE,
+    0.4,
+    0.3,
+    0.25,
+    0.2,
+    0.15,
+    0.1,
+)  # of what random views have, above which a total counts as failed
 STRICTER_HEADER = ("failed above", "against", "breaks later", "same", "breaks earlier", "never breaks")
 
 
@@ -64,7 +73,7 @@ def stricter(rows: Sequence[Row], method: str) -> list[list[str]]:
     """
     told = []
     for share in SHARES:
-        failed = [{**row, "failed": row["failed"] or row["total"] > share * row["random_total"]} for row in rows]
+        failed = [{**row, "failed": row["failed"] or not row["total"] <= share * row["random_total"]} for row in rows]
         by_key = {(verdict.stressor, verdict.method): verdict.breakdown for verdict in verdicts(failed)}
         broken = {key: math.inf if level is None else level for key, level in by_key.items()}
         stressors = dict.fromkeys(stressor for stressor, _ in broken)
