@@ -7,17 +7,18 @@ and the paper's setting on the same features is what the others are held against
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from statistics import fmean, median
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed
 from kornia.metrics import angle_error_mat
 
 from ..camera import Camera
@@ -29,7 +30,9 @@ from ..subject import Subject
 from ..trajectory import Trajectory
 from ..transfer import Inputs, Result, transfer
 from .driver_chart import write_driver_chart
+from .rows import kept_rows, measured_at
 from .section import machine, table, write_section
+from .trial import Row
 from .truth import jerk
 
 SIZE = (640, 360)  # [px] of the reference
@@ -48,11 +51,36 @@ HEADER = (
 
 
 @dataclass(frozen=True)
+class Run:
+    """One transfer to measure.
+
+    Args:
+        preset: of :mod:`cltransfer.config`.
+        target: self or cross.
+        shot: canonical.
+        seed: of where it stands, and of the search.
+        frames: of the clip.
+    """
+
+    preset: str
+    target: str
+    shot: str
+    seed: int
+    frames: int
+
+    @property
+    def key(self) -> str:
+        """Digest of the run and of the config it comes to."""
+        text = json.dumps([asdict(self), settings(self.preset, self.seed).to_yaml()], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
 class Clip:
     """One transfer that was measured.
 
     Args:
-        preset, target, shot, seed: what was run; target is self or cross.
+        preset, target, shot, seed: what was run, see :class:`Run`.
         total: mean over the frames, by geometry at the search size.
         evaluations: a frame.
         seconds: of the search.
@@ -84,9 +112,9 @@ class Bench:
         seeds: of where the shots stand.
         presets: to compare.
         shots: canonical shots.
-        paper_shots: how many of them the paper's setting runs too, a thousand evaluations a frame; 0 leaves it out.
+        paper_shots: how many of them the paper's setting, a thousand evaluations a frame, is taught across scenes too,
+            for every seed others in turn; 0 leaves it out.
         frames: of each clip.
-        jobs: clips at a time, one thread each; seconds are comparable where nothing else runs.
     """
 
     seeds: tuple[int, ...]
@@ -94,7 +122,17 @@ class Bench:
     shots: tuple[str, ...] = SHOTS
     paper_shots: int = 0
     frames: int = 24
-    jobs: int = 1
+
+    def runs(self) -> list[Run]:
+        """Every preset on every shot, seed and target."""
+        runs = []
+        for number, seed in enumerate(self.seeds):
+            turn = {(number * self.paper_shots + k) % len(self.shots) for k in range(self.paper_shots)}
+            for at, name in enumerate(self.shots):
+                for target in TARGETS:
+                    presets = [*self.presets, PAPER] if target == "cross" and at in turn else self.presets
+                    runs += [Run(preset, target, name, seed, self.frames) for preset in presets]
+        return runs
 
 
 def seed_range(text: str) -> range:
@@ -113,39 +151,45 @@ def seed_range(text: str) -> range:
     return found
 
 
-def run_driver(bench: Bench, told: Callable[[Clip], None] = lambda clip: None) -> list[Clip]:
-    """Measure every preset on every shot, seed and target."""
-    clips = []
-    for clip in _clips(bench):
-        told(clip)
-        clips.append(clip)
-    return clips
+def run_driver(bench: Bench, folder: Path, jobs: int = 1, told: Callable[[str], None] = lambda line: None) -> list[Row]:
+    """Rows of all runs; kept in ``folder``, and taken from there where they were run before.
+
+    Args:
+        bench: what is run.
+        folder: of rows.jsonl.
+        jobs: clips at a time, one thread each; seconds are comparable where nothing else runs.
+        told: hears a line for every new row.
+    """
+    return kept_rows({run.key: run for run in bench.runs()}, _measured, folder, jobs, told, _named)
 
 
-def _clips(bench: Bench) -> Iterator[Clip]:
-    runs = [
-        (name, seed, [*bench.presets, *([PAPER] if number < bench.paper_shots else [])])
-        for seed in bench.seeds
-        for number, name in enumerate(bench.shots)
-    ]
-    asked = (delayed(_clip)(*run, target, bench.frames) for run in runs for target in TARGETS)
-    for clips in Parallel(bench.jobs, return_as="generator")(asked):
-        yield from clips
-
-
-def _clip(name: str, seed: int, presets: Sequence[str], target: str, frames: int) -> list[Clip]:
-    """One shot taught by every preset."""
+def _measured(key: str, run: Run) -> Row:
     subject = load_scene(TEACHER).subject
     assert subject is not None
-    true = shot(name, subject, SIZE, frames, setup=drawn(name, seed))
+    true = shot(run.shot, subject, SIZE, run.frames, setup=drawn(run.shot, run.seed))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "shot.json"
         true.save(path)
-        found = []
-        for preset in presets:
-            result = transfer(Inputs(TARGETS[target], f"{TEACHER}@{path}"), settings(preset, seed))
-            found.append(_measured(result, true, subject, (preset, target, name, seed)))
-    return found
+        result = transfer(Inputs(TARGETS[run.target], f"{TEACHER}@{path}"), settings(run.preset, run.seed))
+    return {"frames": run.frames, **_row(_clip(run, result, true, subject))}
+
+
+def _named(row: Row) -> str:
+    return f"{row['preset']}, {row['target']}, {row['shot']} {row['seed']}, total {row['total']:.3f}"
+
+
+def _row(clip: Clip) -> Row:
+    return {name: None if value != value else value for name, value in asdict(clip).items()}  # NaN is null in JSON
+
+
+def clips_of(rows: Sequence[Row]) -> list[Clip]:
+    """Clips of rows."""
+    return [_clip_of(row) for row in rows]
+
+
+def _clip_of(row: Row) -> Clip:
+    values: Row = {f.name: math.nan if row[f.name] is None else row[f.name] for f in fields(Clip)}
+    return Clip(**values)
 
 
 def drawn(name: str, seed: int) -> Setup:
@@ -162,9 +206,9 @@ def settings(preset: str, seed: int) -> RunConfig:
     return load_config(overrides=[f"preset={preset}", f"seed={seed}", "threads=1", *ON_GEOMETRY, *same])
 
 
-def _measured(result: Result, true: Trajectory, subject: Subject, name: tuple[str, str, str, int]) -> Clip:
+def _clip(run: Run, result: Result, true: Trajectory, subject: Subject) -> Clip:
     position = rotation = focal = math.nan
-    if name[1] == "self":
+    if run.target == "self":
         position, rotation, focal = pose_errors(result.trajectory.camera, true.camera, subject.height)
     evaluations = result.spent.evaluations / len(result.trajectory)
     seconds = result.seconds["search"] + result.seconds["initial view"]
@@ -173,6 +217,7 @@ def _measured(result: Result, true: Trajectory, subject: Subject, name: tuple[st
     height = subject.height if result.scene.subject is None else result.scene.subject.height
     extra = 0.0 if kept.path is None else kept.path.total - kept.path.free
     shaken, smooth = jerk(kept.found.camera, height), jerk(kept.cameras, height)
+    name = (run.preset, run.target, run.shot, run.seed)
     return Clip(*name, total, evaluations, seconds, position, rotation, focal, extra, shaken, smooth)
 
 
@@ -213,14 +258,16 @@ def _share(rivals: Sequence[Clip], paper: dict[tuple[str, str, int], float]) -> 
     return f"{fmean(c.total for c in rivals) / fmean(paper[c.target, c.shot, c.seed] for c in rivals):.2f}"
 
 
-def write_driver(clips: Sequence[Clip], path: Path, command: str) -> None:
+def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
     """Rewrite the section "The driver" of the Markdown file ``path``."""
+    clips = clips_of(rows)
     lines = [
         f"Made by `{command}`. Canonical shots in the plaza, taught to the plaza (self: true cameras known) and to the",
         "courtyard (cross); a total of 1 means every term at its tolerance. Pose errors are medians over clips of the",
         "median over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and",
         "robust losses. Jerk is that of the frames as they were found and of the path taken, which costs so much more.",
         *machine(),
+        measured_at(rows),
         "",
         *table(HEADER, summary(clips)),
         "",

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from ..errors import InputError
 from .protocol import Trial
@@ -15,6 +17,7 @@ from .section import commit
 from .trial import Row, run_trial
 
 FILE = "rows.jsonl"
+Task = TypeVar("Task")
 LIMIT = 2**30  # bytes; a row of 24 frames takes about 8 kB
 
 
@@ -53,6 +56,58 @@ def append_row(folder: Path, row: Row) -> None:
         os.fsync(stream.fileno())
 
 
+def kept_rows(
+    tasks: Mapping[str, Task],
+    measure: Callable[[str, Task], Row],
+    folder: Path,
+    jobs: int = 1,
+    told: Callable[[str], None] = lambda line: None,
+    named: Callable[[Row], str] = lambda row: str(row["key"]),
+) -> list[Row]:
+    """Rows of all tasks, in their order; those that are on disk already are taken from there.
+
+    Args:
+        tasks: by key; a key says all that a row depends on.
+        measure: the row of a task and its key, plain values.
+        folder: of the rows.
+        jobs: tasks at a time, each in a process of its own where there are several.
+        told: hears a line for every new row.
+        named: a row in a few words, for that line.
+
+    Raises:
+        InputError: the rows on disk are damaged.
+    """
+    done = read_rows(folder)
+    todo = {key: task for key, task in tasks.items() if key not in done}
+    told(f"{len(tasks)} trials, {len(tasks) - len(todo)} of them done before")
+    begun = time.perf_counter()
+    for count, row in enumerate(_run(todo, measure, jobs), 1):
+        row["commit"] = commit()
+        append_row(folder, row)
+        done[row["key"]] = row
+        left = (time.perf_counter() - begun) / count * (len(todo) - count) / 60
+        told(f"{count} of {len(todo)}: {named(row)}; about {left:.0f} min to go")
+    return [done[key] for key in tasks]
+
+
+def _run(todo: Mapping[str, Task], measure: Callable[[str, Task], Row], jobs: int) -> Iterator[Row]:
+    """Rows as they come."""
+    if jobs == 1:
+        for key, task in todo.items():
+            yield {**measure(key, task), "key": key}
+        return
+    from joblib import Parallel, delayed
+
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+    keyed = parallel(delayed(lambda key, task: {**measure(key, task), "key": key})(*item) for item in todo.items())
+    yield from keyed
+
+
+def measured_at(rows: Iterable[Row]) -> str:
+    """Line that says by which commits ``rows`` were measured."""
+    return f"Rows measured at {', '.join(sorted({row.get('commit', 'an earlier one') for row in rows}))}."
+
+
 @dataclass(frozen=True)
 class Bench:
     """Where and how trials are run.
@@ -69,34 +124,13 @@ class Bench:
 
 
 def run_trials(trials: list[Trial], bench: Bench, told: Callable[[str], None] = lambda line: None) -> list[Row]:
-    """Rows of all trials, in their order; those that are on disk already are taken from there.
-
-    ``told`` hears a line for every new row.
-
-    Raises:
-        InputError: the rows on disk are damaged.
-    """
-    done = read_rows(bench.folder)
-    keys = {trial.key(): trial for trial in trials}
-    todo = {key: trial for key, trial in keys.items() if key not in done}
-    told(f"{len(keys)} trials, {len(keys) - len(todo)} of them done before")
-    begun = time.perf_counter()
-    for count, row in enumerate(_run(todo, bench), 1):
-        row["commit"] = commit()
-        append_row(bench.folder, row)
-        done[row["key"]] = row
-        left = (time.perf_counter() - begun) / count * (len(todo) - count) / 60
-        told(f"{count} of {len(todo)}: {row['method']}, {row['shot']}, {row['pupil']}; about {left:.0f} min to go")
-    return [done[key] for key in keys]
+    """Rows of all trials, in their order; see :func:`kept_rows`."""
+    tasks = {trial.key(): trial for trial in trials}
+    measure = partial(_measured, folder=bench.folder, networks=bench.networks)
+    return kept_rows(
+        tasks, measure, bench.folder, bench.jobs, told, lambda row: f"{row['method']}, {row['shot']}, {row['pupil']}"
+    )
 
 
-def _run(trials: Mapping[str, Trial], bench: Bench) -> Iterator[Row]:
-    """Rows as they come."""
-    if bench.jobs == 1:
-        for key, trial in trials.items():
-            yield run_trial(trial, key, bench.folder, bench.networks)
-        return
-    from joblib import Parallel, delayed
-
-    parallel = Parallel(n_jobs=bench.jobs, return_as="generator_unordered", batch_size=1)
-    yield from parallel(delayed(run_trial)(trial, key, bench.folder, bench.networks) for key, trial in trials.items())
+def _measured(key: str, trial: Trial, folder: Path, networks: bool) -> Row:
+    return run_trial(trial, key, folder, networks)

@@ -16,6 +16,7 @@ from ..registry import LOSSES
 from ..report.metrics import number as written
 from .compare import Comparison, compared, together
 from .measures import SIDE_MEASURES, TERMS, failed_frames, is_self, paired, term
+from .rows import measured_at
 from .section import machine, write_section
 from .trial import Row
 
@@ -155,13 +156,12 @@ def to_csv(found: Sequence[Duel]) -> str:
 
 def write_table1(rows: Sequence[Row], found: Sequence[Duel], folder: Path, out: Path | None, command: str) -> None:
     """Write table1.md, table1.csv and table1.tex into ``folder``; ``out`` has its section rewritten."""
-    commits = sorted({row["commit"] for row in rows})
     smoke = " Budgets are cut: this tier compares nothing." if any(row["options"] for row in rows) else ""
     lines = [
         f"Made by `{command}`; protocol: docs/protocol.md.{smoke}",
         "Differences are ours minus the baseline's, clip by clip, with 95 % bootstrap intervals; bold ones exclude 0",
         f"(of {FEWEST} clips or more).",
-        f"Rows measured at {', '.join(commits)}.",
+        measured_at(rows),
         *machine(),
         *markdown(found),
     ]

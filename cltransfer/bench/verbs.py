@@ -127,9 +127,14 @@ def bench_driver(
     seed: Annotated[list[int] | None, typer.Option(help="One of them (repeatable).")] = None,
     preset: Annotated[list[str] | None, typer.Option(help="Presets to compare (repeatable).")] = None,
     shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
-    paper_shots: Annotated[int, typer.Option(help="Shots on which the paper's setting runs too; it is slow.")] = 0,
+    paper_shots: Annotated[
+        int, typer.Option(help="Shots of each seed, in turn, on which the paper's setting runs too; 2 minutes each.")
+    ] = 0,
     frames: Annotated[int, typer.Option(help="Frames of each clip.")] = 24,
     jobs: Annotated[int, typer.Option(help="Clips at a time, on one thread each.")] = 1,
+    rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
+        "outputs/driver"
+    ),
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Markdown file whose driver section is rewritten.")
     ] = None,
@@ -139,16 +144,16 @@ def bench_driver(
     import sys
 
     from ..shots import SHOTS
-    from .driver import HEADER, Bench, run_driver, seed_range, summary, write_driver
+    from .driver import HEADER, Bench, clips_of, run_driver, seed_range, summary, write_driver
     from .section import table
 
     drawn = [*(seed or []), *(number for text in seeds or [] for number in seed_range(text))]
     presets = tuple(preset or ["fast", "balanced"])
-    bench = Bench(tuple(drawn or [0]), presets, tuple(shot or SHOTS), paper_shots, frames, jobs)
-    clips = run_driver(bench, lambda clip: print(clip, file=sys.stderr))
-    print("\n".join(table(HEADER, summary(clips))))
+    bench = Bench(tuple(drawn or [0]), presets, tuple(shot or SHOTS), paper_shots, frames)
+    measured = run_driver(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
+    print("\n".join(table(HEADER, summary(clips_of(measured)))))
     if out is not None:
-        write_driver(clips, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+        write_driver(measured, out, shlex.join(["cltransfer", *sys.argv[1:]]))
 
 
 @app.command("flow")

@@ -1,11 +1,13 @@
 """The driver bench: which seeds are meant, what its table says of planted clips, and one clip end to end."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from cltransfer.bench.driver import HEADER, Bench, Clip, run_driver, seed_range, summary, write_driver
+from cltransfer.bench.driver import HEADER, Bench, Clip, clips_of, run_driver, seed_range, summary, write_driver
+from cltransfer.bench.rows import FILE
 from cltransfer.errors import UsageError
 
 CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, *[float("nan")] * 3, 0.1, 0.2, 0.02)
@@ -30,14 +32,32 @@ def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
     assert row["jerk before / after"] == "0.2000 / 0.0200"
 
 
-def test_one_clip_is_measured_and_written_with_its_chart(tmp_path: Path) -> None:
+def test_the_paper_takes_its_turn_at_every_shot_across_scenes() -> None:
+    runs = Bench(seeds=(500, 501, 502), shots=("pan", "zoom", "tilt"), paper_shots=2).runs()
+    paper = [run for run in runs if run.preset == "paper"]
+    assert {run.target for run in paper} == {"cross"}
+    assert [(run.seed, run.shot) for run in paper] == [
+        (500, "pan"), (500, "zoom"), (501, "pan"), (501, "tilt"), (502, "zoom"), (502, "tilt")
+    ]  # fmt: skip
+    assert len({run.key for run in runs}) == len(runs) == 3 * 3 * 2 * 2 + 6
+
+
+def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path) -> None:
     page = tmp_path / "benchmarks.md"
     page.write_text("# Benchmarks\n")
-    clips = run_driver(Bench(seeds=(3,), presets=("fast",), shots=("static",), frames=3))
+    bench, told = Bench(seeds=(3,), presets=("fast",), shots=("static",), frames=3), list[str]()
+    rows = run_driver(bench, tmp_path / "rows", told=told.append)
+    clips = clips_of(rows)
     assert [clip.target for clip in clips] == ["self", "cross"]
     assert clips[0].total < 0.2
     assert clips[0].position < 0.01
-    write_driver(clips, page, "cltransfer bench driver")
+    assert math.isnan(clips[1].position)
+    lines = (tmp_path / "rows" / FILE).read_text().splitlines()
+    (tmp_path / "rows" / FILE).write_text(lines[0] + "\n" + lines[1][:40])  # killed while it was written
+    again = run_driver(bench, tmp_path / "rows", told=told.append)
+    assert [row["total"] for row in again] == [row["total"] for row in rows]
+    assert told[3] == "2 trials, 1 of them done before"
+    write_driver(rows, page, "cltransfer bench driver")
     assert "driver.svg" in page.read_text()
     drawn = (tmp_path / "driver.svg").read_text()
     assert drawn.startswith("<?xml")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..rows import append_row, read_rows
-from ..section import commit, machine, table, write_section
+from ..rows import kept_rows, measured_at
+from ..section import machine, table, write_section
 from ..trial import Row
 from .chart import write_success, write_totals
 from .trial import STRESSORS, StressTrial, run_stress
@@ -80,28 +80,16 @@ def run_bench(
         jobs: trials at a time, each on one thread.
         told: hears a line for every new row.
     """
-    trials = bench.trials()
-    done = read_rows(folder)
-    todo = [trial for trial in trials if trial.key not in done]
-    told(f"{len(trials)} trials, {len(trials) - len(todo)} of them done before")
-    for count, row in enumerate(_run(todo, jobs), 1):
-        row["commit"] = commit()
-        append_row(folder, row)
-        done[row["key"]] = row
-        stress = f"{row['stressor']} {row['value']:g}" if row["stressor"] else "no stress"
-        told(f"{count} of {len(todo)}: {row['method']}, {stress}, total {row['total']:.2f}, failed: {row['failed']}")
-    return [done[trial.key] for trial in trials]
+    return kept_rows({trial.key: trial for trial in bench.trials()}, _measured, folder, jobs, told, _named)
 
 
-def _run(trials: Sequence[StressTrial], jobs: int) -> Iterator[Row]:
-    if jobs == 1:
-        yield from map(run_stress, trials)
-        return
-    from joblib import Parallel, delayed
+def _measured(key: str, trial: StressTrial) -> Row:
+    return run_stress(trial)
 
-    yield from Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(
-        delayed(run_stress)(trial) for trial in trials
-    )
+
+def _named(row: Row) -> str:
+    stress = f"{row['stressor']} {row['value']:g}" if row["stressor"] else "no stress"
+    return f"{row['method']}, {stress}, total {row['total']:.2f}, failed: {row['failed']}"
 
 
 def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
@@ -115,7 +103,7 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "fail, of five, with its value. Worst tenth and spread (between quartiles): of totals, 1 is every term at its",
         "tolerance. Growth: last third of the frames less the first. Breaks first: the term that has grown most.",
         *machine(),
-        f"Rows measured at {', '.join(sorted({row.get('commit', 'an earlier one') for row in rows}))}.",
+        measured_at(rows),
         "",
         *table(("stressor", "what", "unit", "levels"), _levels(rows)),
         "",
