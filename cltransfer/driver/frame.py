@@ -172,16 +172,17 @@ def _by_refinement(
     known = torch.zeros_like(rows) if memory.known is None else memory.known
     kept = memory.jacobian
 
-    def refined(x: Tensor, jacobian: Tensor | None) -> Refined:
-        return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds)
+    def refined(x: Tensor, jacobian: Tensor | None, residuals: Tensor | None = None) -> Refined:
+        return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds, residuals)
 
     if kept is None or not memory.placed(objective):  # a first frame: every start may lie in another basin
         found = min((refined(x, None) for x in starts), key=lambda r: r.total)
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
     else:
-        x, usual = starts[group_norms(problem.residuals(starts), groups).sum(1).argmin()], np.median(memory.totals)
+        residuals, usual = problem.residuals(starts), np.median(memory.totals)
+        best = int(group_norms(residuals, groups).sum(1).argmin())
         new = rows & ~known & ~objective.paired  # of flow Broyden's updates are enough, measured afresh it misleads
-        found = refined(x, None if bool(new.any()) else kept * rows[:, None])
+        found = refined(starts[best], None if bool(new.any()) else kept * rows[:, None], residuals[best])
         limit, sigma, budget = max(schedule.rescue, OUTLIER * float(usual)), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
     if total > limit:

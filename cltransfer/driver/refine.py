@@ -67,6 +67,7 @@ def refine(
     options: Refinement,
     jacobian: Tensor | None,
     bounds: Bounds | None = None,
+    residuals: Tensor | None = None,
 ) -> Refined:
     """Decrease the sum of group norms of the residuals from ``x``.
 
@@ -77,11 +78,12 @@ def refine(
         options: how far.
         jacobian: of the frame before, (R, D); None computes one.
         bounds: steps end on them; None is free.
+        residuals: at ``x``, (R,), which is then within bounds; None evaluates them.
     """
     x = _inside(x, bounds)
-    r = evaluate(x[None])[0]
+    r = evaluate(x[None])[0] if residuals is None else residuals
     total = float(group_norms(r[None], groups).sum())
-    evaluations, fresh, made, damping, stop = 1, False, 0, 1.0, "steps"
+    evaluations, fresh, made, damping, stop = int(residuals is None), False, 0, 1.0, "steps"
     for step in range(options.steps):
         if total <= options.tolerance:
             stop = "tolerance"

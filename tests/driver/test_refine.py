@@ -86,3 +86,11 @@ def test_the_box_is_respected_and_its_edge_is_found() -> None:
     asked = torch.cat(seen)
     assert bool(((asked >= low) & (asked <= high)).all())
     assert float(found.x[0]) == 0.15 or float(found.x[1]) == -0.1  # the target lies outside
+
+
+def test_a_start_that_was_evaluated_is_not_evaluated_again() -> None:
+    start, evaluate = torch.zeros(3, dtype=torch.float64), Counted()
+    known = refine(evaluate, start, GROUPS, Refinement(), None, residuals=bent(start[None])[0])
+    anew = refine(bent, start, GROUPS, Refinement(), None)
+    assert torch.equal(known.x, anew.x)
+    assert known.evaluations == evaluate.count == anew.evaluations - 1
