@@ -85,6 +85,7 @@ class RunConfig:
         path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact
             (every frame as it was found).
         joint: rounds in which a smooth path is moved as a whole to where it costs less, unless its loss is small.
+        joint_steps: paths evaluated in such a round, at most.
         adam: how the engine adam descends.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.
@@ -117,6 +118,7 @@ class RunConfig:
     clean: float = 0.0
     path: Literal["smooth", "exact"] = "exact"
     joint: int = 0
+    joint_steps: int = 4
     adam: AdamConfig = field(default_factory=AdamConfig)
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     renderer: dict[str, Any] = field(default_factory=dict)
@@ -131,7 +133,8 @@ class RunConfig:
             ("steps", 1, 1000), ("dampings", 1, 3), ("jacobians", 0, 1000), ("basin", 0.0, 1e6), ("rescue", 0.0, 1e6),
             ("generations", 1, 10**6), ("patience", 1, 10**6), ("popsize", 4, 10**4),
             ("sigma0", 1e-6, 2.0), ("warm_sigma", 1e-6, 2.0), ("tolerance", 0.0, 1e6),
-            ("clean", 0.0, 100.0), ("guide", 0, 1000), ("joint", 0, 100), ("lean", 0.0, 1e6), ("lod", 0.0, 16.0),
+            ("clean", 0.0, 100.0), ("guide", 0, 1000), ("joint", 0, 100), ("joint_steps", 1, 100),
+            ("lean", 0.0, 1e6), ("lod", 0.0, 16.0),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not low <= value <= high:

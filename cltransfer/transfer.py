@@ -14,6 +14,7 @@ from .correct import corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
+from .driver.joint import Budget
 from .driver.path_order import LeastPath, least_path
 from .driver.schedule import Schedule
 from .driver.stage import Spent, Stage
@@ -185,7 +186,8 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     if local is not None and config.lod > 0:  # merged, the scene has other residuals
         local = replace(local, residuals=clip.residuals(found.x))
     free = clip.total(found.x) if local is None else local.total
-    return least_path(clip, found.x, local, free, job.noise, config.joint, guide)
+    budget = Budget(config.joint, config.joint_steps)
+    return least_path(clip, found.x, local, free, job.noise, budget, guide)
 
 
 def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:

@@ -17,12 +17,24 @@ from .spline import Local, moved
 from .whole_clip import WholeClip
 
 WIDE = 0.1  # step of the differences, in the units of x: depths jump, and narrow ones only tell how they creep
-SHARED = 3  # frames that measure all directions together: moves are smooth, and so is what they need
-STEPS = 4  # paths evaluated in a round, at most
+SHARED = 7  # frames that measure all directions together: moves are smooth, and so is what they need
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
 SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
 PROMISE = 0.002  # total that the linear model has to promise
 BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by it
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How far a path is refined.
+
+    Args:
+        rounds: of differences, half as wide each time; 0 refines nothing.
+        steps: paths evaluated in a round, at most.
+    """
+
+    rounds: int
+    steps: int
 
 
 @dataclass(frozen=True)
@@ -54,30 +66,29 @@ class _At:
         return _At(x, replace(self.local, residuals=residuals, jacobian=broyden(self.local, x - self.x, residuals)))
 
 
-def refine_path(clip: WholeClip, x: Tensor, moves: Moves, rounds: int) -> tuple[Tensor, float]:
-    """The path moved to where it costs less, and its mean total.
+def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, budget: Budget) -> tuple[Tensor, Tensor]:
+    """The path moved to where it costs less, and its residuals.
 
-    Every round takes differences, half as wide as those of the one before, for 1 + D / :data:`SHARED` evaluations a
-    frame, and up to :data:`STEPS` more.
+    The differences of a round take D / :data:`SHARED` evaluations a frame, each of its steps one more.
 
     Args:
         clip: what it is a path for; every loss has residuals.
         x: the path, (N, D).
+        residuals: of it, (N, R).
         moves: that may be made.
-        rounds: at least 1.
+        budget: of rounds and steps.
     """
-    total = torch.inf
-    for i in range(rounds):
-        at = _At(x, clip.local(x, WIDE / 2**i, SHARED, i))
-        at = _round(clip, at, moves)
-        x, before, total = at.x, total, at.local.total
-        if total > before - PROMISE:
+    for i in range(budget.rounds):
+        begun = _At(x, clip.local(x, residuals, WIDE / 2**i, SHARED, i))
+        at = _round(clip, begun, moves, budget.steps)
+        x, residuals = at.x, at.local.residuals
+        if at.local.total > begun.local.total - PROMISE:
             break
-    return x, total
+    return x, residuals
 
 
-def _round(clip: WholeClip, at: _At, moves: Moves) -> _At:
-    damping, left = DAMPING, STEPS
+def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
+    damping = DAMPING
     while left and damping <= MOST_DAMPING:
         promised = moved(at.x, at.local, moves.knots, damping, moves.fixed)
         if promised.predicted is None or promised.predicted > at.local.total - PROMISE:

@@ -13,9 +13,8 @@ from itertools import product
 
 from torch import Tensor
 
-from ..objective import group_norms
 from ..tracks import along
-from .joint import Moves, refine_path
+from .joint import Budget, Moves, refine_path
 from .spline import Local, fit
 from .whole_clip import WholeClip
 
@@ -46,6 +45,7 @@ class LeastPath:
         total: mean over the frames.
         free: the same of the frames as they were found.
         floor: how much more than that it may cost.
+        residuals: weighted, (N, R); None where a loss has none, and of frames as they were found.
     """
 
     x: Tensor  # (N, D)
@@ -56,6 +56,7 @@ class LeastPath:
     free: float
     floor: float
     refined: bool = False
+    residuals: Tensor | None = None
 
     @property
     def jumps(self) -> bool:
@@ -90,7 +91,13 @@ def bearable(total: float) -> float:
 
 
 def least_path(
-    clip: WholeClip, x: Tensor, local: Local | None, free: float, noise: float, rounds: int, guide: Tensor | None = None
+    clip: WholeClip,
+    x: Tensor,
+    local: Local | None,
+    free: float,
+    noise: float,
+    budget: Budget,
+    guide: Tensor | None = None,
 ) -> LeastPath:
     """The least order that stays within the noise floor of the path as it was found.
 
@@ -100,49 +107,51 @@ def least_path(
         local: what the losses make of it, as its frames ended; None where they were not refined by residuals.
         free: its mean total.
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
-        rounds: of refining the path as a whole, where the loss is not small already.
+        budget: of refining the path as a whole, where the loss is not small already.
         guide: a path (N, D) that moves as the reference does, None where there is none.
     """
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
     if clip.stage.objective.groups is None or clip.stage.plan.passes or free <= TRUSTED:
-        rounds = 0  # differences taken through noisy networks mislead
-    if rounds and local is None:
-        local = clip.local(x)
+        budget = Budget(0, 0)  # differences taken through noisy networks mislead
+    if budget.rounds and local is None:
+        local = clip.local(x, clip.residuals(x))
     limit = free + path.floor
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit)
-    return _filtered(clip, path, guide, limit, rounds) if spline is None else _refined(clip, spline, rounds)
+    return _filtered(clip, path, guide, limit, budget) if spline is None else _refined(clip, spline, budget)
 
 
-def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, rounds: int) -> LeastPath:
+def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, budget: Budget) -> LeastPath:
     """Where no spline is near enough: the losses jump, and so would the camera.
 
     What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
     to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
     """
     accepted = max(limit, free.free + bearable(free.free))
-    enough, best = HOPE * limit if rounds else accepted, None
+    enough, best = HOPE * limit if budget.rounds else accepted, None
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
-        path = replace(free, x=x, filtered=frames, total=clip.total(x))
+        total, residuals = clip.scored(x)
+        path = replace(free, x=x, filtered=frames, total=total, residuals=residuals)
         best = path if best is None or path.total < best.total else best
         if path.total <= enough:
             break
     assert best is not None
-    path = _refined(clip, best, rounds)
+    path = _refined(clip, best, budget)
     return path if path.total <= accepted else free
 
 
-def _refined(clip: WholeClip, path: LeastPath, rounds: int) -> LeastPath:
+def _refined(clip: WholeClip, path: LeastPath, budget: Budget) -> LeastPath:
     """The path moved as a whole to where it costs less; one that is static or linear stays so."""
-    if not rounds:
+    if not budget.rounds or path.residuals is None:
         return path
     plain = path.knots is not None and path.knots <= PLAIN
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
     knots = path.knots if plain and path.knots is not None else min(MOVES, len(path.x))
-    x, total = refine_path(clip, path.x, Moves(knots, way, fade=not plain), rounds)
-    return replace(path, x=x, total=total, refined=True) if total < path.total else path
+    x, residuals = refine_path(clip, path.x, path.residuals, Moves(knots, way, fade=not plain), budget)
+    total = clip.mean_total(residuals)
+    return replace(path, x=x, residuals=residuals, total=total, refined=True) if total < path.total else path
 
 
 def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:
@@ -170,10 +179,10 @@ def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float) -> L
         while left and spline.predicted is not None and spline.predicted <= limit:
             left -= 1
             residuals = clip.residuals(spline.x)
-            total = float(group_norms(residuals, local.groups).sum(1).mean())
+            total = clip.mean_total(residuals)
             if total <= limit:
                 kept = way is not None or knots == 1
-                return replace(free, x=spline.x, knots=knots, lens_kept=kept, total=total)
+                return replace(free, x=spline.x, knots=knots, lens_kept=kept, total=total, residuals=residuals)
             if total > FAR * limit:  # the model does not hold there
                 break
             spline = fit(spline.x, replace(local, residuals=residuals), knots, way)

@@ -43,12 +43,23 @@ class WholeClip:
 
     def total(self, x: Tensor) -> float:
         """Mean total of a path (N, D); one evaluation a frame."""
+        return self.scored(x)[0]
+
+    def scored(self, x: Tensor) -> tuple[float, Tensor | None]:
+        """Mean total of a path (N, D), and its residuals (N, R) where every loss has some; one evaluation a frame."""
         objective = self.stage.objective
         if objective.groups is not None:
-            return float(group_norms(self.residuals(x), objective.groups).sum(1).mean())
+            residuals = self.residuals(x)
+            return self.mean_total(residuals), residuals
         terms = self.stage.path_terms(self.reference, self.cameras(x))
         self.stage.spent.evaluations += len(x)
-        return float(objective.totals(terms, objective.defined(self.reference)).mean())
+        return float(objective.totals(terms, objective.defined(self.reference)).mean()), None
+
+    def mean_total(self, residuals: Tensor) -> float:
+        """Mean total of a path's residuals (N, R)."""
+        groups = self.stage.objective.groups
+        assert groups is not None
+        return float(group_norms(residuals, groups).sum(1).mean())
 
     def residuals(self, x: Tensor) -> Tensor:
         """Weighted residuals (N, R) of a path (N, D); one evaluation a frame.
@@ -60,15 +71,16 @@ class WholeClip:
         self.stage.spent.evaluations += len(x)
         return found
 
-    def local(self, x: Tensor, step: float = STEP, shared: int = 1, first: int = 0) -> Local:
+    def local(self, x: Tensor, residuals: Tensor, step: float = STEP, shared: int = 1, first: int = 0) -> Local:
         """What the losses make of a path (N, D), by differences of ``step``.
 
         Neighbours have nearly the same Jacobian, so each frame may measure every ``shared``-th direction only, starting
-        from another one than the frame before, and take the others from the frames around it; 1 + D / ``shared``
-        evaluations a frame.
+        from another one than the frame before, and take the others from the frames around it; D / ``shared``
+        evaluations a frame, and a render of each frame itself, which the flow of the next one starts from.
 
         Args:
             x: the path.
+            residuals: of the path, (N, R).
             step: of the differences, in the units of x.
             shared: frames that measure all directions together, at least 1.
             first: direction that the first frame measures first.
@@ -82,16 +94,15 @@ class WholeClip:
         defined, before = objective.defined(self.reference), None
         N, D = x.shape
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % min(shared, N) == 0  # (N, D)
-        residuals, jacobians = [], torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
+        jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
         for i, directions in enumerate(measured):
             around = torch.cat([x[i : i + 1], x[i] + step * torch.eye(D, dtype=x.dtype)[directions]])
             seen = stage.features(self.cameras(around), before)
             r = stage.priced(self.reference[i], seen, defined[i])
-            residuals.append(r[0])
             jacobians[i][:, directions] = ((r[1:] - r[0]) / step).T
-            stage.spent.evaluations += len(around)
+            stage.spent.evaluations += len(around) - 1
             before = seen[0]
-        return Local(torch.stack(residuals), _between(jacobians, measured), objective.groups, objective.paired)
+        return Local(residuals, _between(jacobians, measured), objective.groups, objective.paired)
 
 
 def _between(jacobians: Tensor, measured: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
+from cltransfer.driver.joint import Budget
 from cltransfer.driver.path_order import LeastPath, least_path
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
@@ -105,7 +106,7 @@ def test_no_differences_are_taken_through_networks() -> None:
         stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), (96, 54))
         clip = WholeClip(stage, search, read_path(stage, path.camera), path.camera[0])
         x = search.vector(path.camera, path.camera[0], scene.subject) + 0.05
-        least_path(clip, x, None, clip.total(x), 0.0, 2)
+        least_path(clip, x, None, clip.total(x), 0.0, Budget(2, 4))
         spent.append(stage.spent.evaluations)
     assert spent[1] < 5 * 8 < spent[0]  # differences take 8 evaluations a frame
 
