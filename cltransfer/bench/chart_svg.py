@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 from ..ablate.tables import Table, to_markdown
 from ..files import write_text
 from ..report.metrics import number as written
-from .chart import TARGETS, Hits, Point, hits_csv, pareto, points_csv
+from .chart import TARGETS, Hits, Point, Setting, hit_curves, hits_csv, pareto, points, points_csv
+from .rows import measured_at
 from .section import machine, write_section
+from .trial import Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,13 +22,15 @@ if TYPE_CHECKING:
 
 BY_SECONDS = ("resolution", "level of detail")  # families whose settings all take as many evaluations
 COSTS = {"evaluations": "evaluations a frame", "seconds": "seconds a clip"}
+LETTER, LINE = 0.013, 0.035  # width and height of a letter of a point's name [of the axes]
 _INK, _FRONT = "#333333", "#999999"
 _COLORS = ("#3b6fb6", "#d1603d", "#4f9d69", "#8a63a8", "#b58a2c", "#5aa5b8", "#c25b8b", "#6b6b6b")
 _MARKERS = "osD^vP*X"
 
 
-def write_chart(found: Sequence[Point], curves: Sequence[Hits], folder: Path, out: Path | None, command: str) -> None:
+def write_chart(rows: Sequence[Row], settings: Sequence[Setting], folder: Path, out: Path | None, command: str) -> None:
     """Write chart.svg, hits.svg, chart.csv and hits.csv; ``out`` has its section rewritten, the charts beside it."""
+    found, curves = points(settings, rows), hit_curves(rows)
     places = [folder] if out is None else [folder, out.parent]
     for place in places:
         write_text(place / "chart.svg", svg(lambda figure: _draw_points(figure, found), (9.0, 7.4)))
@@ -39,6 +43,7 @@ def write_chart(found: Sequence[Point], curves: Sequence[Hits], folder: Path, ou
             "term at its tolerance. A line joins settings that differ in one budget; the grey steps are the Pareto",
             "front.",
             *machine(),
+            measured_at(rows),
             "",
             "![Loss and success against evaluations and seconds](chart.svg)",
             "",
@@ -98,6 +103,21 @@ def _losses(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str
     for i in front:
         ax.plot(getattr(found[i], cost), found[i].total, marker="o", markersize=10, fillstyle="none", color=_INK)
     _finish(ax, [getattr(p, cost) for p in found])
+    _names(ax, [p for p in found if cost != "evaluations" or p.family not in BY_SECONDS], families, cost)
+
+
+def _names(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
+    """The points' names, presets first; one that would lie on another is left out, the table has them all."""
+    taken: list[tuple[float, float, float]] = []  # left, right, bottom [of the axes]
+    for p in found:
+        place = (getattr(p, cost), p.total)
+        left, bottom = ax.transAxes.inverted().transform(ax.transData.transform(place))
+        right = left + LETTER * len(p.label)
+        if any(left < end and right > begin and abs(bottom - low) < LINE for begin, end, low in taken):
+            continue
+        taken.append((left, right, bottom))
+        color = _COLORS[families.index(p.family) % len(_COLORS)]
+        ax.annotate(p.label, place, xytext=(5, 4), textcoords="offset points", fontsize=6.5, color=color)
 
 
 def _successes(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
@@ -108,7 +128,6 @@ def _successes(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: 
 
 
 def _families(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str, value: str) -> None:
-    named = set()
     for number, family in enumerate(families):
         own = sorted((p for p in found if p.family == family), key=lambda p: getattr(p, cost))
         joined = family not in ("presets", "baselines")
@@ -116,11 +135,6 @@ def _families(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: s
         color, marker = _COLORS[number % len(_COLORS)], _MARKERS[number % len(_MARKERS)]
         line = "-" if joined else ""
         ax.plot(*place, linestyle=line, linewidth=0.7, color=color, marker=marker, markersize=5, label=family)
-        for p, x, y in zip(own, *place):
-            told = (x, y) in named or (cost == "evaluations" and family in BY_SECONDS)
-            if value == "total" and not told:  # a ladder's base is a preset or a baseline that has its name already
-                named.add((x, y))
-                ax.annotate(p.label, (x, y), xytext=(5, 4), textcoords="offset points", fontsize=6.5, color=color)
 
 
 def _finish(ax: Axes, costs: Sequence[float]) -> None:

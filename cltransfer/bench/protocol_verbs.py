@@ -61,16 +61,15 @@ def bench_chart(
 ) -> None:
     """The chart: loss and success against evaluations and seconds, for presets, baselines and budgets."""
     from ..files import check_out
-    from .chart import CHART_TIERS, SETTINGS, SMOKE_SETTINGS, chart_trials, hit_curves, points, points_csv
+    from .chart import CHART_TIERS, SETTINGS, SMOKE_SETTINGS, chart_trials, points, points_csv
     from .chart_svg import write_chart
     from .rows import Bench, run_trials
 
     check_out(rows)
     settings = SMOKE_SETTINGS if tier == "smoke" else SETTINGS
     measured = run_trials(chart_trials(settings, CHART_TIERS[tier], seed or ()), Bench(rows, jobs), _told)
-    found = points(settings, measured)
-    write_chart(found, hit_curves(measured), rows, out, _command())
-    print(points_csv(found), end="")
+    write_chart(measured, settings, rows, out, _command())
+    print(points_csv(points(settings, measured)), end="")
 
 
 def _told(line: str) -> None:

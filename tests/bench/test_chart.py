@@ -49,18 +49,19 @@ def test_the_chart_is_drawn_from_trials(tmp_path):
     settings = (Setting("presets", "fast", "fast"), Setting("resolution", "64 px", "fast", ("search_side=64",)))
     tier = Tier(("pan",), (("room", "room"),), 1, 1, 4)
     rows = run_trials(chart_trials(settings, tier), Bench(tmp_path / "rows"))
+    settings = (*settings, Setting("a ladder", "its base", "fast"))  # lies where the preset lies
     found = points(settings, rows)
-    assert [p.clips for p in found] == [1, 1]
+    assert [p.clips for p in found] == [1, 1, 1]
     assert found[0].total == rows[0]["total"]
     page = tmp_path / "docs" / "benchmarks.md"
-    write_chart(
-        found, [hits("ours", rows, target) for target in (0.5, 1.0, 2.0)], tmp_path / "rows", page, "bench chart"
-    )
+    write_chart(rows, settings, tmp_path / "rows", page, "bench chart")
     for name in ("chart.svg", "hits.svg"):
         texts = [t.text for t in ElementTree.parse(page.parent / name).iter("{http://www.w3.org/2000/svg}text")]
         assert "evaluations a frame" in texts
+        assert name == "hits.svg" or texts.count("fast") == 2
+        assert "its base" not in texts
         assert (tmp_path / "rows" / name).read_bytes() == (page.parent / name).read_bytes()
     lines = points_csv(found).splitlines()
-    assert len(lines) == 3
+    assert len(lines) == 4
     assert sum(line.split(",")[8] == "1" for line in lines[1:]) >= 1
     assert "](chart.svg)" in page.read_text()
