@@ -21,8 +21,7 @@ from .whole_clip import WholeClip
 LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
-JUMPS = 0.5  # total that a filtered path may cost more than frames that jump: no loss sees a jump of one frame
-JUMPS_SHARE = 0.5  # of their total that it may be at most: where frames fit that well, they move so by right
+JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
 PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined
@@ -85,11 +84,6 @@ def orders(frames: int) -> list[int]:
     return [knots for knots in ladder if knots <= max(1, frames // 2)]
 
 
-def bearable(total: float) -> float:
-    """What a filtered path may cost more than frames that jump at a mean total of ``total``."""
-    return min(JUMPS, JUMPS_SHARE * total)
-
-
 def least_path(
     clip: WholeClip,
     x: Tensor,
@@ -128,7 +122,7 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
     What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
     to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
     """
-    accepted = max(limit, free.free + bearable(free.free))
+    accepted = max(limit, JUMPS * free.free)
     enough, best = HOPE * limit if budget.rounds else accepted, None
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         x = along(free.x, frames) if about is None else about + along(free.x - about, frames)

@@ -115,3 +115,19 @@ def test_fast_motion_that_the_reference_makes_is_not_filtered_away(taught: Calla
     path = order(taught("crash_zoom", "search_side=160", frames=24))
     assert not path.jumps
     assert path.total < 0.05  # filtered without the guide it costs 0.2 more
+
+
+@pytest.mark.parametrize(("beside", "jumps"), [(0.1, True), (0.8, False)])
+def test_a_jump_stays_only_where_frames_fit_well(beside: float, jumps: bool) -> None:
+    scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
+    assert scene.subject is not None
+    held = shot("static", scene.subject, (96, 54), 12).camera
+    true = search.vector(held, held[0], scene.subject)
+    true[::2, 5] += 0.06  # every other frame is higher
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    clip = WholeClip(stage, search, read_path(stage, search.cameras(true, held[0], scene.subject)), held[0])
+    x = true.clone()
+    x[:, 3] += beside  # too far away
+    path = least_path(clip, x, None, clip.total(x), 0.0, Budget(0, 4))
+    assert path.jumps == jumps
+    assert path.total - path.free == pytest.approx(0.0 if jumps else 0.59, abs=0.05)
