@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,22 +35,25 @@ def _cell(value: object) -> str:
 
 def _draw(figure: Figure, clips: Sequence[Clip]) -> None:
     targets = list(dict.fromkeys(clip.target for clip in clips))
+    colours = dict(zip(dict.fromkeys(clip.preset for clip in clips), COLOURS))
     grid = figure.subplots(len(targets), len(COSTS), sharey="row", squeeze=False)
     for row, target in zip(grid, targets):
         for ax, (cost, label) in zip(row, COSTS):
-            _panel(ax, [clip for clip in clips if clip.target == target], cost)
+            _panel(ax, [clip for clip in clips if clip.target == target], cost, colours)
             ax.set_xlabel(label)
         row[0].set_ylabel(f"{target}: mean total of a clip")
-    grid[0][0].legend(frameon=False, fontsize=8)
+    shown = {label: dot for ax in grid[:, 0] for dot, label in zip(*ax.get_legend_handles_labels())}
+    grid[0][0].legend(list(shown.values()), list(shown), frameon=False, fontsize=8)
 
 
-def _panel(ax: Axes, clips: Sequence[Clip], cost: str) -> None:
+def _panel(ax: Axes, clips: Sequence[Clip], cost: str, colours: Mapping[str, str]) -> None:
     """Each clip a dot, each preset's median a ring."""
     from statistics import median
 
     from .plain_axis import plain
 
-    for colour, preset in zip(COLOURS, dict.fromkeys(clip.preset for clip in clips)):
+    for preset in dict.fromkeys(clip.preset for clip in clips):
+        colour = colours[preset]
         mine = [clip for clip in clips if clip.preset == preset]
         x, y = [getattr(clip, cost) for clip in mine], [max(clip.total, LOWEST) for clip in mine]
         ax.scatter(x, y, 9, color=colour, alpha=0.45, linewidths=0, label=preset)

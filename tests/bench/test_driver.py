@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.bench.driver import HEADER, Bench, Clip, clips_of, run_driver, seed_range, summary, write_driver
+from cltransfer.bench.driver_chart import write_driver_chart
 from cltransfer.bench.rows import FILE
 from cltransfer.errors import UsageError
 
@@ -63,3 +64,8 @@ def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path) ->
     assert drawn.startswith("<?xml")
     assert "mathdefault" not in drawn
     assert len((tmp_path / "driver.csv").read_text().splitlines()) == 3
+
+
+def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:
+    write_driver_chart([replace(CLIP, target="self"), CLIP, replace(CLIP, preset="paper")], tmp_path)
+    assert ">paper</text>" in (tmp_path / "driver.svg").read_text()
