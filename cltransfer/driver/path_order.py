@@ -58,11 +58,6 @@ class LeastPath:
     residuals: Tensor | None = None
 
     @property
-    def jumps(self) -> bool:
-        """Whether every frame was left as it was found, though there are several."""
-        return self.knots is None and not self.filtered and len(self.x) > 1
-
-    @property
     def name(self) -> str:
         """In words, for reports."""
         order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
