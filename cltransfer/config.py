@@ -66,7 +66,8 @@ class RunConfig:
             residuals, or renders read by networks, turn refine into cma.
         steps: of refinement per frame at most.
         dampings: tried together in each step of refinement, 1 to 3.
-        jacobians: computed afresh per frame at most, after the first frame's.
+        jacobians: computed afresh per frame at most, after the first frame's; 0 carries one along the clip, and
+            computes another only where a frame ends far worse than those before.
         lean: mean total up to which it is enough to follow a clip leanly: one damping, the Jacobian carried from frame
             to frame, nothing rescued; above it, and where it gets worse along the clip, the clip is followed again as
             the keys around this one say, and the better one is kept. 0 does so at once.

@@ -15,6 +15,7 @@ from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .refine import Refined, refine
+from .renewal import WORSE, Renewal
 from .schedule import Schedule
 from .stage import Stage
 
@@ -22,7 +23,6 @@ RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
 BASIN = Budget(generations=40, patience=12, popsize=12)
 MOTION = 0.5  # of its weight that flow keeps while frames are refined one by one: where the last one erred, it misleads
-OUTLIER = 1.5  # a frame this many times worse than the median so far is rescued too
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,14 @@ class Memory:
         jacobian: of the residuals, (R, D).
         known: residuals whose Jacobian was measured in some frame so far, (R,) bool.
         totals: of the frames so far.
+        renewal: of the Jacobian, where it is carried from frame to frame.
     """
 
     shape: Tensor | None = None
     jacobian: Tensor | None = None
     known: Tensor | None = None
     totals: tuple[float, ...] = field(default=())
+    renewal: Renewal = field(default_factory=Renewal)
 
     def placed(self, objective: Objective) -> bool:
         """Whether a frame so far told where to stand; flow alone does not. True where no Jacobian is kept."""
@@ -170,20 +172,24 @@ def _by_refinement(
     if groups is None:
         raise ValueError("refinement needs residuals of every loss; use engine=cma")
     known = torch.zeros_like(rows) if memory.known is None else memory.known
-    kept = memory.jacobian
+    kept, renewal = memory.jacobian, memory.renewal.next()
 
     def refined(x: Tensor, jacobian: Tensor | None, residuals: Tensor | None = None) -> Refined:
         return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds, residuals)
 
     if kept is None or not memory.placed(objective):  # a first frame: every start may lie in another basin
-        found = min((refined(x, None) for x in starts), key=lambda r: r.total)
+        found, renewal = min((refined(x, None) for x in starts), key=lambda r: r.total), Renewal()
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
     else:
-        residuals, usual = problem.residuals(starts), np.median(memory.totals)
+        residuals, usual = problem.residuals(starts), float(np.median(memory.totals))
         best = int(group_norms(residuals, groups).sum(1).argmin())
         new = rows & ~known & ~objective.paired  # of flow Broyden's updates are enough, measured afresh it misleads
         found = refined(starts[best], None if bool(new.any()) else kept * rows[:, None], residuals[best])
-        limit, sigma, budget = max(schedule.rescue, OUTLIER * float(usual)), RESCUE_SIGMA, RESCUE
+        if schedule.refinement.jacobians == 0 and renewal.due(found.total, usual):
+            renewed = refined(found.x, None, found.residuals)
+            renewal = renewal.done(found.total, renewed.total)
+            found = renewed
+        limit, sigma, budget = max(schedule.rescue, WORSE * usual), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
     if total > limit:
         wide = minimise(problem.totals, Start(x, sigma), problem.bounds, budget, generator)
@@ -194,7 +200,7 @@ def _by_refinement(
     if not schedule.warm:
         return Solved(x, total, generations, stop, Memory(totals=(*memory.totals, total)))
     jacobian = jacobian if kept is None else torch.where(rows[:, None], jacobian, kept)
-    learned = Memory(None, jacobian, known | rows, (*memory.totals, total))
+    learned = Memory(None, jacobian, known | rows, (*memory.totals, total), renewal)
     return Solved(x, total, generations, stop, learned)
 
 

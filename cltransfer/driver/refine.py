@@ -45,6 +45,7 @@ class Refined:
     Args:
         x: (D,).
         total: there.
+        residuals: there, (R,).
         jacobian: (R, D), for the next frame.
         evaluations: candidates evaluated.
         stop: tolerance, worth (nothing to gain) or steps.
@@ -52,6 +53,7 @@ class Refined:
 
     x: Tensor  # (D,)
     total: float
+    residuals: Tensor  # (R,)
     jacobian: Tensor  # (R, D)
     evaluations: int
     stop: str
@@ -116,7 +118,7 @@ def refine(
     if jacobian is None:
         jacobian = _differences(evaluate, x, r, bounds)
         evaluations += len(x)
-    return Refined(x, total, jacobian, evaluations, stop)
+    return Refined(x, total, r, jacobian, evaluations, stop)
 
 
 def _inside(x: Tensor, bounds: Bounds | None) -> Tensor:
