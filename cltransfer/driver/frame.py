@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from ..features import Features
 from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
-from .refine import Refined, refine
-from .renewal import WORSE, Renewal
+from .refine import Refined, Refinement, refine
+from .renewal import TRIAL, WORSE, Renewal, helped
 from .schedule import Schedule
 from .stage import Stage
 
@@ -174,8 +174,10 @@ def _by_refinement(
     known = torch.zeros_like(rows) if memory.known is None else memory.known
     kept, renewal = memory.jacobian, memory.renewal.next()
 
-    def refined(x: Tensor, jacobian: Tensor | None, residuals: Tensor | None = None) -> Refined:
-        return refine(problem.residuals, x, groups, schedule.refinement, jacobian, problem.bounds, residuals)
+    def refined(
+        x: Tensor, jacobian: Tensor | None, residuals: Tensor | None = None, options: Refinement = schedule.refinement
+    ) -> Refined:
+        return refine(problem.residuals, x, groups, options, jacobian, problem.bounds, residuals)
 
     if kept is None or not memory.placed(objective):  # a first frame: every start may lie in another basin
         found, renewal = min((refined(x, None) for x in starts), key=lambda r: r.total), Renewal()
@@ -185,10 +187,12 @@ def _by_refinement(
         best = int(group_norms(residuals, groups).sum(1).argmin())
         new = rows & ~known & ~objective.paired  # of flow Broyden's updates are enough, measured afresh it misleads
         found = refined(starts[best], None if bool(new.any()) else kept * rows[:, None], residuals[best])
-        if schedule.refinement.jacobians == 0 and renewal.due(found.total, usual):
-            renewed = refined(found.x, None, found.residuals)
-            renewal = renewal.done(found.total, renewed.total)
-            found = renewed
+        if schedule.renewed and renewal.due(found.total, usual):
+            before = found.total
+            found = refined(found.x, None, found.residuals, replace(schedule.refinement, steps=TRIAL))
+            if helped(before, found.total):
+                found = refined(found.x, found.jacobian, found.residuals)
+            renewal = renewal.done(before, found.total)
         limit, sigma, budget = max(schedule.rescue, WORSE * usual), RESCUE_SIGMA, RESCUE
     x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
     if total > limit:

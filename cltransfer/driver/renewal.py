@@ -7,6 +7,7 @@ from dataclasses import dataclass
 WORSE = 1.5  # times the median so far, that a frame may end at before the Jacobian is doubted
 STUCK = 0.1  # total below which it is not, half a tolerance of one term
 HELPED = 0.5  # of its total, that a frame ends at by a new Jacobian if the old one was to blame
+TRIAL = 2  # steps with a new Jacobian that show whether it helps
 LONGER = 2  # times as many frames go by after a new Jacobian that did not help
 
 
@@ -37,4 +38,9 @@ class Renewal:
 
     def done(self, before: float, after: float) -> Renewal:
         """After it was measured for a frame that ended at ``before``, and with the new one at ``after``."""
-        return Renewal(0, 1 if after < HELPED * before else LONGER * self.wait)
+        return Renewal(0, 1 if helped(before, after) else LONGER * self.wait)
+
+
+def helped(before: float, after: float) -> bool:
+    """Whether a new Jacobian, that took a frame from total ``before`` to ``after``, was worth its measurement."""
+    return after < HELPED * before

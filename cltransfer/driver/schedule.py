@@ -31,6 +31,8 @@ class Schedule:
         warm: start from the frames before; otherwise every frame starts from the initial view.
         basin: total of the first frame above which CMA-ES looks for a better basin from there.
         rescue: total above which a refined frame is searched by CMA-ES too.
+        renewed: whether a Jacobian carried along the clip is measured afresh where a frame ends far worse than usual;
+            not where the clip would be followed thoroughly instead.
         lean_limit: mean total up to which a clip followed leanly is good enough; 0 follows none leanly.
         free_lens: whether the focal length moves.
         seed: of the run.
@@ -46,6 +48,7 @@ class Schedule:
     warm: bool
     basin: float
     rescue: float
+    renewed: bool
     lean_limit: float
     free_lens: bool
     seed: int
@@ -75,6 +78,7 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features, 
         warm=config.warm_start,
         basin=config.basin,
         rescue=config.rescue,
+        renewed=config.jacobians == 0,
         lean_limit=config.lean,
         free_lens=free,
         seed=config.seed,
