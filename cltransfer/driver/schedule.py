@@ -31,8 +31,7 @@ class Schedule:
         warm: start from the frames before; otherwise every frame starts from the initial view.
         basin: total of the first frame above which CMA-ES looks for a better basin from there.
         rescue: total above which a refined frame is searched by CMA-ES too.
-        renewed: whether a Jacobian carried along the clip is measured afresh where a frame ends far worse than usual;
-            not where the clip would be followed thoroughly instead.
+        renewed: whether a Jacobian carried along the clip is measured afresh where a frame ends far worse than usual.
         lean_limit: mean total up to which a clip followed leanly is good enough; 0 follows none leanly.
         free_lens: whether the focal length moves.
         seed: of the run.
