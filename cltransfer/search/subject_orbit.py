@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
@@ -96,22 +96,23 @@ class SubjectOrbit:
         """The x (B, D) moved so that the subject appears where and as large as in ``reference``, one frame.
 
         A fixed point on projected joints, nothing is rendered: screen x and y follow the centroid, and the lens (or,
-        where x has none, the distance) follows the size. Unchanged where the reference shows no joint.
+        where x has none, the distance) follows the size. Fewer than two key joints tell no size; then all 14 joints
+        do, as far as they are seen. Unchanged where the reference shows no key joint.
         """
         subject = _required(subject)
-        wanted = frame_joints(reference).double()  # (1, 5, 3)
-        known = subject.key_joints[None, :, 3] > 0
-        seen = torch.cat([wanted[..., :2], (visible_joints(wanted) & known).double()[..., None]], dim=-1)
-        if not bool(seen[..., 2].any()):
+        joints = sized_by = subject.key_joints
+        place = extent = _seen(reference, joints, "key")
+        if not bool(place[..., 2].any()):
             return x
+        if int(place[..., 2].sum()) < 2:
+            sized_by = torch.cat([subject.joints, subject.confidence[:, None]], dim=1)
+            extent = _seen(reference, sized_by, "all")
         x = x.double().clone()
         size, sign = (6, 1.0) if x.shape[1] == self.dimensions else (3, -1.0)
         for _ in range(AIM_STEPS):
             cameras = self.cameras(x, home, subject)
-            pixels = cameras.project(subject.key_joints[:, :3])[0] / torch.tensor(home.size, dtype=torch.float64)
-            joints = torch.cat([pixels, seen[..., 2:].expand(len(x), -1, -1)], dim=-1)
-            offset = torch.nan_to_num(centroid_difference(seen, joints)).clamp(-0.3, 0.3)  # (B, 2)
-            d_ref, d_S = key_joint_extents(seen, joints)
+            offset = torch.nan_to_num(centroid_difference(place, _as_seen(joints, cameras, place))).clamp(-0.3, 0.3)
+            d_ref, d_S = key_joint_extents(extent, _as_seen(sized_by, cameras, extent))
             growth = torch.nan_to_num(torch.log(d_ref / d_S.clamp_min(1e-3))).clamp(-0.7, 0.7)
             x[:, 4:6] -= offset / SCALE[4:6]
             x[:, size] += sign * growth / SCALE[size]
@@ -135,6 +136,18 @@ class SubjectOrbit:
         roll = torch.atan2(turn[:, 1, 0], turn[:, 0, 0])
         lens = torch.log(focal / heights)
         return torch.stack([azimuth, elevation, roll, heights.log(), *screen.unbind(1), lens], dim=1) / SCALE
+
+
+def _seen(reference: Features, joints: Tensor, which: Literal["key", "all"]) -> Tensor:
+    """Joints (1, J, 3) of one frame as x/W, y/H and 1; 0 where it does not show, or the scene not know, that joint."""
+    shown = frame_joints(reference, which).double()
+    return torch.cat([shown[..., :2], (visible_joints(shown) & (joints[:, 3] > 0)).double()[..., None]], dim=-1)
+
+
+def _as_seen(joints: Tensor, cameras: Camera, seen: Tensor) -> Tensor:
+    """The scene's ``joints`` (J, 4) from B cameras, where they are ``seen`` (1, J, 3) in the reference, (B, J, 3)."""
+    pixels = cameras.project(joints[:, :3])[0] / torch.tensor(cameras.size, dtype=torch.float64)
+    return torch.cat([pixels, seen[..., 2:].expand(len(pixels), -1, -1)], dim=-1)
 
 
 def _required(subject: Subject | None) -> Subject:

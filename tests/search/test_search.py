@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
+from cltransfer.features import Features
 from cltransfer.registry import SEARCHES
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.subject import Subject
@@ -132,3 +133,17 @@ def test_a_close_up_of_the_face_lies_within_the_orbit_s_bounds() -> None:
     low, high = SubjectOrbit().bounds()
     x = SubjectOrbit().vector(camera, camera, person)[0]
     assert bool(((x > low) & (x < high)).all())
+
+
+@pytest.mark.parametrize("seen", [[12, 13, 0], [0, 12, 2, 4, 6]])
+def test_joints_of_one_side_tell_the_size_where_fewer_than_two_key_joints_are_seen(seen: list[int]) -> None:
+    subject, search = person(), SubjectOrbit()
+    at = home(subject)
+    true = search.vector(at, at, subject)
+    pixels = at.project(subject.joints)[0]
+    confidence = torch.zeros(1, 14, 1, dtype=torch.float64)
+    confidence[:, seen] = 1.0
+    reference = Features(size=SIZE, keypoints=torch.cat([pixels, confidence], dim=-1))
+    wrong = true.clone()
+    wrong[:, 6] += 0.7
+    torch.testing.assert_close(search.aimed(wrong, at, subject, reference), true, atol=2e-2, rtol=0)
