@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..config_adam import AdamConfig
-
-if TYPE_CHECKING:
-    from .frame import Problem
+from .problem import Problem
 
 BETAS = (0.9, 0.999)
 DECAY = 0.8  # of the rate, from a frame's first step to its last

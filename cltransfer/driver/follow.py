@@ -14,7 +14,8 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..features import Features
 from ..objective import Objective
-from .frame import Memory, Problem, Schedule, Solved, carried, motion_scale, predictions, solve
+from .frame import Memory, Schedule, Solved, carried, predictions, solve
+from .problem import Problem, motion_scale
 from .spline import Local
 from .stage import Stage
 

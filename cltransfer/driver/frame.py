@@ -3,84 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ..camera import Camera
-from ..features import Features
 from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
+from .problem import Problem
 from .refine import Refined, Refinement, refine
 from .renewal import TRIAL, WORSE, Renewal, helped
 from .schedule import Schedule
-from .stage import Stage
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
 BASIN = Budget(generations=40, patience=12, popsize=12)
-MOTION = 0.5  # of its weight that flow keeps while frames are refined one by one: where the last one erred, it misleads
-
-
-@dataclass(frozen=True)
-class Problem:
-    """One reference frame, and how a vector is scored against it.
-
-    Args:
-        stage: renders and scores.
-        search: vectors to cameras.
-        home: the initial view.
-        reference: the frame.
-        before: features of the frame before as it was found, None for the first.
-        defined: which terms the reference has, (L,) bool.
-        free_lens: whether x holds the lens.
-    """
-
-    stage: Stage
-    search: Any
-    home: Camera
-    reference: Features
-    before: Features | None
-    defined: Tensor  # (L,)
-    free_lens: bool
-
-    @property
-    def dimensions(self) -> int:
-        """D."""
-        return self.search.dimensions if self.free_lens else self.search.dimensions - 1
-
-    @property
-    def bounds(self) -> tuple[Tensor, Tensor]:
-        """Lowest and highest x, (D,) each."""
-        low, high = self.search.bounds()
-        return low[: self.dimensions], high[: self.dimensions]
-
-    def cameras(self, x: Tensor) -> Camera:
-        """B cameras of x (B, D)."""
-        return self.search.cameras(x, self.home, self.stage.scene.subject)
-
-    def totals(self, x: Tensor) -> Tensor:
-        """Totals (B,) of x (B, D)."""
-        return self.weighted(x).sum(dim=1)
-
-    def weighted(self, x: Tensor) -> Tensor:
-        """Weighted terms (B, L) of x (B, D), undefined ones priced; they add up to the totals."""
-        terms = self.stage.terms(self.reference, self.cameras(x), self.before)
-        return self.stage.objective.weighted(terms, self.defined)
-
-    def residuals(self, x: Tensor) -> Tensor:
-        """Residuals (B, R) of x (B, D) as one frame is refined by them: weighted, flow by :data:`MOTION` less."""
-        residuals = self.stage.residuals(self.reference, self.cameras(x), self.before, self.defined)
-        return residuals * motion_scale(self.stage.objective.paired)
-
-    def aimed(self, x: Tensor) -> Tensor:
-        """x (B, D) moved so that the subject stands where the reference has it, where the search can tell."""
-        if not hasattr(self.search, "aimed") or not self.reference.has("keypoints"):
-            return x[:0]
-        return self.search.aimed(x, self.home, self.stage.scene.subject, self.reference)
+EQUAL = 1e-6  # by which two starts differ at most that are one, in the units of x
+SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
 
 
 @dataclass(frozen=True)
@@ -93,6 +33,7 @@ class Memory:
         known: residuals whose Jacobian was measured in some frame so far, (R,) bool.
         totals: of the frames so far.
         renewal: of the Jacobian, where it is carried from frame to frame.
+        settled: residuals (R,) that the last frame ended at and could not lower; None where it could.
     """
 
     shape: Tensor | None = None
@@ -100,6 +41,11 @@ class Memory:
     known: Tensor | None = None
     totals: tuple[float, ...] = field(default=())
     renewal: Renewal = field(default_factory=Renewal)
+    settled: Tensor | None = None
+
+    def nothing_new(self, residuals: Tensor) -> bool:
+        """Whether a frame begins with the residuals (R,) that the last one could not lower: nothing moves."""
+        return self.settled is not None and bool(((residuals - self.settled).abs() <= SAME).all())
 
     def placed(self, objective: Objective) -> bool:
         """Whether a frame so far told where to stand; flow alone does not. True where no Jacobian is kept."""
@@ -128,9 +74,9 @@ class Solved:
 def solve(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
-    """Search one frame from ``starts`` (S, D), moved onto the bounds where they lie beyond."""
+    """Search one frame from ``starts`` (S, D), moved onto the bounds where they lie beyond; from equal ones once."""
     low, high = problem.bounds
-    starts = torch.minimum(torch.maximum(starts, low), high)
+    starts = distinct(torch.minimum(torch.maximum(starts, low), high))
     if schedule.engine == "cma":
         return _by_cma(problem, starts, memory, schedule, generator)
     if schedule.engine == "adam":
@@ -185,8 +131,12 @@ def _by_refinement(
     else:
         residuals, usual = problem.residuals(starts), float(np.median(memory.totals))
         best = int(group_norms(residuals, groups).sum(1).argmin())
-        new = rows & ~known & ~objective.paired  # of flow Broyden's updates are enough, measured afresh it misleads
-        found = refined(starts[best], None if bool(new.any()) else kept * rows[:, None], residuals[best])
+        if memory.nothing_new(residuals[best]):
+            total = float(group_norms(residuals[best : best + 1], groups).sum())
+            return Solved(starts[best], total, 0, "as before", replace(memory, totals=(*memory.totals, total)))
+        new = bool((rows & ~known & ~objective.paired).any())  # of flow Broyden's updates are enough, it misleads
+        renewal = renewal.measured() if new else renewal
+        found = refined(starts[best], None if new else kept * rows[:, None], residuals[best])
         if schedule.renewed and renewal.due(found.total, usual):
             before = found.total
             found = refined(found.x, None, found.residuals, replace(schedule.refinement, steps=TRIAL))
@@ -194,23 +144,32 @@ def _by_refinement(
                 found = refined(found.x, found.jacobian, found.residuals)
             renewal = renewal.done(before, found.total)
         limit, sigma, budget = max(schedule.rescue, WORSE * usual), RESCUE_SIGMA, RESCUE
-    x, total, jacobian, stop, generations = found.x, found.total, found.jacobian, found.stop, 0
-    if total > limit:
-        wide = minimise(problem.totals, Start(x, sigma), problem.bounds, budget, generator)
+    stop, generations = found.stop, 0
+    if found.total > limit:
+        wide = minimise(problem.totals, Start(found.x, sigma), problem.bounds, budget, generator)
         again = refined(wide.x, None)
         generations = wide.generations
-        if again.total < total:
-            x, total, jacobian, stop = again.x, again.total, again.jacobian, f"rescued, {again.stop}"
+        if again.total < found.total:
+            found, stop = again, f"rescued, {again.stop}"
+    totals = (*memory.totals, found.total)
     if not schedule.warm:
-        return Solved(x, total, generations, stop, Memory(totals=(*memory.totals, total)))
-    jacobian = jacobian if kept is None else torch.where(rows[:, None], jacobian, kept)
-    learned = Memory(None, jacobian, known | rows, (*memory.totals, total), renewal)
-    return Solved(x, total, generations, stop, learned)
+        return Solved(found.x, found.total, generations, stop, Memory(totals=totals))
+    jacobian = found.jacobian if kept is None else torch.where(rows[:, None], found.jacobian, kept)
+    settled = found.residuals if found.stop == "worth" else None
+    return Solved(
+        found.x, found.total, generations, stop, Memory(None, jacobian, known | rows, totals, renewal, settled)
+    )
 
 
-def motion_scale(paired: Tensor) -> Tensor:
-    """What each residual (R,) is scaled by while frames are refined one by one."""
-    return torch.where(paired, MOTION, 1.0).double()
+def distinct(starts: Tensor) -> Tensor:
+    """The ``starts`` (S, D) that differ from all before them, in their order.
+
+    >>> distinct(torch.tensor([[1.0, 2.0], [0.0, 2.0], [1.0, 2.0]]))
+    tensor([[1., 2.],
+            [0., 2.]])
+    """
+    equal = torch.isclose(starts[:, None], starts, rtol=0.0, atol=EQUAL).all(-1)  # (S, S)
+    return starts[~equal.tril(-1).any(1)]
 
 
 def predictions(xs: list[Tensor]) -> Tensor:

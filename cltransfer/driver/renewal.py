@@ -36,6 +36,10 @@ class Renewal:
         """
         return self.carried >= self.wait and total > max(STUCK, WORSE * usual)
 
+    def measured(self) -> Renewal:
+        """After it was measured because a frame has terms that none had before."""
+        return Renewal(0, self.wait)
+
     def done(self, before: float, after: float) -> Renewal:
         """After it was measured for a frame that ended at ``before``, and with the new one at ``after``."""
         return Renewal(0, 1 if helped(before, after) else LONGER * self.wait)

@@ -30,3 +30,7 @@ def test_half_as_often_each_time_it_does_not() -> None:
 def test_as_often_as_ever_once_it_helped() -> None:
     frames = measured([(2.0, 1.9)] * 6 + [(2.0, 0.5)] * 3, 0.5)
     assert frames == [0, 2, 6, 7, 8]
+
+
+def test_not_again_at_once_where_new_terms_had_it_measured() -> None:
+    assert Renewal(carried=5, wait=2).measured() == Renewal(carried=0, wait=2)

@@ -46,3 +46,6 @@ def test_a_person_half_behind_a_post_is_as_large_as_in_the_reference(tmp_path: P
     assert bool(degenerate(found.reference.features).all())  # one key joint is seen, of seven joints
     focal = found.trajectory.camera.focal / true.camera.focal * (true.camera.size[1] / found.trajectory.camera.size[1])
     assert float(focal.log().abs().max()) < 0.05  # measured 0.014, and 1.3 where nothing but key joints told the size
+    assert {solved.stop for solved in found.kept.found.frames[2:]} == {
+        "as before"
+    }  # nothing moves: nothing is searched
