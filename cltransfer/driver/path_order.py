@@ -23,7 +23,8 @@ SHARE = 0.1  # of the free path's total that its own minima are uncertain by: ne
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
 JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
-TRIED = 3  # paths evaluated, of those of which the linear model says that they are good enough
+TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; where a path is refined
+# as a whole, one a round: it gets there from a filtered one too
 PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined
 MOVES = 8  # knots of what moves any other path
 CLEARLY = 0.9  # of the total that the last one promised
@@ -107,7 +108,8 @@ def least_path(
     if budget.rounds and local is None:
         local = clip.local(x, clip.residuals(x))
     limit = free + path.floor
-    spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit)
+    tries = min(TRIED, budget.rounds or TRIED)
+    spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
     return _filtered(clip, path, guide, limit, budget) if spline is None else _refined(clip, spline, budget)
 
 
@@ -153,13 +155,13 @@ def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | Non
     return None
 
 
-def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float) -> LeastPath | None:
-    """The least order that is good enough, of those of which the linear model says so.
+def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float, left: int) -> LeastPath | None:
+    """The least order that is good enough, of those of which the linear model says so; ``left`` paths are evaluated.
 
     One that turns out not to be is tried again from where it led, as long as the model there says so; the next one has
     to promise clearly more.
     """
-    left, promised = TRIED, math.inf
+    promised = math.inf
     for knots, way in _ladder(clip, free.x):
         spline = fit(free.x, local, knots, way)
         first = spline.predicted
