@@ -16,6 +16,9 @@ import pytest
 
 from cltransfer.cli import main
 
+STANDARD = "import asyncio, http.client, unittest.mock, xml.dom.minidom, email.mime.text, multiprocessing.pool"
+USUAL = 0.1  # [s] of processor time that such a process is taken to need on a quiet machine
+
 TINY = ("frames=3", "generations=2", "output_side=96", "search_side=48")
 
 
@@ -128,3 +131,16 @@ def blue_network(tmp_path: Path) -> Path:
     path = tmp_path / "blue.onnx"
     onnx.save_model(helper.make_model(graph, opset_imports=opset, ir_version=9), str(path))
     return path
+
+
+@pytest.fixture
+def slowness() -> float:
+    """How many times slower than usual a process starts here just now, at least 1: what seconds are held against."""
+
+    def seconds() -> float:
+        begun = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", STANDARD], check=True)
+        ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return ended.ru_utime + ended.ru_stime - begun.ru_utime - begun.ru_stime
+
+    return max(1.0, max(seconds() for _ in range(3)) / USUAL)
