@@ -134,7 +134,8 @@ def _by_refinement(
         if memory.nothing_new(residuals[best]):
             total = float(group_norms(residuals[best : best + 1], groups).sum())
             return Solved(starts[best], total, 0, "as before", replace(memory, totals=(*memory.totals, total)))
-        new = bool((rows & ~known & ~objective.paired).any())  # of flow Broyden's updates are enough, it misleads
+        # of flow Broyden's updates are enough, measured afresh it misleads
+        new = bool((rows & ~known & ~objective.paired).any())
         renewal = renewal.measured() if new else renewal
         found = refined(starts[best], None if new else kept * rows[:, None], residuals[best])
         if schedule.renewed and renewal.due(found.total, usual):

@@ -23,8 +23,7 @@ SHARE = 0.1  # of the free path's total that its own minima are uncertain by: ne
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
 JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
-TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; where a path is refined
-# as a whole, one a round: it gets there from a filtered one too
+TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; one a round of refining
 PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined
 MOVES = 8  # knots of what moves any other path
 CLEARLY = 0.9  # of the total that the last one promised
