@@ -154,10 +154,13 @@ class RunConfig:
         return next(iter(self.build(section).values()))
 
     def to_yaml(self) -> str:
-        """The merged config, complete and re-runnable."""
+        """The merged config, complete and re-runnable: what the preset has and this config has not is null."""
         from omegaconf import OmegaConf
 
-        return OmegaConf.to_yaml(OmegaConf.create(dataclasses.asdict(self)))
+        raw, below = dataclasses.asdict(self), _checked(shipped_configs() / f"{self.preset}.yaml")
+        for section in set(SECTIONS) - set(ONE_EACH):
+            raw[section] |= {name: None for name in below.get(section) or {} if name not in raw[section]}
+        return OmegaConf.to_yaml(OmegaConf.create(raw))
 
 
 def presets() -> list[str]:

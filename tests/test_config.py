@@ -48,6 +48,15 @@ def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
         load_config(child)
 
 
+@pytest.mark.parametrize(
+    "removed", [["losses.filmic_space=null"], ["extractors.scene_flow=null", "search.paper_box={}"]]
+)
+def test_what_is_written_reads_back_without_what_was_removed(tmp_path: Path, removed: list[str]) -> None:
+    config = load_config(overrides=["preset=fast", *removed])
+    (tmp_path / "run.yaml").write_text(config.to_yaml())
+    assert load_config(tmp_path / "run.yaml") == config
+
+
 def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
     inner = tmp_path / "a" / "b"
     inner.mkdir(parents=True)
