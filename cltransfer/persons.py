@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -42,10 +43,12 @@ class Persons:
         boxes: x, y, width, height [px], score of each person in each frame, (P, N, 5), the largest person first;
             NaN where it is not seen.
         jumps: frames in which the person's box does not overlap the one before, by person.
+        lost: frames in which one of two who touch is not seen any more, by person: the other may be the one who is.
     """
 
     boxes: np.ndarray  # (P, N, 5)
     jumps: tuple[tuple[int, ...], ...]
+    lost: tuple[tuple[int, ...], ...]
 
     def follow(self, who: Who) -> tuple[np.ndarray, tuple[str, ...]]:
         """Boxes (N, 5) of one person, and what a reader should know.
@@ -66,6 +69,7 @@ class Persons:
             others = ", ".join(f"{i} in {n} frames" for i, n in enumerate(seen.sum(1).tolist()) if i != chosen)
             flags.append(f"person {chosen} is followed, seen in {seen[chosen].sum()} frames; also seen: {others}")
         crossed = [i for other in range(count) if other != chosen for i in self._crossings(chosen, other)]
+        crossed += self.lost[chosen]
         if crossed:
             flags.append(f"persons overlap in frames {_listed(crossed)}: who is who is not certain")
         if self.jumps[chosen]:
@@ -104,6 +108,7 @@ def join(found: Sequence[np.ndarray]) -> Persons:
     """
     tracks: list[dict[int, np.ndarray]] = []
     jumps: list[list[int]] = []
+    lost: list[list[int]] = []
     for i, boxes in enumerate(found):
         recent = [t for t, track in enumerate(tracks) if i - max(track) <= MAX_GAP]
         pairs = _paired(np.array([tracks[t][max(tracks[t])] for t in recent]).reshape(-1, 5), boxes)
@@ -113,10 +118,16 @@ def join(found: Sequence[np.ndarray]) -> Persons:
             ratio = boxes[0, 2:4].prod() / found[i - 1][0, 2:4].prod()
             if 1 / ALIKE < ratio < ALIKE:
                 pairs, jumped = {0: recent.index(before)}, True
+        gone = [t for k, t in enumerate(recent) if k not in pairs.values() and i - 1 in tracks[t]]
+        for t, b in itertools.product(gone, pairs):
+            if overlap(tracks[t][i - 1][None], boxes[b][None]).item() > 0:
+                lost[t].append(i)
+                lost[recent[pairs[b]]].append(i)
         for b, box in enumerate(boxes):
             if b not in pairs:
                 tracks.append({})
                 jumps.append([])
+                lost.append([])
             track = recent[pairs[b]] if b in pairs else len(tracks) - 1
             tracks[track][i] = box
             if jumped:
@@ -126,7 +137,7 @@ def join(found: Sequence[np.ndarray]) -> Persons:
     joined = np.full((len(tracks), len(found), 5), np.nan)
     for row, t in enumerate(order):
         joined[row, list(tracks[t])] = list(tracks[t].values())
-    return Persons(joined, tuple(tuple(jumps[t]) for t in order))
+    return Persons(joined, tuple(tuple(jumps[t]) for t in order), tuple(tuple(lost[t]) for t in order))
 
 
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -77,6 +77,16 @@ def test_a_crossing_is_told() -> None:
     assert any("who is who is not certain" in flag for flag in persons.follow(0)[1])
 
 
+def test_one_of_two_who_is_hidden_by_the_other_is_told() -> None:
+    hidden, before = walk(40, 0, 8), walk(0, 12, 8)  # the second walks in front of the first, who is seen no more
+    hidden[3:] = np.nan
+    _, flags = join(frames_of(hidden, before)).follow(0)
+    assert "persons overlap in frames 3: who is who is not certain" in flags
+    apart = walk(200, 0, 8)
+    apart[3:] = np.nan
+    assert not any("not certain" in flag for flag in join(frames_of(apart, before)).follow(0)[1])
+
+
 def test_one_alone_who_jumps_is_the_same_and_told() -> None:
     lone = walk(0, 2, 10)
     lone[6:, 0] += 300
