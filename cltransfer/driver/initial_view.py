@@ -119,7 +119,7 @@ def best_of_orbit(
     A lens that is kept is that of the view that was ``given``, if one was.
 
     Raises:
-        UsageError: the scene has no subject to orbit.
+        UsageError: the scene has no subject to orbit, or no loss has a value on a first frame.
         InputError: no view scores on any term.
     """
     subject = stage.scene.subject
@@ -127,6 +127,9 @@ def best_of_orbit(
         raise UsageError("", "--init", "auto needs a lifted subject", "give a view: --init view.json")
     fov = VERTICAL_FOV if given is None or free_lens else float(given.vertical_fov[0])
     aim, defined = Aim(subject, size, first, free_lens, fov), stage.objective.defined(first)[0]
+    if not bool(defined.any()):
+        losses = ", ".join(stage.objective.names)
+        raise UsageError("losses", losses, "none tells where to stand in a first frame", "add shot_size or framing")
     read = _read_stand(first)
     stands = _stands(read)
     views = aim.views(stands, COARSE)

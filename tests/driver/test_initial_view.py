@@ -60,3 +60,14 @@ def test_a_lens_that_is_kept_is_that_of_the_given_view(degrees: float) -> None:
     wanted = first.require("keypoints")[0, :, 1]
     seen = stage.features(views[0], None).require("keypoints")[0, :, 1]
     assert float(seen.max() - seen.min()) == pytest.approx(float(wanted.max() - wanted.min()), rel=0.15)
+
+
+def test_losses_that_need_motion_alone_do_not_tell_where_to_stand() -> None:
+    scene = named_scene("courtyard")
+    assert scene.subject is not None
+    still = [f"losses.{name}=null" for name in ("shot_size", "framing", "filmic_space", "camera_angle")]
+    parts = Components.build(load_config(overrides=still))
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    first = stage.features(shot("static", scene.subject, (96, 54), 1).camera, None)
+    with pytest.raises(UsageError, match="losses: camera_movement: none tells where to stand in a first frame"):
+        best_of_orbit(stage, first, (96, 54), True)
