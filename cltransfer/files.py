@@ -41,6 +41,16 @@ def check_out(folder: Path) -> None:
         raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
 
 
+def refuse_link(path: Path) -> None:
+    """Refuse a link where a file is appended to: what is written would lie elsewhere.
+
+    Raises:
+        InputError: it is one.
+    """
+    if path.is_symlink():
+        raise InputError(path, "", "is a link", "put the file itself there")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write ``text`` as UTF-8, whole or not at all."""
     with atomic(path) as temporary:

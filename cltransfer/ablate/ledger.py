@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import refuse_link
 from .trial import Outcome
 
 LIMIT = 2**28  # bytes; a trial takes about 1 kB
@@ -17,8 +18,9 @@ def read_ledger(path: Path) -> dict[str, Outcome]:
     """Outcomes by key; a last line that was cut off by a kill is left out, and cut off the file.
 
     Raises:
-        InputError: another line is damaged, or the file is too large.
+        InputError: another line is damaged, or the file is too large or a link.
     """
+    refuse_link(path)
     if not path.exists():
         return {}
     if path.stat().st_size > LIMIT:

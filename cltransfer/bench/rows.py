@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from ..errors import InputError
+from ..files import refuse_link
 from .protocol import Trial
 from .section import commit
 from .trial import Row, run_trial
@@ -25,9 +26,10 @@ def read_rows(folder: Path) -> dict[str, Row]:
     """Rows of ``folder`` by their key; a last line that a kill has torn is cut off the file.
 
     Raises:
-        InputError: another line is no row, or the file is too large.
+        InputError: another line is no row, or the file is too large or a link.
     """
     path = folder / FILE
+    refuse_link(path)
     if not path.is_file():
         return {}
     if path.stat().st_size > LIMIT:

@@ -46,3 +46,11 @@ def test_a_damaged_line_is_named(tmp_path: Path, line: str) -> None:
         stream.write(line + "\n")
     with pytest.raises(InputError, match="line 2: is no trial"):
         read_ledger(path)
+
+
+def test_a_link_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "diary.txt").write_text("no line end")
+    (tmp_path / "trials.jsonl").symlink_to(tmp_path / "diary.txt")
+    with pytest.raises(InputError, match=r"trials.jsonl: is a link"):
+        read_ledger(tmp_path / "trials.jsonl")
+    assert (tmp_path / "diary.txt").read_text() == "no line end"
