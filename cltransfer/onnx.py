@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ import numpy as np
 
 from .catalogue import entry_of_file
 from .errors import ModelError, UsageError
-from .files import cache_dir
+from .files import cache_dir, content_hash
 from .threads import thread_count
 
 if TYPE_CHECKING:
@@ -59,6 +60,29 @@ def find_model(name: str) -> Path:
     get = f"run: cltransfer models pull {known.name}{accept}" if known.address else known.made_by
     what = f"no such file{digest} ({known.licence}, from {known.source})"
     raise ModelError(name, "model", what, f"{get}; or put it in {places[0].parent}")
+
+
+def reading(extractor: Any) -> dict[str, Any]:
+    """What an extractor's answers depend on: its options, and the content of its network where it has one."""
+    network = {"sha256": model_content(extractor.model)} if hasattr(extractor, "model") else {}
+    return {**asdict(extractor), **network}
+
+
+def model_content(name: str) -> str:
+    """SHA-256 of the network ``name``; empty where there is no such file, so that nothing was read by it.
+
+    A file of the catalogue is not read for it: one of another content is refused before it runs.
+    """
+    known = entry_of_file(Path(name).name)
+    if known is not None and known.sha256:
+        return known.sha256
+    place = next((place for place in model_places(name) if place.is_file()), None)
+    return "" if place is None else _content(place, place.stat().st_mtime_ns, place.stat().st_size)
+
+
+@functools.cache
+def _content(path: Path, changed: int, size: int) -> str:
+    return content_hash(path)
 
 
 def providers() -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from .feature_file import FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
 from .graph import Family, Plan, run_clip
+from .onnx import reading
 from .progress import Progress, silent
 from .read_frames import read_frames
 
@@ -121,7 +122,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
 
 
 def _key(what: list[Any], plan: Plan) -> str:
-    steps = [[s.name, asdict(s.extractor), list(s.hidden)] for s in plan.steps]
+    steps = [[s.name, reading(s.extractor), list(s.hidden)] for s in plan.steps]
     text = json.dumps([__version__, what, sorted(plan.wanted), steps], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -155,7 +156,8 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         return replace(rendered, image=images[-1].float() / 255)
 
     features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
-    digest = hashlib.sha256(f"{scene.digest}{json.dumps(path.to_json())}".encode()).hexdigest()
+    told = [scene.digest, scene.person_digest, path.to_json()]
+    digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
     name = source.removeprefix("builtin:").replace("@", "-")
     image = torch.cat(images)

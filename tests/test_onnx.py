@@ -10,8 +10,10 @@ from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.catalogue import catalogue
 from cltransfer.errors import ModelError, UsageError
+from cltransfer.extractors.depth_onnx import DepthOnnx
+from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.files import content_hash
-from cltransfer.onnx import Network, find_model, providers
+from cltransfer.onnx import Network, find_model, model_content, providers, reading
 
 KNOWN = catalogue("model")
 MODELS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "models"
@@ -48,6 +50,23 @@ def refused(net, field, match):
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
     assert Path(caught.value.where).name == net.path.name
+
+
+def test_what_was_read_by_another_network_of_the_same_name_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    extractor = DepthOnnx(model="mine.onnx", kind="disparity")
+    keys = [reading(extractor)]
+    for content in (b"first", b"other"):
+        (tmp_path / "mine.onnx").write_bytes(content)
+        keys.append(reading(extractor))
+    assert keys[0]["sha256"] == ""
+    assert len({key["sha256"] for key in keys}) == 3
+    assert keys[0]["model"] == "mine.onnx"
+
+
+def test_a_file_of_the_catalogue_has_the_content_it_has_there(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    assert model_content(DetectYolox().model) == KNOWN["yolox_nano"].sha256 != ""
 
 
 @pytest.mark.parametrize("batch", ["batch", 1])

@@ -15,7 +15,12 @@ from .. import __version__
 from ..config import RunConfig
 from ..errors import CltransferError, InputError
 from ..files import content_hash
+from ..onnx import model_content
+from ..scenes.lifted import LABELS, SUBJECT
+from ..scenes.load import load_scene
 from .sweep import SceneConfig, Sweep
+
+MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,8 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
             used = row.scene or scene
             config = replace(row.config, seed=seed)
             content = [_digest(used.scene), _digest(used.init), _digest(used.subject), used.up, _digest(source)]
-            answers = [__version__, asdict(config), asdict(sweep.metrics), content]
+            networks = [_networks(config), _networks(sweep.metrics)]
+            answers = [__version__, asdict(config), asdict(sweep.metrics), content, networks]
             key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
             case = Case(_shown(scene.scene), _shown(reference), seed)
             found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
@@ -144,14 +150,19 @@ def _shown(source: str) -> str:
     return "@".join(part if ":" in part else Path(part).name for part in source.split("@"))
 
 
-@functools.cache
+def _networks(config: RunConfig) -> dict[str, str]:
+    """Contents of the networks that a config names, by extractor."""
+    built = config.build("extractors")
+    return {name: model_content(extractor.model) for name, extractor in built.items() if hasattr(extractor, "model")}
+
+
 def _digest(source: str | None) -> str:
     """What identifies a scene or a reference: a built-in name, or the content of its files."""
     if source is None or source == "auto":
         return str(source)
     path = Path(source)
     if path.exists():
-        return content_hash(path)
+        return _content(path)
     if "@" in source:
         return "@".join(_digest(part) for part in source.split("@"))
     if source.startswith("builtin:"):
@@ -159,8 +170,17 @@ def _digest(source: str | None) -> str:
     for mark in "#:":  # CLIP#PART, SET:INDEX
         file, there, part = source.rpartition(mark)
         if there and Path(file).exists():
-            return f"{content_hash(Path(file))}{mark}{part}"
+            return f"{_content(Path(file))}{mark}{part}"
     raise InputError(path, "", "no such file")
+
+
+@functools.cache
+def _content(path: Path) -> str:
+    """SHA-256 of a file or folder and of the files that go with it: parts of a scene, labels of a person."""
+    if path.suffix.lower() in MADE_OF_FILES:
+        return load_scene(path).digest
+    labels = path.with_name(LABELS)
+    return content_hash(path) + (content_hash(labels) if path.name == SUBJECT and labels.is_file() else "")
 
 
 def run_trial(trial: Trial, job: Job) -> Outcome:

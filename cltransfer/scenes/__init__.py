@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,3 +32,11 @@ class Scene:
     up: Tensor  # (3,)
     name: str
     digest: str
+
+    @property
+    def person_digest(self) -> str:
+        """SHA-256 of the person and of the labels that mark it."""
+        person = None if self.subject is None else self.subject.to_json()
+        told = hashlib.sha256(json.dumps(person).encode())
+        told.update(self.geometry.label.contiguous().numpy().tobytes())
+        return told.hexdigest()

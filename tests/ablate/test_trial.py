@@ -1,0 +1,60 @@
+"""A trial is run again only if something its outcome depends on has changed, wherever that lies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.trial import _content, trials
+from cltransfer.scenes.lifted import LABELS, SUBJECT
+
+SWEEP = """
+references: ['builtin:orbit']
+base: {preset: fast, extractors: {depth_onnx: {model: depth.onnx, kind: disparity}}}
+rows: {full: {}, none: {losses: {framing: null}}}
+"""
+
+
+@pytest.fixture
+def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
+    """Keys of a small sweep in a scene, networks read from the test's folder."""
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+
+    def read(scene: str) -> list[str]:
+        _content.cache_clear()
+        (tmp_path / "sweep.yaml").write_text(SWEEP + f"scenes: ['{scene}']\n")
+        return [trial.key for trial in trials(read_sweep(str(tmp_path / "sweep.yaml")), {})]
+
+    return read
+
+
+def test_another_network_of_the_same_name_is_another_trial(keys: Callable[[str], list[str]], tmp_path: Path) -> None:
+    seen = []
+    for content in (b"first", b"second", b"first"):
+        (tmp_path / "depth.onnx").write_bytes(content)
+        seen.append(keys("builtin:courtyard"))
+    assert seen[0] == seen[2] != seen[1]
+    assert len(set(seen[0])) == 2
+
+
+def test_another_part_of_a_scene_is_another_trial(keys: Callable[[str], list[str]], tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text("parts: [{file: wall.obj, label: scene}]\n")
+    seen = []
+    for height in (1, 2):
+        (tmp_path / "wall.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 {height} 0\nf 1 2 3\n")
+        seen.append(keys("scene.yaml"))
+    assert not set(seen[0]) & set(seen[1])
+
+
+def test_other_labels_are_another_person(tmp_path: Path) -> None:
+    (tmp_path / SUBJECT).write_text("{}")
+    seen = []
+    for labels in (None, b"a", b"b"):
+        if labels is not None:
+            (tmp_path / LABELS).write_bytes(labels)
+        _content.cache_clear()
+        seen.append(_content(tmp_path / SUBJECT))
+    assert len(set(seen)) == 3
