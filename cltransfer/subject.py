@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from torch import Tensor
 from .errors import InputError
 from .files import read_json, write_json
 from .skeleton import JOINTS, key_joints
+
+UNIT = 1e-3  # by which a unit vector may be longer or shorter, and lean
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class Subject:
         """Read ``subject.json``.
 
         Raises:
-            InputError: the file is missing or a field is missing, of the wrong shape or not finite.
+            InputError: the file is missing or a field is missing, of the wrong shape, not finite or no person's.
         """
         data = read_json(path)
         if not isinstance(data, Mapping) or data.get("format") != "cltransfer.subject":
@@ -111,10 +114,29 @@ class Subject:
             raise InputError(path, str(error.args[0]), "field is missing") from None
         except (TypeError, ValueError, RuntimeError, AttributeError) as error:
             raise InputError(path, "", f"not a subject: {error}") from None
-        for name in ("facing", "up"):
-            if abs(float(getattr(subject, name).norm()) - 1) > 1e-3:
-                raise InputError(path, name, "expected a unit vector")
+        for name, wrong, expected in subject._faults():
+            raise InputError(path, name, f"expected {expected}, got {wrong}", "lift the scene again")
         return subject
+
+    def _faults(self) -> Iterator[tuple[str, str, str]]:
+        """What a person cannot be: the field, what it is, and what was expected."""
+        for name in ("facing", "up"):
+            vector = getattr(self, name)
+            if not abs(float(vector.norm()) - 1) <= UNIT:
+                yield name, str(vector.tolist()), "a unit vector"
+        slant = float(self.facing @ self.up)
+        if not abs(slant) <= UNIT:
+            yield "facing", f"{slant:.3g} of its length along up", "a vector orthogonal to up"
+        if not math.isfinite(self.height):
+            yield "height", str(self.height), "a length"
+        for i, (name, joint, confidence) in enumerate(zip(JOINTS, self.joints, self.confidence.tolist())):
+            known = bool(torch.isfinite(joint).all())
+            if not known and not bool(torch.isnan(joint).all()):
+                yield f"joints.{name}", str(self.joints[i].tolist()), "three numbers or null"
+            if not 0 <= confidence <= (1 if known else 0):
+                yield f"confidence.{name}", str(confidence), "a number from 0 to 1" if known else "0: it is unknown"
+        if not bool((self.key_joints[:, 3] > 0).any()):
+            yield "confidence", "0 for all of them", "a known head, chest, waist, knees or feet"
 
 
 def _count(value: Any) -> int | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..features import Features
 from ..files import atomic, cache_dir
 from ..graph import CLIP_SOURCE, Plan, make_plan, run
+from ..onnx import reading
 from ..subject import Subject
 from . import Scene
 from .find_people import Boxes
@@ -90,10 +91,9 @@ class _Eyes:
 
 
 def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:
-    """The scene with its person; ``label`` (N,) marks the primitives unless the scene's files have marked them."""
-    if label is None or bool(scene.geometry.label.any()):
-        return replace(scene, subject=subject)
-    return replace(scene, subject=subject, geometry=scene.geometry.with_label(label))
+    """The scene with its person; ``label`` (N,) marks the primitives, None leaves them as the scene's files do."""
+    geometry = scene.geometry if label is None else scene.geometry.with_label(label)
+    return replace(scene, subject=subject, geometry=geometry)
 
 
 def save_lift(folder: Path, found: Lift) -> None:
@@ -111,7 +111,7 @@ def save_labels(folder: Path, label: Tensor) -> None:
 
 
 def load_person(scene: Scene, subject_file: Path) -> Scene:
-    """The scene with the person of ``subject_file``, and the labels beside it where there are any.
+    """The scene with the person of ``subject_file``, marked by the labels beside it, or else by the scene's files.
 
     Raises:
         InputError: a file is damaged, the labels are of another scene, or there are none at all.
@@ -142,17 +142,21 @@ def load_person(scene: Scene, subject_file: Path) -> Scene:
 def lifted_scene(
     scene: Scene, renderer: Any, extractors: Mapping[str, Any], progress: Callable[[str], None] = lambda step: None
 ) -> Scene:
-    """The scene with its person: its own, that of the cache by content, or lifted now (and cached)."""
+    """The scene with its person: its own, that of the cache by content, or lifted now (and cached).
+
+    Who is marked in the scene's files stays marked.
+    """
     if scene.subject is not None:
         return scene
     cached = cached_lift(scene, extractors)
     if not cached.is_file():
         save_lift(cached.parent, lift_scene(scene, renderer, extractors, progress=progress))
-    return load_person(scene, cached)
+    found = load_person(scene, cached)
+    return replace(found, geometry=scene.geometry) if bool(scene.geometry.label.any()) else found
 
 
 def cached_lift(scene: Scene, extractors: Mapping[str, Any]) -> Path:
     """Where the cache keeps the person of this scene, read with these extractors."""
-    used = {n: asdict(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
+    used = {n: reading(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
     text = json.dumps([__version__, scene.digest, scene.up.tolist(), used], default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

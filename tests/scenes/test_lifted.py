@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,15 @@ def test_labels_come_back_with_the_person(tmp_path: Path) -> None:
     assert torch.equal(again.geometry.label, (scene.geometry.label > 0.5).float())
 
 
+def test_the_labels_beside_a_person_mark_another_than_the_scene_does(tmp_path: Path) -> None:
+    scene = named_scene("courtyard")
+    assert scene.subject is not None
+    other = 1 - scene.geometry.label
+    scene.subject.save(tmp_path / "subject.json")
+    save_labels(tmp_path, other)
+    assert torch.equal(load_person(scene, tmp_path / "subject.json").geometry.label, (other > 0.5).float())
+
+
 def test_a_person_without_labels_is_refused_where_the_scene_marks_nobody(tmp_path: Path) -> None:
     scene = named_scene("courtyard")
     assert scene.subject is not None
@@ -33,6 +43,32 @@ def test_a_person_without_labels_is_refused_where_the_scene_marks_nobody(tmp_pat
     bare = replace(scene, subject=None, geometry=scene.geometry.with_label(torch.zeros(len(scene.geometry))))
     with pytest.raises(InputError, match=r"labels.safetensors: label: is missing, and the scene marks nobody"):
         load_person(bare, tmp_path / "subject.json")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("left_knee", "null", r"confidence.left_knee: expected 0: it is unknown, got"),
+        ("left_knee", "[Infinity, 0, 0]", r"joints.left_knee: expected three numbers or null, got \[inf, 0.0, 0.0\]"),
+        ("facing", "[0, 1, 0]", r"facing: expected a vector orthogonal to up, got 1 of its length along up"),
+        ("up", "[0, 2, 0]", r"up: expected a unit vector, got \[0.0, 2.0, 0.0\]"),
+        ("height", "Infinity", r"height: expected a length, got inf"),
+        (
+            "confidence",
+            "none",
+            r"confidence: expected a known head, chest, waist, knees or feet, got 0 for all of them",
+        ),
+    ],
+)
+def test_a_person_who_cannot_be_is_refused_by_field(tmp_path: Path, field: str, value: str, told: str) -> None:
+    raw = {**sample_features(0, 1).require("person").to_json(), "up": [0.0, 1.0, 0.0], "facing": [0.0, 0.0, 1.0]}
+    if value == "none":
+        raw["confidence"] = dict.fromkeys(raw["confidence"], 0.0)
+    else:
+        (raw["joints"] if field in raw["joints"] else raw)[field] = json.loads(value)
+    (tmp_path / "subject.json").write_text(json.dumps(raw))
+    with pytest.raises(InputError, match=told):
+        Subject.load(tmp_path / "subject.json")
 
 
 @pytest.mark.parametrize("count", ["Infinity", "-3", "0", "2.7", '"3"', "true"])
