@@ -2,21 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from .camera import Camera
 from .errors import UsageError
 from .features import Features
 from .graph import CHUNK, Plan, run_clip
 from .persons import Who, join
 from .progress import Progress, silent
+from .scenes.find_people import Found, boxes_of
+from .subject import Subject
+
+Follow = Callable[[list[np.ndarray]], tuple[np.ndarray, tuple[str, ...]]]
+"""Of all persons' boxes (P, 5) in each of N frames the one person's, (N, 5), NaN where it is not seen; and flags."""
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
     """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's."""
     return read_frames(image, plan, None, progress)[0]
+
+
+def render_features(image: Tensor, cameras: Camera, subject: Subject | None, plan: Plan) -> Features:
+    """Features of rendered frames (N, 3, H, W) uint8, read by the image extractors of ``plan``.
+
+    Args:
+        image: what N ``cameras`` of that size see.
+        cameras: of the frames.
+        subject: whose features are read: a bystander may be nearer; None is the largest person.
+        plan: of image extractors.
+    """
+    if subject is None:
+        return clip_features(image, plan)
+    person = Found(subject.anchor, subject.height, len(cameras))
+    return _read(image, plan, lambda boxes: (boxes_of(person, cameras, boxes).numpy(), ()), silent)[0]
 
 
 def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent) -> tuple[Features, tuple[str, ...]]:
@@ -33,18 +57,26 @@ def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent
     Raises:
         UsageError: there is no such person.
     """
-    count = len(image)
-    load = partial(_loaded, image, None)
-    detector = next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
-    flags: tuple[str, ...] = ()
-    if detector is None and who not in (None, 0):
+    if _detector(plan) is None and who not in (None, 0):
         raise UsageError("", "#person", "no extractor tells persons apart", "add extractors.detect_yolox={}")
+    return _read(image, plan, lambda boxes: join(boxes).follow(who), progress)
+
+
+def _detector(plan: Plan) -> Any:
+    """The extractor that sees all persons, None where there is none."""
+    return next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
+
+
+def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
+    count, detector = len(image), _detector(plan)
+    load = partial(_loaded, image, None)
+    flags: tuple[str, ...] = ()
     if detector is not None:
         found = []
         for start in range(0, count, CHUNK):
             found += detector.persons(load(start, start + CHUNK))
             progress("finding persons", min(start + CHUNK, count), count)
-        box, flags = join(found).follow(who)
+        box, flags = follow(found)
         load = partial(_loaded, image, torch.from_numpy(box).float())
         plan = plan.without(detector)
     features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))

@@ -13,7 +13,7 @@ from .driver.follow import still
 from .driver.stage import Stage
 from .features import Features
 from .progress import Progress, silent
-from .read_frames import clip_features
+from .read_frames import render_features
 from .reference import Reference, quantised
 from .scenes import Scene
 from .scores import Scores, score
@@ -56,9 +56,10 @@ def read_back(
 ) -> Readback:
     """Render a path at its own size and score it by networks (on the frames as kept) or by the stage's extractors."""
     image = render_frames(stage.scene, parts, cameras, progress)
+    stage.spent.renders += len(image)
     if by_networks:
         plan = parts.plan("image", reference.features.names())
-        features = clip_features(image, plan)
+        features = render_features(image, cameras, stage.scene.subject, plan)
         stage.spent.network_passes += len(image) * plan.passes
     else:
         features = read_path(replace(stage, size=cameras.size), cameras)
@@ -71,7 +72,7 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
         features = read_path(replace(stage, size=cameras.size), still(cameras, len(cameras)))
     else:
         plan = parts.plan("image", reference.features.names())
-        twice = clip_features(shown.image[[0, 0]], plan)
+        twice = render_features(shown.image[[0, 0]], cameras[[0, 0]], stage.scene.subject, plan)
         stage.spent.network_passes += 2 * plan.passes
         features = twice[[0] + [1] * (len(cameras) - 1)]
     return score(stage.objective, reference.features, features, reference.missing)

@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
+from cltransfer.read_frames import clip_features, render_features
+from cltransfer.readback import render_frames
 from cltransfer.scenes.lifted import lift_scene, summary
 from cltransfer.scenes.load import load_scene
 from cltransfer.transfer import Inputs, transfer
@@ -45,6 +48,26 @@ def test_the_five_metrics_of_a_transfer_into_a_mesh_come_near_the_reference(tmp_
     lit = result.image.float().flatten(1).mean(1)
     assert bool((lit > 30).all())  # inside the gallery, not in the void
     assert not torch.equal(result.image[0], result.image[2])
+
+
+def test_of_two_men_in_a_render_the_subject_is_read_not_the_nearer_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA.parent / "models"))
+    (tmp_path / "two.yaml").write_text(
+        WALKING + "  - {file: cesium_man.glb, label: scene, translate: [1.1, 0.0, 2.35], rotate_deg: [0, 20, 0]}\n"
+    )
+    scene, parts = load_scene(tmp_path / "two.yaml"), Components.build(load_config(None, ["renderer.mesh={}"]))
+    person = scene.subject
+    assert person is not None
+    eye = person.anchor + 2 * person.height * person.left
+    camera = Camera.look_at(eye[None], person.anchor[None], scene.up, 0.9, (640, 360))
+    image = render_frames(scene, parts, camera[[0, 0]])
+    largest = clip_features(image, parts.plan("image")).require("box")[0]
+    box = render_features(image, camera[[0, 0]], person, parts.plan("image")).require("box")[0]
+    place = camera.project(person.anchor[None])[0][0, 0]
+    assert float(largest[3]) > 1.2 * float(box[3])  # the other one is nearer
+    assert bool((box[:2] < place).all() and (place < box[:2] + box[2:4]).all())
 
 
 def test_the_wrong_renderer_names_the_right_one(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from ..config import RunConfig
 from ..driver.stage import Stage
 from ..graph import Family
 from ..objective import Objective
-from ..read_frames import clip_features
+from ..read_frames import render_features
 from ..readback import read_path
 from ..reference import Reading, read_reference
 from ..scenes.lifted import lifted_scene
@@ -35,7 +35,7 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     read = read_reference(reference, parts, Reading(config.frames, config.output_side, family))
     objective = Objective(parts.losses)
     if read.family == "image" and metrics.extract.verify:
-        features = clip_features(result.image, parts.plan("image"))
+        features = render_features(result.image, cameras, result.scene.subject, parts.plan("image"))
         return score(objective, read.features, features, read.missing)
     scene = lifted_scene(result.scene, parts.renderer, parts.extractors) if family == "scene" else result.scene
     plan = parts.plan(family, shared=read.features.names())
