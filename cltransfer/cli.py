@@ -147,6 +147,8 @@ def transfer(
     video/side_by_side.mp4 and report.html in the run folder, and prints the five metrics.
     """
     paths, overrides = _split(arguments or [], 2)
+    if resume is not None and out not in (None, resume):
+        raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
     settings = _settings(config, overrides, allow_plugin)
     if print_config:
         print(settings.to_yaml(), end="")
@@ -155,18 +157,20 @@ def transfer(
         [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
     )
     from .progress import progress
-    from .run_folder import JOURNAL, default_folder, open_run, summary_lines, summary_values, write_run
+    from .run_files import JOURNAL, open_run
+    from .run_folder import default_folder, summary_lines, summary_values, write_run
     from .transfer import Inputs, Record
     from .transfer import transfer as run
 
     inputs = Inputs(scene, reference, init, subject, _vector(up))
-    folder = open_run(resume or out or default_folder(scene, reference))
+    folder = open_run(resume or out or default_folder(scene, reference), resume is not None)
     try:
         with progress(quiet) as report:
             result = run(inputs, settings, report, Record(folder / JOURNAL, resume is not None))
             shown = write_run(folder, result, inputs, settings, allow_plugin or [])
     except KeyboardInterrupt:
-        _fail(f"interrupted (the same command with --resume {folder} goes on from here)", 130)
+        begun = (folder / JOURNAL).is_file()
+        _fail("interrupted" + f" (the same command with --resume {folder} goes on from here)" * begun, 130)
     show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
 
 

@@ -14,8 +14,8 @@ from .evaluate import evaluate
 from .image_folder import VIDEOS, natural_order
 from .progress import Progress, silent
 from .report.metrics import finite
+from .run_files import FRAMES, is_run, require_done
 
-RUN_VIDEO = Path("video") / "frames.mkv"  # what a run folder keeps of its frames, lossless
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 
@@ -66,13 +66,12 @@ def clips_in(folder: Path) -> dict[str, Path]:
     """
     found: dict[str, Path] = {}
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
-        path = entry / RUN_VIDEO if (entry / RUN_VIDEO).is_file() else entry
-        if not (path.suffix.lower() in VIDEOS or (path.is_dir() and not entry.name.startswith("."))):
+        if not (entry.suffix.lower() in VIDEOS or (entry.is_dir() and not entry.name.startswith("."))):
             continue
         name = entry.name if entry.is_dir() else entry.stem
         if name in found:
             raise InputError(folder, name, "two clips have this name", "clips are matched by name")
-        found[name] = path
+        found[name] = entry
     if not found:
         raise InputError(folder, "clips", "expected videos, image folders or runs, found none")
     return found
@@ -111,13 +110,19 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
     if render is None:
         return ClipScore(method, name, reason="the method has no clip of this name")
     try:
-        report = evaluate(str(reference), str(render), config)
+        report = evaluate(str(_clip(reference)), str(_clip(render)), config)
     except InputError as error:
         return ClipScore(method, name, reason=str(error))
     terms = report.scores.terms
     means = {**{term.name: term.mean for term in terms}, "total": finite(float(report.scores.totals.mean()))}
     defined = {**{term.name: term.defined for term in terms}, "total": len(report.times)}
     return ClipScore(method, name, means, defined, len(report.times))
+
+
+def _clip(path: Path) -> Path:
+    """What is scored: the frames that a run has kept, or the clip itself."""
+    require_done(path)
+    return path / FRAMES if is_run(path) else path
 
 
 def interval(values: list[float | None], seed: int = 0) -> Interval:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .errors import InputError
 from .files import cache_dir, read_json, write_json
+from .run_files import require_done
 from .scenes import Scene
 from .scenes.lifted import load_person
 from .scenes.load import load_scene
@@ -25,7 +26,7 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
         side: longer side of its frames [px].
 
     Raises:
-        InputError: a file is missing or damaged.
+        InputError: a file is missing or damaged, or of a run that was not finished.
         UsageError: there is no such built-in shot.
     """
     if source.startswith("builtin:") and "@" not in source:
@@ -35,6 +36,7 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
         return builtin_reference(source.removeprefix("builtin:"), size, frames or REFERENCE_FRAMES)
     scene_name, _, path_name = source.rpartition("@")
     path = Path(path_name)
+    require_done(path.parent)
     trajectory = Trajectory.load(path)
     scene = load_scene(scene_name)
     if scene.subject is None and path.with_name("subject.json").is_file():

@@ -22,7 +22,7 @@ from .config import RunConfig, load_config
 from .doctor import PACKAGES
 from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
-from .files import check_out, read_json, write_json, write_text
+from .files import read_json, write_json, write_text
 from .flags import run_flags
 from .named_scenes import recall, remember
 from .preparation import Inputs, fit
@@ -32,14 +32,12 @@ from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report
 from .report.side_by_side import side_by_side
+from .run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, VIDEO, clear, require_done
 from .scenes.lifted import SUBJECT, save_labels
 from .scenes.load import load_scene
 from .threads import set_threads, thread_count
 from .trajectory import Trajectory
 from .transfer import Result
-
-MANIFEST, CONFIG, DONE = "manifest.json", "config.yaml", "DONE"
-JOURNAL = "journal.bin"
 
 
 def default_folder(scene: str, reference: str) -> Path:
@@ -53,33 +51,20 @@ def _name(source: str) -> str:
     return Path(without_moment).stem.replace("@", "-") or "run"
 
 
-def open_run(folder: Path) -> Path:
-    """Make ``folder``, or take over the run that is there.
-
-    Raises:
-        UsageError: there is something else in it.
-    """
-    check_out(folder)
-    known = (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
-    if folder.is_dir() and any(folder.iterdir()) and not known:
-        raise UsageError(folder, "--out", "is neither empty nor a run", "name another folder")
-    (folder / DONE).unlink(missing_ok=True)
-    return folder
-
-
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
     """Write everything a run leaves behind; returns what its report shows."""
+    clear(folder)
     write_json(folder / MANIFEST, _manifest(result, config, plugins))
     write_text(folder / CONFIG, _settled(config, result).to_yaml())
     remember(result.scene.digest, inputs.scene)
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / "trajectory.json")
     write_camera_path(folder / "camera" / "camera_path.json", trajectory)
-    write_video(folder / "video" / "frames.mkv", result.image, trajectory.times, lossless=True)
-    write_video(folder / "video" / "render.mp4", result.image, trajectory.times)
+    write_video(folder / FRAMES, result.image, trajectory.times, lossless=True)
+    write_video(folder / VIDEO, result.image, trajectory.times)
     if reference.image is not None:
         both = side_by_side(reference.image, result.image, trajectory.times)
-        write_video(folder / "video" / "side_by_side.mp4", both, trajectory.times)
+        write_video(folder / BESIDE, both, trajectory.times)
     if result.scene.subject is not None:
         result.scene.subject.save(folder / SUBJECT)
         save_labels(folder, result.scene.geometry.label)
@@ -191,12 +176,13 @@ def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path
 
     Raises:
         UsageError: ``out`` is no .mp4, or the run's config cannot be meant.
-        InputError: the folder is no run, or the scene is another one.
+        InputError: the folder is no run or one that was not finished, or the scene is another one.
     """
     if out is not None and out.suffix.lower() != ".mp4":
         raise UsageError(out, "--out", "expected a name that ends in .mp4")
     if not (run / MANIFEST).is_file():
         raise InputError(run, MANIFEST, "no such file", "expected the folder of a run")
+    require_done(run)
     try:
         digest, up = read_json(run / MANIFEST)["scene"]["sha256"], read_json(run / MANIFEST)["scene"]["up"]
         direction = (float(up[0]), float(up[1]), float(up[2]))
@@ -214,6 +200,6 @@ def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path
     trajectory = Trajectory.load(run / "trajectory.json")
     cameras = resized(trajectory.camera, fit(trajectory.camera.size, config.output_side))
     image = render_frames(loaded, parts, cameras, progress)
-    target = out or run / "video" / "render.mp4"
+    target = out or run / VIDEO
     write_video(target, image, trajectory.times)
     return target

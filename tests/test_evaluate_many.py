@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from cltransfer.clip import write_video
+from cltransfer.config import load_config
 from cltransfer.errors import InputError
-from cltransfer.evaluate_many import ClipScore, clips_in, interval, summarise
+from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 
 ROWS = [
@@ -86,15 +87,26 @@ def test_every_clip_has_its_row_in_the_csv() -> None:
 def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
     folder_of(tmp_path / "all", b=wall(0, 1))
     (tmp_path / "all" / "a").mkdir()
-    (tmp_path / "all" / "run" / "video").mkdir(parents=True)
-    (tmp_path / "all" / "run" / "video" / "frames.mkv").touch()
+    (tmp_path / "all" / "run").mkdir()
     (tmp_path / "all" / "notes.txt").touch()
     found = clips_in(tmp_path / "all")
     assert list(found) == ["a", "b", "run"]
-    assert found["run"].name == "frames.mkv"
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="found none"):
         clips_in(tmp_path / "empty")
+
+
+def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(tmp_path: Path) -> None:
+    folder_of(tmp_path / "references", a=wall(0, 1), b=wall(0, 1))
+    for name in ("a", "b"):
+        run = tmp_path / "runs" / name
+        write_video(run / "video" / "frames.mkv", wall(0, 1), torch.arange(4).double() / 8, lossless=True)
+        (run / "manifest.json").write_text("{}")
+    (tmp_path / "runs" / "a" / "DONE").touch()
+    config = load_config(overrides=["extractors.scene_flow=null", *OFF[:3], *OFF[4:]])
+    done, killed = evaluate_many(tmp_path / "references", {"ours": tmp_path / "runs"}, config)
+    assert done.reason == ""
+    assert "b: DONE: this run was not finished" in killed.reason
 
 
 def test_folders_are_scored_clip_by_clip(command: Any, tmp_path: Path) -> None:

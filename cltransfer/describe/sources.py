@@ -16,6 +16,7 @@ from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..progress import Progress, silent
 from ..reference import Reading, read_reference
+from ..run_files import require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .description import Description, describe_features
@@ -38,9 +39,10 @@ def describe(
         The description, and the frames (N, 3, H, W) uint8 where there are any.
 
     Raises:
-        InputError: the source is missing or damaged, or a camera path has no person.
+        InputError: the source is missing, damaged or an unfinished run, or a camera path has no person.
     """
     path = Path(source)
+    require_done(path)
     if (path / "trajectory.json").is_file():
         path = path / "trajectory.json"
     if path.suffix == ".json" and "@" not in path.name:

@@ -20,11 +20,11 @@ from ..clip import read_clip, write_video
 from ..errors import InputError, UsageError
 from ..files import check_out, content_hash, csp_hash, read_json, write_json, write_text
 from ..report.side_by_side import reference_side
+from ..run_files import BESIDE, FRAMES, MANIFEST, is_run, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
 
 SIDE = 720  # largest height of a video [px]
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
-RUN = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,7 @@ def _groups(wanted: Wanted) -> list[tuple[Path, ...]]:
     for path in (*wanted.runs, *wanted.references):
         if not path.exists():
             raise InputError(path, "", "no such file or folder")
+        require_done(path)
     return groups
 
 
@@ -100,23 +101,19 @@ def _got(paths: Sequence[Path]) -> str:
 
 def _clip(path: Path) -> Shown:
     """The frames of a run folder, as they were kept, or of a clip."""
-    if not (path / RUN).is_file():
-        clip = read_clip(path)
-        return Shown(clip.image, clip.times)
-    lossless = path / "video" / "frames.mkv"
-    clip = read_clip(lossless if lossless.is_file() else path / "video" / "render.mp4")
+    clip = read_clip(path / FRAMES if is_run(path) else path)
     return Shown(clip.image, clip.times)
 
 
 def _reference(group: Sequence[Path], given: Path | None) -> Shown:
     if given is not None:
         return _clip(given)
-    if not all((path / RUN).is_file() for path in group):
+    if not all(is_run(path) for path in group):
         raise UsageError("", "--reference", "clips do not know theirs", "name one for each sample")
-    digests = {str(read_json(path / RUN).get("reference", {}).get("sha256")) for path in group}
+    digests = {str(read_json(path / MANIFEST).get("reference", {}).get("sha256")) for path in group}
     if len(digests) > 1:
         raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
-    sheet = group[0] / "video" / "side_by_side.mp4"
+    sheet = group[0] / BESIDE
     if not sheet.is_file():
         raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
     clip = read_clip(sheet, max_side=SHEET_SIDE)

@@ -1,0 +1,84 @@
+"""A run folder is one run: whole or refused, never two runs mixed, and nothing of it lies elsewhere."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.errors import InputError, UsageError
+from cltransfer.run_files import DONE, JOURNAL, MANIFEST, RESULTS, clear, open_run, require_done
+
+
+def killed(folder: Path) -> Path:
+    """A folder in which one run was finished and the next one killed."""
+    folder.mkdir()
+    for name in (MANIFEST, "trajectory.json", JOURNAL):
+        (folder / name).touch()
+    return folder
+
+
+def test_a_run_that_was_killed_is_no_result(tmp_path: Path) -> None:
+    run = killed(tmp_path / "run")
+    with pytest.raises(InputError, match=r"DONE: this run was not finished \(go on with it: .* --resume RUN\)"):
+        require_done(run)
+    (run / DONE).touch()
+    require_done(run)
+    require_done(tmp_path)  # no run at all: an image folder
+
+
+def test_what_an_earlier_run_left_is_taken_away_and_nothing_else(tmp_path: Path) -> None:
+    for name in (*RESULTS, "notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    clear(tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["camera", "notes.txt", "video"]
+
+
+def test_only_a_run_that_was_begun_is_resumed(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "typo"):
+        with pytest.raises(UsageError, match=r"--resume: expected the folder of a run, it has no journal.bin"):
+            open_run(folder, resume=True)
+    assert open_run(killed(tmp_path / "run"), resume=True) == tmp_path / "run"
+    assert open_run(tmp_path / "new") == tmp_path / "new"
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    with pytest.raises(UsageError, match="is neither empty nor a run"):
+        open_run(tmp_path / "full")
+
+
+@pytest.mark.parametrize("name", [JOURNAL, "trajectory.json", "video"])
+def test_a_part_that_is_a_link_out_of_the_run_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    run = killed(tmp_path / "run")
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(tmp_path / "elsewhere")
+    for refused in (open_run, require_done):
+        with pytest.raises(InputError, match="leads out of the folder of its run"):
+            refused(run)
+
+
+def test_every_reader_of_runs_refuses_an_unfinished_one(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / DONE).unlink()
+    page, reference = tmp_path / "page", f"builtin:courtyard@{run / 'trajectory.json'}"
+    for words in (
+        ("render", run),
+        ("describe", run),
+        ("study", run, tiny_run, "--out", page),
+        ("transfer", "builtin:courtyard", reference, "--out", tmp_path / "out"),
+    ):
+        answer = command(*words)
+        assert (answer.code, "this run was not finished" in answer.err) == (3, True), answer.err
+
+
+def test_a_run_is_resumed_in_its_own_folder(command: Callable[..., Any], tmp_path: Path) -> None:
+    answer = command("transfer", "--resume", tmp_path / "a", "--out", tmp_path / "b")
+    assert answer.code == 2
+    assert "--out: a run is resumed in its own folder" in answer.err
+    assert not list(tmp_path.iterdir())
