@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -29,12 +30,12 @@ def test_a_killed_run_is_resumed_to_the_same_bits(tmp_path: Path, engine: str) -
     for size in (20_000, 60_000):
         folder = ["--resume", str(killed)] if killed.exists() else ["--out", str(killed)]
         process = start(folder, tmp_path, *more)
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 100
         while process.poll() is None and time.monotonic() < deadline:
             if journal.exists() and journal.stat().st_size > size * (1 if engine == "refine" else 0.2):
                 process.send_signal(signal.SIGKILL)
             time.sleep(0.005)
-        process.wait(10)
+        process.wait(30)
     before = journal.stat().st_size
     assert before > 0
     last = start(["--resume", str(killed)], tmp_path, *more)
@@ -42,6 +43,9 @@ def test_a_killed_run_is_resumed_to_the_same_bits(tmp_path: Path, engine: str) -
     assert (killed / "trajectory.json").read_bytes() == (whole / "trajectory.json").read_bytes()
     assert (killed / "metrics.csv").read_bytes() == (whole / "metrics.csv").read_bytes()
     assert journal.read_bytes() == (whole / "journal.bin").read_bytes()
+    spent = [json.loads((run / "metrics.json").read_text())["spent"] for run in (killed, whole)]
+    for what in ("evaluations", "renders", "network_passes"):
+        assert spent[0][what] == spent[1][what] > (0 if what != "network_passes" else -1)
 
 
 def test_a_resumed_run_from_another_view_is_refused(tmp_path: Path) -> None:

@@ -49,8 +49,10 @@ class Journal:
         if resume and path.exists():
             records, end = _read(path)
             if records:
-                _compare(path, json.loads(records[0]), header)
+                _compare(path, _parsed(path, records[0]), header)
                 self._recorded = records[1:]
+            elif not _torn_at_once(path):
+                raise InputError(path, "header", "not a journal", "start over without --resume")
         self.replayed = 0
         self._stream = _open(path, end)
         if end == 0:
@@ -114,6 +116,23 @@ def _read(path: Path) -> tuple[list[bytes], int]:
             records.append(payload)
             end = stream.tell()
     return records, end
+
+
+def _torn_at_once(path: Path) -> bool:
+    """Whether the first record of the file was being written when its run was killed."""
+    with path.open("rb") as stream:
+        head = stream.read(_FRAME.size)
+    if len(head) < _FRAME.size:
+        return True
+    length = _FRAME.unpack(head)[0]
+    return length <= RECORD_LIMIT and path.stat().st_size < _FRAME.size + length
+
+
+def _parsed(path: Path, header: bytes) -> object:
+    try:
+        return json.loads(header)
+    except (ValueError, RecursionError):
+        raise InputError(path, "header", "not a journal", "start over without --resume") from None
 
 
 def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:

@@ -22,7 +22,7 @@ from .working_set import WorkingSet
 
 @dataclass
 class Spent:
-    """What a run has cost so far."""
+    """What a search and reading its result back have cost so far; the reference and the lift are read beside it."""
 
     evaluations: int = 0
     renders: int = 0
@@ -127,7 +127,14 @@ class Stage:
 
     def _answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)
-        return compute() if self.journal is None else self.journal.answer(cameras, compute)
+        if self.journal is None:
+            return compute()
+        before = self.journal.replayed
+        answer = self.journal.answer(cameras, compute)
+        if self.journal.replayed > before:  # the run that recorded it has rendered and read it
+            self.spent.renders += len(cameras)
+            self.spent.network_passes += len(cameras) * self.plan.passes
+        return answer
 
     def path_terms(self, reference: Features, cameras: Camera) -> Tensor:
         """Raw terms (N, L) of a path, frame by frame against N reference frames."""

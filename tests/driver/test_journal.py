@@ -52,6 +52,14 @@ def test_a_finished_journal_answers_everything_bit_for_bit(tmp_path: Path) -> No
     assert same(first, again)
 
 
+@pytest.mark.parametrize("content", [b"Dear diary, today", b"\x04\x00\x00\x00\x00\x00\x00\x00{}{}"])
+def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "j").write_bytes(content)
+    with pytest.raises(InputError, match="not a journal"):
+        Journal(tmp_path / "j", HEADER, True)
+    assert (tmp_path / "j").read_bytes() == content
+
+
 def test_without_resume_the_answers_are_discarded(tmp_path: Path) -> None:
     ask_all(tmp_path / "j", False)
     assert ask_all(tmp_path / "j", False)[1] == 5
@@ -102,5 +110,7 @@ def test_another_question_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_length_of_4_gigabytes_is_not_believed(tmp_path: Path) -> None:
-    (tmp_path / "j").write_bytes(b"\xff" * 64)
-    assert ask_all(tmp_path / "j", True)[1] == 5
+    ask_all(tmp_path / "j", False)
+    with (tmp_path / "j").open("ab") as stream:
+        stream.write(b"\xff" * 64)
+    assert ask_all(tmp_path / "j", True)[1] == 0
