@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -27,8 +25,10 @@ from .driver.stage import Stage
 from .features import Features
 from .graph import Family
 from .objective import Objective
+from .onnx import model_content
 from .progress import Progress
 from .reference import Reading, Reference, is_scene, read_reference
+from .run_files import DONE
 from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
@@ -66,6 +66,16 @@ class Record:
 
     path: Path
     resume: bool = False
+
+    def open(self, header: dict[str, Any]) -> Journal:
+        """The journal of a run that depends on ``header``; from now on what lies beside it is not finished.
+
+        Raises:
+            InputError: it is resumed, and is of another run or no journal.
+        """
+        journal = Journal(self.path, header, self.resume)
+        self.path.with_name(DONE).unlink(missing_ok=True)
+        return journal
 
 
 class Clock:
@@ -133,12 +143,12 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
     journal = None
     if record is not None:
-        journal = Journal(record.path, _header(inputs, config, scene, reference), record.resume)
+        journal = record.open(_header(inputs, config, parts, scene, reference))
     stage = Stage(
         scene, parts.renderer, plan, Objective(parts.losses), small, guard=_guard(config, scene), journal=journal
     )
     noise = noise_floor(stage.objective, reference.features, wanted)
-    schedule = make_schedule(config, stage.objective, wanted, noise)
+    schedule = make_schedule(config, search, stage.objective, wanted, noise)
     homes, guide = [] if view is None else [resized(view, output)], None
     subject, refined = scene.subject, schedule.engine == "refine"
     if refined and schedule.warm and subject is not None and config.guide:
@@ -158,23 +168,20 @@ def _guard(config: RunConfig, scene: Scene) -> Guard | None:
     return Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
 
 
-def _header(inputs: Inputs, config: RunConfig, scene: Scene, reference: Reference) -> dict[str, Any]:
+def _header(inputs: Inputs, config: RunConfig, parts: Components, scene: Scene, reference: Reference) -> dict[str, Any]:
     """What the answers of a run depend on."""
-    person = None if scene.subject is None else scene.subject.to_json()
+    networks = {name: model_content(e.model) for name, e in parts.extractors.items() if hasattr(e, "model")}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,
-        "person": _digest(json.dumps(person).encode(), scene.geometry.label.numpy().tobytes()),
+        "person": scene.person_digest,
         "reference": reference.digest,
         "part of the reference": Path(inputs.reference).name.partition("#")[2],
         "init": inputs.init,
+        **{f"network of {name}": content for name, content in networks.items()},
         "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
         "threads": thread_count(),
     }
-
-
-def _digest(*parts: bytes) -> str:
-    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
 def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:

@@ -167,7 +167,7 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         if number < rounds:
             bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
             target, homes = corrected(job.wanted, bias), cameras[0]
-            guide = found.x if path is None else path.x
+            guide = clip.about(cameras[0], found.x if path is None else path.x)
     return attempts
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ..config import RunConfig
 from ..config_adam import AdamConfig
@@ -60,13 +61,15 @@ class Schedule:
         return replace(self, refinement=refinement, basin=math.inf, rescue=math.inf)
 
 
-def make_schedule(config: RunConfig, objective: Objective, reference: Features, noise: float = 0.0) -> Schedule:
+def make_schedule(
+    config: RunConfig, search: Any, objective: Objective, reference: Features, noise: float = 0.0
+) -> Schedule:
     """The schedule of ``config`` for a reference of N frames, whose totals are uncertain by ``noise``."""
     tolerance = max(config.tolerance, QUIET * noise)
     free = config.zoom == "free"
     if config.zoom == "auto" and "filmic_space" in objective.names:
         free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
-    note = _why_cma_alone(config, objective) if config.engine == "refine" else ""
+    note = _why_cma_alone(config, search, objective) if config.engine == "refine" else ""
     return Schedule(
         engine="cma" if note else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, tolerance),
@@ -85,7 +88,11 @@ def make_schedule(config: RunConfig, objective: Objective, reference: Features, 
     )
 
 
-def _why_cma_alone(config: RunConfig, objective: Objective) -> str:
+def _why_cma_alone(config: RunConfig, search: Any, objective: Objective) -> str:
+    if not getattr(search, "refinable", True):
+        return (
+            f"CMA-ES alone: {next(iter(config.search))} turns about a free axis, which no slope tells before it turns"
+        )
     if config.extract.inner == "image":
         return "CMA-ES alone: differences taken through noisy networks mislead a refinement"
     without = [name for name, loss in objective.losses.items() if not hasattr(loss, "residuals")]

@@ -37,6 +37,12 @@ class WholeClip:
         """N cameras of x (N, D)."""
         return self.search.cameras(x, self.home, self.stage.scene.subject)
 
+    def about(self, home: Camera, x: Tensor) -> Tensor:
+        """A path x (N, D) as the same cameras are written about another ``home``; about the subject it stays as is."""
+        if self.search.needs_subject:
+            return x
+        return self.search.vector(self.cameras(x), home, self.stage.scene.subject)[:, : x.shape[1]]
+
     def lens(self, dimensions: int) -> Tensor | None:
         """Direction (D,) of x along which the focal length changes; None where it does not."""
         return getattr(self.search, "lens", None) if dimensions == self.search.dimensions else None

@@ -31,6 +31,7 @@ class Search(Protocol):
         """B cameras of x (B, D) or, at the focal length of ``home``, (B, D - 1)."""
         ...
 
+    # Optional: refinable, False where the slopes about a camera do not tell every move; the engine refine is then cma.
     # Optional: lens, the direction (D,) of x along which the focal length changes.
     # Optional: aimed(x, home, subject, reference) -> x: x moved, without rendering, so that the subject's known joints
     # appear where and as large as one reference frame has them.

@@ -1,0 +1,34 @@
+"""The engine is the one asked for, unless something it needs is not there, and then it is said."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.schedule import Schedule, make_schedule
+from cltransfer.objective import Objective
+from cltransfer.registry import SEARCHES
+from cltransfer.testing import sample_features
+from cltransfer.testing.samples import sample_cameras, sample_subject
+
+
+def schedule(*overrides: str) -> Schedule:
+    config = load_config(overrides=overrides)
+    objective = Objective(Components.build(config).losses)
+    return make_schedule(config, config.build_one("search"), objective, sample_features(0, 2))
+
+
+@pytest.mark.parametrize("name", SEARCHES.names())
+def test_a_search_is_refined_only_if_slopes_tell_every_move(name: str) -> None:
+    """About the initial view every change of the camera, in six degrees of freedom and the lens, has a slope."""
+    search, home, subject = SEARCHES.build(name), sample_cameras(0, 1), sample_subject()
+    x = search.vector(home, home, subject)[0]
+    around = x + 1e-4 * torch.eye(len(x), dtype=x.dtype)
+    moved = search.cameras(torch.cat([x[None], around]), home, subject)
+    slopes = torch.cat([moved.w2c.flatten(1), moved.focal[:, None] / home.focal], dim=1)
+    rank = int(torch.linalg.matrix_rank((slopes[1:] - slopes[0]) / 1e-4, tol=1e-3))
+    made = schedule(f"search.{name}={{}}")
+    assert (rank == 7) == (made.engine == "refine")
+    assert (name in made.note) == (made.engine == "cma")
