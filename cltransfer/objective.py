@@ -61,8 +61,12 @@ class Objective:
         A term the reference lacks costs nothing, whatever is rendered; a term that only the render lacks costs its
         penalty, so that leaving the frame never pays.
         """
-        priced = torch.where(torch.isfinite(terms), terms, self.penalties)
+        priced = self.priced(terms, defined)
         return torch.where(defined, priced * self.weights, torch.zeros_like(priced))
+
+    def priced(self, terms: Tensor, defined: Tensor) -> Tensor:
+        """Raw terms (B, L) with the penalty where only the render lacks one; NaN where the reference does."""
+        return torch.where(torch.isfinite(terms), terms, self.penalties).masked_fill(~defined, torch.nan)
 
     @property
     def groups(self) -> Tensor | None:

@@ -16,6 +16,7 @@ import numpy as np
 from .catalogue import entry_of_file
 from .errors import ModelError, UsageError
 from .files import cache_dir, content_hash
+from .registry import code_of
 from .threads import thread_count
 
 if TYPE_CHECKING:
@@ -63,9 +64,9 @@ def find_model(name: str) -> Path:
 
 
 def reading(extractor: Any) -> dict[str, Any]:
-    """What an extractor's answers depend on: its options, and the content of its network where it has one."""
+    """What an extractor's answers depend on: its options, its network's content, and its code where it is a plugin."""
     network = {"sha256": model_content(extractor.model)} if hasattr(extractor, "model") else {}
-    return {**asdict(extractor), **network}
+    return {**asdict(extractor), **network, "code": code_of(extractor)}
 
 
 def model_content(name: str) -> str:

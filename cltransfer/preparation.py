@@ -28,6 +28,7 @@ from .objective import Objective
 from .onnx import model_content
 from .progress import Progress
 from .reference import Reading, Reference, is_scene, read_reference
+from .registry import code_of
 from .run_files import DONE
 from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
@@ -171,6 +172,7 @@ def _guard(config: RunConfig, scene: Scene) -> Guard | None:
 def _header(inputs: Inputs, config: RunConfig, parts: Components, scene: Scene, reference: Reference) -> dict[str, Any]:
     """What the answers of a run depend on."""
     networks = {name: model_content(e.model) for name, e in parts.extractors.items() if hasattr(e, "model")}
+    code = {name: code_of(part) for name, part in {**parts.extractors, **parts.losses}.items()}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,
@@ -179,6 +181,7 @@ def _header(inputs: Inputs, config: RunConfig, parts: Components, scene: Scene, 
         "part of the reference": Path(inputs.reference).name.partition("#")[2],
         "init": inputs.init,
         **{f"network of {name}": content for name, content in networks.items()},
+        **{f"code of {name}": content for name, content in code.items() if content},
         "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
         "threads": thread_count(),
     }

@@ -5,11 +5,14 @@ from __future__ import annotations
 import ast
 import dataclasses
 import difflib
+import hashlib
 import importlib
 import math
 import pkgutil
+import sys
 from collections.abc import Callable, Mapping
 from importlib import resources
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from .errors import ModelError, UsageError
@@ -103,6 +106,15 @@ class Registry(Generic[T]):
     def options(self, name: str) -> dict[str, Any]:
         """Option names and defaults of component ``name``; required ones are ``'???'``."""
         return {f.name: _default(f) for f in dataclasses.fields(self.get(name))}  # type: ignore[arg-type]
+
+
+def code_of(component: object) -> str:
+    """SHA-256 of the file in which a plugin has written its component; empty for what comes with cltransfer."""
+    module = type(component).__module__
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if module.partition(".")[0] == "cltransfer" or file is None:
+        return ""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:

@@ -14,6 +14,7 @@ from .sweep import Sweep
 
 SIZE = (640, 360)  # [px]
 FRAMES = 24
+DRAWN_REFERENCES = "references"  # folder of them in that of the ablation
 
 
 def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
@@ -30,7 +31,7 @@ def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
                 scene = f"builtin:plaza-{seed}"
                 subject = load_scene(scene).subject
                 assert subject is not None
-                path = (folder / "references" / f"{name}-{seed}.json").resolve()
+                path = (folder / DRAWN_REFERENCES / f"{name}-{seed}.json").resolve()
                 shot(name, subject, SIZE, sweep.metrics.frames or FRAMES, setup=drawn_setup(name, seed)).save(path)
                 made[reference, seed] = f"{scene}@{path}"
     return made

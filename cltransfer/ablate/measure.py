@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..bench.truth import jerk as path_jerk
 from ..components import Components
 from ..config import RunConfig
 from ..driver.stage import Stage
+from ..features import Features
 from ..graph import Family
 from ..objective import Objective
 from ..read_frames import render_features
 from ..readback import read_path
-from ..reference import Reading, read_reference
+from ..reference import Reading, Reference, read_reference
 from ..scenes.lifted import lifted_scene
 from ..scores import Scores, score
 from ..transfer import Result
 
 
-def measured(result: Result, reference: str, config: RunConfig, metrics: RunConfig) -> Scores:
+@dataclass(frozen=True)
+class Measured:
+    """What a result is worth.
+
+    Args:
+        scores: the terms, NaN where undefined.
+        priced: the same, with the penalty where only the render lacks a term, (N, L).
+        directions: which way it errs, signed means over the frames, with their unit; and the jerk of its path.
+    """
+
+    scores: Scores
+    priced: Tensor  # (N, L)
+    directions: Mapping[str, tuple[float, str]]
+
+
+def measured(result: Result, reference: str, config: RunConfig, metrics: RunConfig) -> Measured:
     """Scores of ``result`` at its own size by the losses and extractors of ``metrics``.
 
     As in a transfer, networks read both sides where the reference is a clip and ``extract.verify`` says so.
@@ -33,11 +56,35 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     parts = Components(config.build_one("renderer"), metrics.build("extractors"), metrics.build("losses"))
     family: Family = "scene" if metrics.extract.inner == "geometric" else "image"
     read = read_reference(reference, parts, Reading(config.frames, config.output_side, family))
-    objective = Objective(parts.losses)
     if read.family == "image" and metrics.extract.verify:
         features = render_features(result.image, cameras, result.scene.subject, parts.plan("image"))
-        return score(objective, read.features, features, read.missing)
-    scene = lifted_scene(result.scene, parts.renderer, parts.extractors) if family == "scene" else result.scene
-    plan = parts.plan(family, shared=read.features.names())
-    stage = Stage(scene, parts.renderer, plan, objective, cameras.size)
-    return score(objective, read.features, read_path(stage, cameras), read.missing)
+    else:
+        scene = lifted_scene(result.scene, parts.renderer, parts.extractors) if family == "scene" else result.scene
+        plan = parts.plan(family, shared=read.features.names())
+        features = read_path(Stage(scene, parts.renderer, plan, Objective(parts.losses), cameras.size), cameras)
+    return _judged(Objective(parts.losses), read, features, _jerk(result))
+
+
+def _judged(objective: Objective, read: Reference, features: Features, jerk: float) -> Measured:
+    scores = score(objective, read.features, features, read.missing)
+    terms = torch.stack([term.values for term in scores.terms], dim=1)
+    ways = dict(directions(objective, read.features, features))
+    return Measured(
+        scores, objective.priced(terms, objective.defined(read.features)), {**ways, "jerk": (jerk, "per frame cubed")}
+    )
+
+
+def _jerk(result: Result) -> float:
+    person = result.scene.subject
+    return float("nan") if person is None else path_jerk(result.trajectory.camera, person.height)
+
+
+def directions(
+    objective: Objective, reference: Features, rendered: Features
+) -> Iterator[tuple[str, tuple[float, str]]]:
+    """Signed means over the frames of the residuals that a loss names in ``signs``, with its unit; NaN of none."""
+    for loss in objective.losses.values():
+        signs = getattr(loss, "signs", ())
+        if signs and all(reference.has(name) and rendered.has(name) for name in loss.requires):
+            means = loss.residuals(reference, rendered).double().nanmean(0)
+            yield from ((sign, (float(mean), loss.unit)) for sign, mean in zip(signs, means))

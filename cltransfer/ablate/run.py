@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..bench.section import commit
 from ..components import Components
 from ..errors import UsageError
 from ..files import check_out, write_json, write_text
 from ..progress import Progress, silent
-from .drawn import draw_references
+from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
 from .summary import CONFIDENCE, FEWEST, RowSummary, summarise
 from .sweep import Sweep
-from .tables import differences_table, failure_lines, to_csv, to_latex, to_markdown, values_table
+from .tables import differences_table, directions_table, failure_lines, to_csv, to_latex, to_markdown, values_table
 from .trial import Job, Outcome, trials
 
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"
@@ -79,9 +81,10 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     job = Job(options.plugins, str((options.out / "runs").resolve()) if options.keep_runs else None)
     progress("trials", len(asked) - len(missing), len(asked))
+    here = commit()
     for done, outcome in enumerate(outcomes(missing, job, sweep.file.engine), len(asked) - len(missing) + 1):
+        known[outcome.key] = outcome = replace(outcome, commit=here)
         append(options.out / LEDGER, outcome)
-        known[outcome.key] = outcome
         progress("trials", done, len(asked))
     found = tuple(known[trial.key] for trial in asked)
     ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found)
@@ -91,7 +94,8 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
 
 def _check_folder(out: Path) -> None:
     check_out(out)
-    if out.is_dir() and any(out.iterdir()) and not (out / FILE).is_file():
+    there = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    if not there <= {DRAWN_REFERENCES} and FILE not in there:  # what is drawn comes first
         raise UsageError(out, "--out", "is neither empty nor an ablation", "name another folder")
 
 
@@ -112,8 +116,9 @@ def markdown(ablation: Ablation) -> list[str]:
         lines += [ablation.sweep.file.about, ""]
     lines += [
         f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), all rows measured by the",
-        "same metrics, lower is better; (a/b): only a of b frames have a value. Failed trials have no value and are",
-        "counted. Seeds that change nothing (a fixed reference, refinement) count as trials all the same.",
+        "same metrics, lower is better; (a/b): only a of b frames have a value, where the render alone lacks one it",
+        "pays the penalty. Failed trials have no value and are counted. Seeds that change nothing (a fixed reference,",
+        f"refinement) count as trials all the same. Measured at {', '.join(_commits(ablation))}.",
         "",
         *to_markdown(values_table(ablation.rows)),
     ]
@@ -125,8 +130,32 @@ def markdown(ablation: Ablation) -> list[str]:
             "",
         ]
         lines += to_markdown(differences_table(ablation.rows))
+    if any(row.directions for row in ablation.rows):
+        lines += [
+            "",
+            "Which way a row errs: mean of render less reference, 0 is right (jerk is that of the path); bold: apart",
+            "from the first row, as above.",
+            "",
+        ]
+        lines += to_markdown(directions_table(ablation.rows))
+    lines += ["", *_notes(ablation)]
     failures = failure_lines(ablation.outcomes)
-    return [*lines, "", f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.", *failures]
+    return [*lines, f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.", *failures]
+
+
+def _commits(ablation: Ablation) -> list[str]:
+    return sorted({outcome.commit or "an earlier commit" for outcome in ablation.outcomes})
+
+
+def _notes(ablation: Ablation) -> list[str]:
+    """What the searches of a row have to say, and losses of a row that nothing measures."""
+    said = Counter((outcome.row, outcome.note) for outcome in ablation.outcomes if outcome.note)
+    notes = [f"- {row}: {note} ({count} trials)" for (row, note), count in said.items()]
+    for row in ablation.sweep.rows:
+        for name in row.config.losses.keys() - ablation.sweep.metrics.losses.keys():
+            hint = f"`metrics: {{losses: {{{name}: {{}}}}}}` measures it in every row, and adds it to the total"
+            notes.append(f"- {row.name}: {name} is not measured; {hint}")
+    return [*sorted(notes), ""] if notes else []
 
 
 def summary_values(ablation: Ablation) -> dict[str, Any]:

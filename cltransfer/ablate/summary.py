@@ -8,7 +8,7 @@ from statistics import fmean
 
 import numpy as np
 
-from .trial import Case, Outcome
+from .trial import Case, Metric, Outcome
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
@@ -64,6 +64,7 @@ class RowSummary:
         name: in the file.
         trials, failed: how many, and how many of them without a result.
         metrics: by name, the total last.
+        directions: which way the row errs, by name.
         evaluations: a frame, mean.
         seconds: a trial, mean over those with a result.
     """
@@ -72,6 +73,7 @@ class RowSummary:
     trials: int
     failed: int
     metrics: dict[str, Measure]
+    directions: dict[str, Measure]
     evaluations: float | None
     seconds: float | None
 
@@ -104,34 +106,43 @@ def summarise(rows: Iterable[str], outcomes: Iterable[Outcome]) -> list[RowSumma
     by_row: dict[str, list[Outcome]] = {name: [] for name in rows}
     for outcome in outcomes:
         by_row[outcome.row].append(outcome)
-    names = list(dict.fromkeys(n for found in by_row.values() for o in found for n in o.metrics or {}))
     first = next(iter(by_row.values()))
-    return [
-        _row(name, found, {n: _measure(n, found, None if found is first else first) for n in names})
-        for name, found in by_row.items()
-    ]
+    kinds = [(kind, _names(kind, by_row.values())) for kind in ("metrics", "directions")]
+    return [_row(name, found, None if found is first else first, kinds) for name, found in by_row.items()]
 
 
-def _row(name: str, found: list[Outcome], metrics: dict[str, Measure]) -> RowSummary:
+def _names(kind: str, rows: Iterable[list[Outcome]]) -> list[str]:
+    """Everything of a ``kind``, metrics or directions, that some outcome tells."""
+    return list(dict.fromkeys(name for found in rows for outcome in found for name in _told(outcome, kind)))
+
+
+def _told(outcome: Outcome, kind: str) -> dict[str, Metric]:
+    return getattr(outcome, kind) or {}
+
+
+def _row(
+    name: str, found: list[Outcome], first: list[Outcome] | None, kinds: list[tuple[str, list[str]]]
+) -> RowSummary:
     done = [outcome for outcome in found if outcome.metrics is not None]
     evaluations = fmean(o.evaluations / o.frames for o in done) if done else None
     seconds = fmean(o.seconds for o in done) if done else None
-    return RowSummary(name, len(found), len(found) - len(done), metrics, evaluations, seconds)
+    metrics, directions = ({n: _measure(kind, n, found, first) for n in names} for kind, names in kinds)
+    return RowSummary(name, len(found), len(found) - len(done), metrics, directions, evaluations, seconds)
 
 
-def _measure(name: str, found: list[Outcome], first: list[Outcome] | None) -> Measure:
-    values = _values(name, found)
+def _measure(kind: str, name: str, found: list[Outcome], first: list[Outcome] | None) -> Measure:
+    values = _values(kind, name, found)
     difference = None
     if first is not None:
-        held = _values(name, first)
+        held = _values(kind, name, first)
         difference = estimate([values[case] - held[case] for case in values if case in held])
-    terms = [(outcome.metrics[name], outcome.frames) for outcome in found if outcome.metrics is not None]
+    terms = [(_told(outcome, kind)[name], outcome.frames) for outcome in found if name in _told(outcome, kind)]
     unit = terms[0][0].unit if terms else ""
     return Measure(
         estimate(list(values.values())), difference, unit, sum(t.defined for t, _ in terms), sum(n for _, n in terms)
     )
 
 
-def _values(name: str, found: list[Outcome]) -> dict[Case, float]:
-    means = {o.case: o.metrics[name].mean for o in found if o.metrics is not None}
+def _values(kind: str, name: str, found: list[Outcome]) -> dict[Case, float]:
+    means = {o.case: _told(o, kind)[name].mean for o in found if name in _told(o, kind)}
     return {case: mean for case, mean in means.items() if mean is not None}

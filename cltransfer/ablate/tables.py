@@ -51,6 +51,21 @@ def differences_table(rows: Sequence[RowSummary]) -> Table:
     return Table((f"difference to {rows[0].name}", *names), tuple(cells), frozenset(bold))
 
 
+def directions_table(rows: Sequence[RowSummary]) -> Table:
+    """Which way every row errs: signed means, bold where apart from the first row's, case by case."""
+    units = {name: measure.unit for row in rows for name, measure in row.directions.items() if measure.unit}
+    names = list(rows[0].directions)
+    found = [[row.directions[name] for name in names] for row in rows]
+    cells = [(row.name, *(_interval(m.value, _with_sign) for m in measures)) for row, measures in zip(rows, found)]
+    bold = {
+        (i, j + 1)
+        for i, measures in enumerate(found)
+        for j, measure in enumerate(measures)
+        if measure.difference is not None and measure.difference.certain
+    }
+    return Table(("which way", *(f"{name} [{units.get(name, '')}]" for name in names)), tuple(cells), frozenset(bold))
+
+
 def _metrics(rows: Sequence[RowSummary]) -> list[str]:
     return list(rows[0].metrics)
 
@@ -116,7 +131,7 @@ def to_csv(rows: Sequence[RowSummary]) -> str:
     lines.writerow(CSV_HEADER)
     for row in rows:
         cost = [row.trials, row.failed, row.evaluations, row.seconds]
-        for name, m in row.metrics.items():
+        for name, m in [*row.metrics.items(), *row.directions.items()]:
             difference = [""] * 4 if m.difference is None else _numbers(m.difference)
             lines.writerow([row.name, name, m.unit, *_numbers(m.value), *difference, m.defined, m.frames, *cost])
         if not row.metrics:

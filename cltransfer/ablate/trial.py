@@ -5,17 +5,21 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
 from .. import __version__
-from ..config import RunConfig
+from ..config import SECTIONS, RunConfig
 from ..errors import CltransferError, InputError
 from ..files import content_hash
 from ..onnx import model_content
+from ..registry import code_of
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 from .sweep import SceneConfig, Sweep
@@ -70,7 +74,10 @@ class Job:
 
 @dataclass(frozen=True)
 class Metric:
-    """One term of one result: mean raw value over the frames that have one, None where none has."""
+    """One number of one result: mean raw value over the frames in which the reference has one, None where it has none.
+
+    A render that lacks the term there pays its penalty.
+    """
 
     mean: float | None
     unit: str
@@ -86,6 +93,9 @@ class Outcome:
         key, row, case: of the trial.
         failed: why there is no result, empty where there is one.
         metrics: by name, the weighted total last.
+        directions: which way the result errs, see :func:`cltransfer.ablate.measure.measured`.
+        note: what a reader must know of the search, empty where nothing.
+        commit: that it was measured at.
         frames: of the result.
         evaluations, network_passes: what the search cost.
         seconds: on the clock of the worker.
@@ -100,6 +110,9 @@ class Outcome:
     evaluations: int = 0
     network_passes: int = 0
     seconds: float = 0.0
+    directions: dict[str, Metric] | None = None
+    note: str = ""
+    commit: str = ""
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> Outcome:
@@ -108,9 +121,10 @@ class Outcome:
         Raises:
             TypeError: it is of another make.
         """
-        metrics = raw.pop("metrics", None)
-        named = None if metrics is None else {name: Metric(**values) for name, values in metrics.items()}
-        return cls(**{**raw, "case": Case(**raw["case"]), "metrics": named})
+        for key in ("metrics", "directions"):
+            if raw.get(key) is not None:
+                raw[key] = {name: Metric(**values) for name, values in raw[key].items()}
+        return cls(**{**raw, "case": Case(**raw["case"])})
 
 
 def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
@@ -130,8 +144,8 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
             used = row.scene or scene
             config = replace(row.config, seed=seed)
             content = [_digest(used.scene), _digest(used.init), _digest(used.subject), used.up, _digest(source)]
-            networks = [_networks(config), _networks(sweep.metrics)]
-            answers = [__version__, asdict(config), asdict(sweep.metrics), content, networks]
+            parts = [_parts(config), _parts(sweep.metrics)]
+            answers = [__version__, asdict(config), asdict(sweep.metrics), content, parts]
             key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
             case = Case(_shown(scene.scene), _shown(reference), seed)
             found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
@@ -150,10 +164,10 @@ def _shown(source: str) -> str:
     return "@".join(part if ":" in part else Path(part).name for part in source.split("@"))
 
 
-def _networks(config: RunConfig) -> dict[str, str]:
-    """Contents of the networks that a config names, by extractor."""
-    built = config.build("extractors")
-    return {name: model_content(extractor.model) for name, extractor in built.items() if hasattr(extractor, "model")}
+def _parts(config: RunConfig) -> list[list[str]]:
+    """Code of the plugins and content of the networks that a config names."""
+    built = [part for section in SECTIONS for part in config.build(section).values()]
+    return [[code_of(part), model_content(part.model) if hasattr(part, "model") else ""] for part in built]
 
 
 def _digest(source: str | None) -> str:
@@ -205,17 +219,28 @@ def _run(trial: Trial, job: Job) -> Outcome:
     subject = None if scene.subject is None else Path(scene.subject)
     inputs = Inputs(scene.scene, trial.reference, scene.init, subject, up)
     result = transfer(inputs, trial.config)
-    scores = measured(result, trial.reference, trial.config, trial.metrics)
+    found = measured(result, trial.reference, trial.config, trial.metrics)
+    scores = found.scores
     if job.runs is not None:
         from ..run_folder import write_run
 
         write_run(Path(job.runs) / trial.key, result, inputs, trial.config, job.plugins)
-    metrics = {term.name: Metric(term.mean, term.unit, term.defined, term.reason) for term in scores.terms}
+    metrics = {
+        term.name: Metric(_number(found.priced[:, i].nanmean()), term.unit, term.defined, term.reason)
+        for i, term in enumerate(scores.terms)
+    }
     metrics["total"] = Metric(float(scores.totals.mean()), "", len(scores.totals), "")
-    spent = result.spent
+    ways = {
+        name: Metric(_number(mean), unit, len(scores.totals), "") for name, (mean, unit) in found.directions.items()
+    }
     return Outcome(
-        trial.key, trial.row, trial.case, "", metrics, len(scores.totals), spent.evaluations, spent.network_passes
-    )
+        trial.key, trial.row, trial.case, "", metrics, len(scores.totals),
+        result.spent.evaluations, result.spent.network_passes, directions=ways, note=result.schedule.note,
+    )  # fmt: skip
+
+
+def _number(value: float | Tensor) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 @functools.cache

@@ -98,8 +98,7 @@ class Verdict:
 def judge(objective: Objective, reference: Features, rendered: Features) -> Verdict:
     """Score N rendered frames against N reference frames."""
     terms, defined = objective.terms(reference, rendered), objective.defined(reference)
-    priced = torch.where(torch.isfinite(terms), terms, objective.penalties).masked_fill(~defined, float("nan"))
-    return Verdict(objective.names, terms, priced, objective.totals(terms, defined))
+    return Verdict(objective.names, terms, objective.priced(terms, defined), objective.totals(terms, defined))
 
 
 def random_total(reader: Reader, reference: Features, scene: Scene, seed: int) -> float:

@@ -95,6 +95,7 @@ class FilmicSpace:
     unit: ClassVar[str] = "log ratio"
     penalty: ClassVar[float] = 2 * math.log(10)
     groups: ClassVar[tuple[int, ...]] = (0, 1)
+    signs: ClassVar[tuple[str, ...]] = ("background farther", "foreground farther")
 
     def __post_init__(self) -> None:
         if self.mismatch < 0:

@@ -65,6 +65,7 @@ class Framing:
     unit: ClassVar[str] = "frame"
     penalty: ClassVar[float] = 2**0.5
     groups: ClassVar[tuple[int, ...]] = (0, 0)
+    signs: ClassVar[tuple[str, ...]] = ("further right", "further down")
 
     def __post_init__(self) -> None:
         if self.mode == "faithful":

@@ -97,6 +97,7 @@ class ShotSize:
     unit: ClassVar[str] = "frame"
     penalty: ClassVar[float] = 1.0
     groups: ClassVar[tuple[int, ...]] = (0,)
+    signs: ClassVar[tuple[str, ...]] = ("larger",)
 
     def __post_init__(self) -> None:
         if self.mode == "faithful":

@@ -106,13 +106,21 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     shot = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:moonwalk']")
     assert "shot 'moonwalk'" in shot.err
     assert not out.exists()
+    typo = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:pan']", "scenes=[nope.ply]")
+    assert "nope.ply: no such file" in typo.err
+    assert command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:pan']", "frames=1").code == 0
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")
     taken = command("ablate", sweep_file("{a: {}}"), "--out", tmp_path / "other")
     assert taken.code == 2
     assert "is neither empty nor an ablation" in taken.err
     nobody = command(
-        "ablate", sweep_file("{a: {}}"), "--out", out, "engine.backend=dask", "engine.address=tcp://256.0.0.1:1"
+        "ablate",
+        sweep_file("{a: {}}"),
+        "--out",
+        tmp_path / "d",
+        "engine.backend=dask",
+        "engine.address=tcp://256.0.0.1:1",
     )
     assert nobody.code == 5, nobody.err
     assert nobody.err.count("error:") == 1

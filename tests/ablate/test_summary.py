@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cltransfer.ablate.summary import estimate, summarise
-from cltransfer.ablate.tables import differences_table, to_csv, to_latex, to_markdown, values_table
+from cltransfer.ablate.tables import differences_table, directions_table, to_csv, to_latex, to_markdown, values_table
 from cltransfer.ablate.trial import Case, Metric, Outcome
 
 
@@ -73,6 +74,19 @@ def test_a_row_in_which_all_failed_has_no_number() -> None:
     assert {line["failed"] for line in lines if line["row"] == "bad"} == {"1"}
     assert "nan" not in to_csv(rows).lower()
     assert "| bad | 1 | 1 | – | – |" in to_markdown(values_table(rows))[3]
+
+
+def test_which_way_a_row_errs_is_told_with_its_sign() -> None:
+    def erring(row: str, seed: int, larger: float) -> Outcome:
+        return replace(outcome(row, seed, 0.1), directions={"larger": Metric(larger, "frame", 4, "")})
+
+    found = [erring("full", seed, 0.01 * (-1) ** seed) for seed in range(6)]
+    found += [erring("less", seed, -0.3 - 0.01 * seed) for seed in range(6)] + [failed("bad", 0)]
+    table = directions_table(summarise(["full", "less", "bad"], found))
+    assert table.header == ("which way", "larger [frame]")
+    assert table.rows[1][1].startswith("-0.325 [")
+    assert table.rows[2][1] == "–"
+    assert table.bold == {(1, 1)}
 
 
 def test_tables_say_the_same_in_markdown_and_latex_whatever_a_row_is_called() -> None:

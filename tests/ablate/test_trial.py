@@ -9,7 +9,11 @@ import pytest
 
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.trial import _content, trials
+from cltransfer.plugins import allow
+from cltransfer.registry import LOSSES
 from cltransfer.scenes.lifted import LABELS, SUBJECT
+
+PLUGIN = Path(__file__).parents[2] / "plugins" / "rule_of_thirds.py"
 
 SWEEP = """
 references: ['builtin:orbit']
@@ -19,19 +23,19 @@ rows: {full: {}, none: {losses: {framing: null}}}
 
 
 @pytest.fixture
-def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
+def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[str]]:
     """Keys of a small sweep in a scene, networks read from the test's folder."""
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
 
-    def read(scene: str) -> list[str]:
+    def read(scene: str, base: str = "preset: fast") -> list[str]:
         _content.cache_clear()
-        (tmp_path / "sweep.yaml").write_text(SWEEP + f"scenes: ['{scene}']\n")
+        (tmp_path / "sweep.yaml").write_text(SWEEP.replace("preset: fast", base) + f"scenes: ['{scene}']\n")
         return [trial.key for trial in trials(read_sweep(str(tmp_path / "sweep.yaml")), {})]
 
     return read
 
 
-def test_another_network_of_the_same_name_is_another_trial(keys: Callable[[str], list[str]], tmp_path: Path) -> None:
+def test_another_network_of_the_same_name_is_another_trial(keys: Callable[..., list[str]], tmp_path: Path) -> None:
     seen = []
     for content in (b"first", b"second", b"first"):
         (tmp_path / "depth.onnx").write_bytes(content)
@@ -40,12 +44,25 @@ def test_another_network_of_the_same_name_is_another_trial(keys: Callable[[str],
     assert len(set(seen[0])) == 2
 
 
-def test_another_part_of_a_scene_is_another_trial(keys: Callable[[str], list[str]], tmp_path: Path) -> None:
+def test_another_part_of_a_scene_is_another_trial(keys: Callable[..., list[str]], tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text("parts: [{file: wall.obj, label: scene}]\n")
     seen = []
     for height in (1, 2):
         (tmp_path / "wall.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 {height} 0\nf 1 2 3\n")
         seen.append(keys("scene.yaml"))
+    assert not set(seen[0]) & set(seen[1])
+
+
+def test_a_plugin_that_was_edited_is_another_trial(
+    keys: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LOSSES, "_classes", dict(LOSSES._classes))
+    seen = []
+    for comment in ("", "# edited"):
+        LOSSES._classes.pop("rule_of_thirds", None)
+        (tmp_path / "rule_of_thirds.py").write_text(PLUGIN.read_text() + comment)
+        allow([tmp_path / "rule_of_thirds.py"])
+        seen.append(keys("builtin:courtyard", "losses: {rule_of_thirds: {}}"))
     assert not set(seen[0]) & set(seen[1])
 
 
