@@ -65,11 +65,15 @@ class Trial:
         """What is equal for all methods: trials are paired by it."""
         return self.shot, self.teacher, self.pupil, self.seed, self.frames
 
-    def key(self) -> str:
-        """Digest of the trial, the config it comes to, what the judge reads and scores by, and the protocol."""
+    def key(self, networks: bool = False) -> str:
+        """Digest of the trial, the config it comes to, what the judge reads and scores by, and the protocol.
+
+        A row that is read by ``networks`` too is another one.
+        """
         config = config_of(self.method, self.pupil, self.seed, self.options).to_yaml()
         judge = judge_config(self.pupil)
-        text = json.dumps([PROTOCOL, asdict(self), config, judge.extractors, judge.losses], sort_keys=True)
+        told = [PROTOCOL, asdict(self), config, judge.extractors, judge.losses, *(["networks"] if networks else [])]
+        text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -127,7 +127,7 @@ class Bench:
 
 def run_trials(trials: list[Trial], bench: Bench, told: Callable[[str], None] = lambda line: None) -> list[Row]:
     """Rows of all trials, in their order; see :func:`kept_rows`."""
-    tasks = {trial.key(): trial for trial in trials}
+    tasks = {trial.key(bench.networks): trial for trial in trials}
     measure = partial(_measured, folder=bench.folder, networks=bench.networks)
     return kept_rows(
         tasks, measure, bench.folder, bench.jobs, told, lambda row: f"{row['method']}, {row['shot']}, {row['pupil']}"

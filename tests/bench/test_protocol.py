@@ -57,6 +57,7 @@ def test_a_key_tells_trials_and_configs_apart():
     ]
     assert len({TRIAL.key(), *(trial.key() for trial in others)}) == 5
     assert TRIAL.key() == Trial("fast", *TRIAL.clip[:4]).key()
+    assert TRIAL.key(networks=True) != TRIAL.key()
 
 
 @pytest.mark.parametrize("name", METHODS)

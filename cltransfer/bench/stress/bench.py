@@ -30,7 +30,7 @@ class StressBench:
         methods: see :mod:`cltransfer.bench.methods`.
         stressors: keys of :data:`cltransfer.bench.stress.trial.STRESSORS`.
         seeds: of the clips and the stress.
-        frames: of each clip.
+        frames: of each clip, unless a stressor needs more.
         options: config overrides of every method.
     """
 
@@ -42,10 +42,12 @@ class StressBench:
 
     def trials(self) -> list[StressTrial]:
         """Every method on every clip, without stress and at every level of every stressor; one clip a seed."""
-        stressed = [(stressor, level) for stressor in self.stressors for level in range(1, LEVELS)]
+        frames = {stressor: max(self.frames, STRESSORS[stressor].frames) for stressor in self.stressors}
+        calm = [("", 0, count) for count in sorted(set(frames.values()))]
+        stressed = [(stressor, level, frames[stressor]) for stressor in self.stressors for level in range(1, LEVELS)]
         return [
-            StressTrial(method, stressor, level, *self._clip(seed), seed, self.frames, self.options)
-            for stressor, level in [("", 0), *stressed]
+            StressTrial(method, stressor, level, *self._clip(seed), seed, count, self.options)
+            for stressor, level, count in [*calm, *stressed]
             for seed in self.seeds
             for method in self.methods
         ]
@@ -101,7 +103,9 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         f"Made by `{command}`. What a method is given is made worse in one way; the clip as it was before judges what",
         "it found, and a clip fails by the definition of protocol.md. Breakdown: level at which half of the clips",
         "fail, of five, with its value. Worst tenth and spread (between quartiles): of totals, 1 is every term at its",
-        "tolerance. Growth: last third of the frames less the first. Breaks first: the term that has grown most.",
+        "tolerance. Growth: last third of the frames less the first. Grew most: the weighted term that has, to the",
+        "level at which half fail, or else to the last; none where nothing grew.",
+        *_budgets(rows),
         *machine(),
         measured_at(rows),
         "",
@@ -119,6 +123,12 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         *table(STRICTER_HEADER, stricter(rows, found[0].method)),
     ]
     write_section(path, "Stress", lines)
+
+
+def _budgets(rows: Sequence[Row]) -> list[str]:
+    """What was changed of the methods' own configs, so that nobody takes a cut budget for a whole one."""
+    options = sorted({option for row in rows for option in row["options"]})
+    return [f"Run with {', '.join(options)} over every method's own config."] if options else []
 
 
 def _levels(rows: Sequence[Row]) -> list[list[str]]:

@@ -53,6 +53,7 @@ class Stressor:
         levels: five, from mild to severe.
         strain: the case at a level, with its own random numbers.
         film: the film at a level, for what is done before the camera.
+        frames: that a clip has at least: of fewer, two levels would be the same.
     """
 
     what: str
@@ -60,3 +61,4 @@ class Stressor:
     levels: tuple[float, float, float, float, float]
     strain: Callable[[Case, float, np.random.Generator], Case] = lambda case, level, rng: case
     film: Callable[[Film, float], Film] = lambda film, level: film
+    frames: int = 1

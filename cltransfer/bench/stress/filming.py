@@ -18,6 +18,8 @@ def reshaped(film: Film, aspect: float) -> Film:
 
 
 FILMING = {
-    "fast_motion": Stressor("the move in fewer frames", "times as fast", (1.5, 2.0, 3.0, 4.0, 6.0), film=faster),
+    "fast_motion": Stressor(
+        "the move in fewer frames", "times as fast", (1.5, 2.0, 3.0, 4.0, 6.0), film=faster, frames=12
+    ),
     "aspect_ratio": Stressor("a narrower frame", "width / height", (1.33, 1.0, 0.8, 0.5625, 0.4), film=reshaped),
 }

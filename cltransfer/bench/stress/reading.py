@@ -92,5 +92,7 @@ READING = {
     ),
     "wild_flow": Stressor("patches of wrong flow", "of the frame", (0.05, 0.1, 0.2, 0.4, 0.6), wild_flow),
     "low_texture": Stressor("patches without any flow", "of the frame", (0.2, 0.4, 0.6, 0.8, 1.0), still_flow),
-    "flipped_yaw": Stressor("front and back confused", "of the frames", (0.1, 0.2, 0.3, 0.4, 0.5), flipped_yaw),
+    "flipped_yaw": Stressor(
+        "front and back confused", "of the frames", (0.1, 0.2, 0.3, 0.4, 0.5), flipped_yaw, frames=12
+    ),
 }

@@ -89,9 +89,10 @@ class StressTrial:
 
     @property
     def key(self) -> str:
-        """Digest of the trial and of the config it comes to."""
+        """Digest of the trial, the stress it is put under, the config it comes to, and what it is judged by."""
         config = config_of(self.method, self.pupil, self.seed, self.options).to_yaml()
-        text = json.dumps([VERSION, asdict(self), config], sort_keys=True)
+        value = STRESSORS[self.stressor].levels[self.level - 1] if self.stressor else 0.0
+        text = json.dumps([VERSION, asdict(self), value, config, load_config().to_yaml()], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -12,9 +12,10 @@ from ..trial import Row
 from .trial import STRESSORS
 
 LEVELS = 6  # none and five
+GROWN = 0.01  # weighted, 0.2 is a tolerance: a term that has grown less has not
 HEADER = (
     "stressor", "method", "success by level, none first", "mean total by level", "breakdown", "worst tenth",
-    "spread by seed", "growth along the clip", "breaks first",
+    "spread over clips", "growth along the clip", "grew most",
 )  # fmt: skip
 SHARES = (
     RANDOM_SHARE,
@@ -40,7 +41,8 @@ class StressVerdict:
         worst_tenth: mean total of the worst tenth of all stressed clips, at least one.
         spread: distance of the quartiles of the total over clips and seeds, mean over the levels; NaN for one clip.
         growth: mean total of the last third of the frames less that of the first, over stressed clips.
-        first: the term that has grown most at the breakdown, or at the last level, against none.
+        grown: the weighted term that has grown most at the breakdown, or at the last level, against none; empty where
+            none has grown.
     """
 
     method: str
@@ -51,7 +53,7 @@ class StressVerdict:
     worst_tenth: float
     spread: float
     growth: float
-    first: str
+    grown: str
 
 
 def verdicts(rows: Sequence[Row]) -> list[StressVerdict]:
@@ -59,7 +61,9 @@ def verdicts(rows: Sequence[Row]) -> list[StressVerdict]:
     found = []
     for stressor in dict.fromkeys(row["stressor"] for row in rows if row["stressor"]):
         for method in dict.fromkeys(row["method"] for row in rows):
-            mine = [row for row in rows if row["method"] == method and row["stressor"] in ("", stressor)]
+            own = [row for row in rows if row["method"] == method]
+            frames = {row["frames"] for row in own if row["stressor"] == stressor}
+            mine = [row for row in own if row["stressor"] in ("", stressor) and row["frames"] in frames]
             by_level = [[row for row in mine if row["level"] == level] for level in range(LEVELS)]
             if all(by_level):
                 found.append(_verdict(method, stressor, by_level))
@@ -91,7 +95,7 @@ def _verdict(method: str, stressor: str, by_level: Sequence[Sequence[Row]]) -> S
     stressed = [row for rows in by_level[1:] for row in rows]
     totals = sorted((row["total"] for row in stressed), reverse=True)
     worst = totals[: max(1, round(len(totals) / 10))]
-    broken = LEVELS - 1 if breakdown is None else min(LEVELS - 1, int(breakdown + 1))
+    broken = LEVELS - 1 if breakdown is None else max(1, math.ceil(breakdown))
     return StressVerdict(
         method,
         stressor,
@@ -137,8 +141,9 @@ def _grown_most(before: Sequence[Row], after: Sequence[Row]) -> str:
         known = [row["terms"][name] for row in rows if row["terms"][name] is not None]
         return fmean(known) if known else 0.0
 
-    names = list(after[0]["terms"])
-    return max(names, key=lambda name: mean(after, name) - mean(before, name))
+    grown = {name: mean(after, name) - mean(before, name) for name in after[0]["terms"]}
+    most = max(grown, key=lambda name: grown[name])
+    return most if grown[most] > GROWN else ""
 
 
 def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
@@ -149,7 +154,9 @@ def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
         numbers = [verdict.worst_tenth, verdict.spread, verdict.growth]
         cells = ["" if math.isnan(number) else f"{number:.2f}" for number in numbers]
         totals = " ".join(f"{total:.1f}" for total in verdict.totals)
-        rows.append([verdict.stressor, verdict.method, success, totals, _told(verdict), *cells, verdict.first])
+        rows.append(
+            [verdict.stressor, verdict.method, success, totals, _told(verdict), *cells, verdict.grown or "none"]
+        )
     return rows
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from cltransfer.bench.stress.bench import TIERS, StressBench, run_bench, write_stress
+from cltransfer.bench.stress.case import Film
+from cltransfer.bench.stress.filming import faster
 from cltransfer.bench.stress.trial import STRESSORS, StressTrial, run_stress
 from cltransfer.bench.stress.verdicts import breakdown_point, stricter, summary, verdicts
 from cltransfer.errors import UsageError
@@ -20,6 +22,7 @@ def row(level: int, failed: bool, total: float, method: str = "a", **terms: floa
         "method": method,
         "stressor": "turned_view" if level else "",
         "level": level,
+        "frames": 6,
         "failed": failed,
         "total": total,
         "totals": [total - 0.5, total, total + 0.5],
@@ -43,7 +46,7 @@ def test_a_verdict_says_when_how_badly_how_unevenly_and_why() -> None:
     assert verdict.worst_tenth == 7.0
     assert verdict.spread == pytest.approx(0.5)
     assert verdict.growth == pytest.approx(1.0)
-    assert verdict.first == "shot_size"
+    assert verdict.grown == "shot_size"
     assert verdict.totals == (1.5, 2.5, 3.5, 4.5, 5.5, 6.5)
     assert summary([verdict])[0][4] == "3.0, 90 degrees"
 
@@ -58,9 +61,40 @@ def test_a_stricter_definition_breaks_what_was_poor_all_along() -> None:
     assert told["25 % of random"] == ["b", "1", "0", "0", "1 of 1"]
 
 
+def test_what_has_not_changed_has_not_grown() -> None:
+    (verdict,) = verdicts([row(level, failed=False, total=1.0) for level in range(6)])
+    assert verdict.grown == ""
+    assert summary([verdict])[0][-1] == "none"
+
+
+def test_a_breakdown_at_a_level_is_explained_by_that_level() -> None:
+    rows = [
+        row(level, failed=level >= 3, total=1.0, framing=float(level == 2), shot_size=9.0 * (level > 3))
+        for level in range(6)
+    ]
+    assert verdicts(rows)[0].breakdown == 2.5
+    rows = [{**r, "failed": r["level"] >= 3 and i % 2 == 0} for i, r in enumerate(r for r in rows for _ in range(2))]
+    (verdict,) = verdicts([{**r, "terms": {**r["terms"], "framing": float(r["level"] == 3)}} for r in rows])
+    assert (verdict.breakdown, verdict.grown) == (3.0, "framing")
+
+
+def test_a_stressor_is_held_against_calm_clips_of_its_own_length() -> None:
+    longer = {**row(0, failed=False, total=50.0), "frames": 12}
+    assert verdicts([*made_up(), longer])[0].totals[0] == 1.5
+
+
+@pytest.mark.parametrize("name", ["fast_motion", "flipped_yaw"])
+def test_the_levels_of_a_count_of_frames_differ_on_the_clips_they_are_run_on(name: str) -> None:
+    trials = StressBench(("replay",), (name,), frames=6).trials()
+    assert {trial.frames for trial in trials} == {12}
+    levels = STRESSORS[name].levels
+    counts = [faster(Film(12, (64, 36)), v).frames if name == "fast_motion" else round(12 * v) for v in levels]
+    assert len(set(counts)) == 5
+
+
 def test_a_term_that_the_reference_lacks_breaks_nothing() -> None:
     rows = [{**r, "terms": {**r["terms"], "space": None}} for r in made_up()]
-    assert verdicts(rows)[0].first == "shot_size"
+    assert verdicts(rows)[0].grown == "shot_size"
 
 
 def test_a_method_that_was_not_run_at_every_level_has_no_verdict() -> None:
@@ -109,7 +143,7 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path) -> None:
 
 def test_tiers_say_what_they_run() -> None:
     standard = TIERS["standard"].trials()
-    assert len(standard) == (1 + 5 * len(STRESSORS)) * 4 * 3
+    assert len(standard) == (2 + 5 * len(STRESSORS)) * 4 * 3
     assert len({trial.key for trial in standard[:9]}) == 9
 
 
