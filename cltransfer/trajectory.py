@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from kornia.geometry.conversions import rotation_matrix_to_axis_angle
 from torch import Tensor
 
 from .camera import Camera
@@ -96,3 +97,20 @@ class Trajectory:
             raise InputError(path, "w2c", "expected rotations", "a scaled or mirrored pose cannot be rendered")
         if not bool((self.camera.K[:, [0, 1], [0, 1]] > 0).all()) or min(self.camera.size) < 1:
             raise InputError(path, "K", "expected a positive focal length and size")
+
+
+def jerk(camera: Camera, height: float) -> float:
+    """Root mean square third difference of N cameras from frame to frame: position, rotation and log focal length.
+
+    One number of [subject heights], [rad] and log per frame cubed; NaN for fewer than four frames.
+    """
+    if len(camera) < 4:
+        return float("nan")
+    R = camera.w2c[:, :3, :3]
+    turns = rotation_matrix_to_axis_angle(R[1:] @ R[:-1].transpose(1, 2))  # (N - 1, 3) [rad]
+    thirds: list[Tensor] = [
+        (camera.center / height).diff(dim=0).diff(dim=0).diff(dim=0),
+        turns.diff(dim=0).diff(dim=0),
+        camera.focal.log()[:, None].diff(dim=0).diff(dim=0).diff(dim=0),
+    ]
+    return float(torch.cat(thirds, dim=1).pow(2).sum(1).mean().sqrt())

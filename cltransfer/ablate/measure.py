@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..bench.truth import jerk as path_jerk
 from ..components import Components
 from ..config import RunConfig
 from ..driver.stage import Stage
@@ -20,6 +19,7 @@ from ..readback import read_path
 from ..reference import Reading, Reference, read_reference
 from ..scenes.lifted import lifted_scene
 from ..scores import Scores, score
+from ..trajectory import jerk as path_jerk
 from ..transfer import Result
 
 

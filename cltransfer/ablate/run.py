@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..bench.section import commit
 from ..components import Components
 from ..errors import UsageError
 from ..files import check_out, write_json, write_text
 from ..progress import Progress, silent
+from ..revision import commit
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes

@@ -27,13 +27,12 @@ from ..errors import UsageError
 from ..scenes.load import load_scene
 from ..shots import SHOTS, Setup, shot
 from ..subject import Subject
-from ..trajectory import Trajectory
+from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .driver_chart import write_driver_chart
 from .rows import kept_rows, measured_at
 from .section import machine, table, write_section
 from .trial import Row
-from .truth import jerk
 
 SIZE = (640, 360)  # [px] of the reference
 TEACHER = "builtin:plaza"

@@ -13,8 +13,8 @@ from typing import TypeVar
 
 from ..errors import InputError
 from ..files import refuse_link
+from ..revision import commit
 from .protocol import Trial
-from .section import commit
 from .trial import Row, run_trial
 
 FILE = "rows.jsonl"

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import platform
 import statistics
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 
-from .. import __version__
 from ..files import write_text
+from ..revision import commit
 
 
 def quartiles(times: Sequence[float]) -> tuple[float, float, float]:
@@ -62,22 +61,3 @@ def _cpu() -> str:
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
-
-
-def commit(root: Path | None = None) -> str:
-    """Commit of the checkout at ``root``, this one where it is None; else the version of the package.
-
-    ``-dirty`` if code or configs have changed since: figures and pages, which a benchmark writes itself, do not count.
-    """
-    git = ["git", "-C", str(root or Path(__file__).parents[2])]
-    try:
-        at = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
-        changed = subprocess.run(
-            [*git, "status", "--porcelain", "--", "cltransfer", "configs", "plugins"],
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    except FileNotFoundError:
-        return f"cltransfer {__version__}"
-    if not at.stdout.strip():
-        return f"cltransfer {__version__}"
-    return at.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")

@@ -18,14 +18,14 @@ from ..scenes.load import load_scene
 from ..shot_scale import shot_scale
 from ..shots import shot
 from ..subject import Subject
-from ..trajectory import Trajectory
+from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .failure import failed_clip, failed_frames, pinned_frames
 from .judge import FAITHFUL, HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, random_total
 from .methods import config_of, method
 from .protocol import FPS, SIZE, Trial, drawn_start
 from .replay import replayed
-from .truth import jerk, path_errors
+from .truth import path_errors
 
 Row = dict[str, Any]  # plain values, as JSON gives them back
 

@@ -1,14 +1,12 @@
-"""A path against the true one, and how smooth it is. Lengths in subject heights, so scenes of any unit compare."""
+"""A path against the true one. Lengths in subject heights, so scenes of any unit compare."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import torch
-from kornia.geometry.conversions import rotation_matrix_to_axis_angle
 from kornia.geometry.linalg import inverse_transformation
 from kornia.metrics import angle_error_mat
-from torch import Tensor
 
 from ..camera import Camera
 
@@ -55,20 +53,3 @@ def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
         path_rotation=float(turned.median()),
         path_scale=scale,
     )
-
-
-def jerk(camera: Camera, height: float) -> float:
-    """Root mean square third difference of N cameras from frame to frame: position, rotation and log focal length.
-
-    One number of [subject heights], [rad] and log per frame cubed; NaN for fewer than four frames.
-    """
-    if len(camera) < 4:
-        return float("nan")
-    R = camera.w2c[:, :3, :3]
-    turns = rotation_matrix_to_axis_angle(R[1:] @ R[:-1].transpose(1, 2))  # (N - 1, 3) [rad]
-    thirds: list[Tensor] = [
-        (camera.center / height).diff(dim=0).diff(dim=0).diff(dim=0),
-        turns.diff(dim=0).diff(dim=0),
-        camera.focal.log()[:, None].diff(dim=0).diff(dim=0).diff(dim=0),
-    ]
-    return float(torch.cat(thirds, dim=1).pow(2).sum(1).mean().sqrt())

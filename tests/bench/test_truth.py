@@ -6,8 +6,9 @@ import pytest
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 
-from cltransfer.bench.truth import jerk, path_errors
+from cltransfer.bench.truth import path_errors
 from cltransfer.camera import Camera, intrinsics
+from cltransfer.trajectory import jerk
 
 SIZE = (160, 90)
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from cltransfer.bench.driver import SIZE, TARGETS, TEACHER, drawn, settings
-from cltransfer.bench.truth import jerk
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
+from cltransfer.trajectory import jerk
 from cltransfer.transfer import Inputs, Result, transfer
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer import __version__
-from cltransfer.bench.section import commit
+from cltransfer.revision import commit
 
 
 @pytest.fixture
