@@ -18,7 +18,7 @@ def ablate(
         typer.Argument(
             metavar="[KEY=VALUE]...",
             help="The sweep's are seeds=[0,1] scenes=[..] references=[..] engine.workers=4 engine.backend=dask "
-            "engine.address=tcp://..; anything else goes on top of every row.",
+            "engine.address=tcp://.. (a cluster is named here, not in FILE); anything else goes on top of every row.",
         ),
     ] = None,
     out: Annotated[

@@ -1,6 +1,7 @@
 """Reading an ablation file: everything in it is checked before anything heavy is loaded.
 
-A file names scenes and references inside its own folder, or built-in ones; the command line may name any.
+A file names scenes and references inside its own folder, or built-in ones; the command line may name any. A cluster is
+the command line's alone.
 """
 
 from __future__ import annotations
@@ -38,13 +39,14 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
 
     Raises:
         UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
-            or two rows are the same run.
+            the file names a cluster; or two rows are the same run.
     """
     path = _found(name)
     written = read_yaml(path)
     for key in written:
         if key not in KEYS:
             raise UsageError(path, key, "no such key", nearest(key, KEYS))
+    _refuse_cluster(written.get("engine"), path)
     above = parse_overrides(overrides)
     said = {key: above.pop(key) for key in list(above) if _of_sweep(key, above[key])}
     fence = path.resolve().parent
@@ -62,6 +64,14 @@ def _found(name: str) -> Path:
     if name in ablations():
         return Path(str(shipped_configs() / "ablations" / f"{name}.yaml"))
     raise UsageError(name, "", "no such ablation file", nearest(name, ablations()))
+
+
+def _refuse_cluster(engine: Any, where: Any) -> None:
+    """dask runs here what its scheduler sends, so a file, which may be anybody's, names none."""
+    said = engine if isinstance(engine, Mapping) else {}
+    if said.get("backend") == "dask" or said.get("address") is not None:
+        hint = "as engine.backend=dask engine.address=tcp://host:8786"
+        raise UsageError(where, "engine", "a cluster is named on the command line, not in a file", hint)
 
 
 def _of_sweep(key: str, value: Any) -> bool:

@@ -13,9 +13,10 @@ class EngineConfig:
     """What runs the trials; a run's own ``engine`` is a key of its config.
 
     Args:
-        backend: loky (processes here) or dask (a cluster).
+        backend: loky (processes here) or dask (a cluster; from the command line alone).
         workers: processes of loky; 0 is one for each thread this process may use.
-        address: of dask's scheduler, as tcp://host:8786.
+        address: of dask's scheduler, as tcp://host:8786; from the command line alone, because dask runs here what the
+            scheduler sends.
     """
 
     backend: Literal["loky", "dask"] = "loky"
@@ -46,7 +47,7 @@ class SweepFile:
         rows: overrides by name, in the config's grammar; the first row is what the others are held against. A row's
             ``scene`` stands in for the sweep's one scene.
         metrics: config over the base by which all rows are measured alike, whatever they were searched with.
-        engine: what runs the trials.
+        engine: what runs the trials; a file says workers, and no cluster.
     """
 
     about: str = ""
@@ -91,7 +92,8 @@ class Sweep:
     metrics: RunConfig
 
     def to_yaml(self) -> str:
-        """The file as it was meant."""
+        """The file as it was meant, without the cluster, which no file may name."""
         from omegaconf import OmegaConf
 
-        return OmegaConf.to_yaml(OmegaConf.create(asdict(self.file)))
+        written = {**asdict(self.file), "engine": {"workers": self.file.engine.workers}}
+        return OmegaConf.to_yaml(OmegaConf.create(written))

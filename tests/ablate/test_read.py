@@ -72,6 +72,25 @@ def test_the_engine_of_a_run_and_that_of_the_sweep_are_told_apart(written: Writt
     assert sweep.file.seeds == [3, 4]
 
 
+def test_a_cluster_is_the_command_lines_alone(written: Written, tmp_path: Path) -> None:
+    cluster = ["engine.backend=dask", "engine.address=tcp://127.0.0.1:8786"]
+    for said in ([], ["engine.workers=2"], cluster):
+        with pytest.raises(UsageError, match="engine: a cluster is named on the command line"):
+            read_sweep(written(f"{ROWS}engine: {{address: 'tcp://stranger:8786'}}\n"), said)
+    with pytest.raises(UsageError, match=r"engine\.address: dask needs its scheduler's"):
+        read_sweep(written(ROWS), cluster[:1])
+    assert read_sweep(written(f"{ROWS}engine: {{backend: loky, workers: 3}}\n")).file.engine.workers == 3
+
+
+def test_the_file_that_is_left_reads_back_whatever_ran_it(written: Written) -> None:
+    on_cluster = read_sweep(written(ROWS), ["engine.backend=dask", "engine.address=tcp://127.0.0.1:8786"])
+    here = read_sweep(written(ROWS), ["engine.workers=2"])
+    for sweep in (on_cluster, here):
+        again = read_sweep(written(sweep.to_yaml()))
+        assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
+        assert again.file.engine.workers == sweep.file.engine.workers
+
+
 REFUSED = {
     "rows: {}": "rows: expected name",
     "rows: {a: 3}": "rows.a: expected overrides",
@@ -88,7 +107,9 @@ REFUSED = {
     "rows: {a: {}}\nseeds: [1, 1]": "none twice",
     "rows: {a: {}}\nseeds: [-1]": "expected 0 or more",
     "rows: {a: {}}\nengine: {backend: threads}": "engine.backend: Invalid value",
-    "rows: {a: {}}\nengine: {backend: dask}": "engine.address: dask needs",
+    "rows: {a: {}}\nengine: {backend: dask}": "engine: a cluster is named on the command line, not in a file",
+    "rows: {a: {}}\nengine: {backend: dask, address: 'tcp://h:1'}": "engine: a cluster is named on the command line",
+    "rows: {a: {}}\nengine: {address: 'tcp://h:1'}": "engine: a cluster is named on the command line",
     "rows: {a: {}}\nreferences: clip.mp4": "references: expected a list",
     "rows: {a: {}}\nreferences: [../clip.mp4]": "references: ../clip.mp4 leads out of the file's folder",
     "rows: {a: {}}\nreferences: [/etc/passwd]": "leads out of the file's folder",
