@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .cli_shared import Json, Quiet, show
-from .errors import UsageError
+from .config_layers import parse_overrides
 from .files import check_out
 
 
@@ -31,13 +31,9 @@ def fit(
     Cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply), and curve.csv
     and curve.svg: what each level of detail reached.
     """
-    from omegaconf import OmegaConf
-
     from .registry import FITTERS
 
-    if odd := [item for item in overrides or [] if "=" not in item]:
-        raise UsageError("", odd[0], "expected KEY=VALUE")
-    fitter = FITTERS.build(representation, {str(k): v for k, v in OmegaConf.from_dotlist(overrides or []).items()})
+    fitter = FITTERS.build(representation, parse_overrides(overrides or []))
     fitter.require()
     check_out(out)
     from .fit._views import views_of

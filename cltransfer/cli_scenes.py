@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from .cli_shared import Json, show
+from .config_layers import parse_overrides
 from .errors import UsageError
 from .files import check_out
 
@@ -71,11 +72,9 @@ def _options(cls: type[Any], overrides: list[str]) -> Any:
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    for item in overrides:
-        if "=" not in item or "${" in item:
-            raise UsageError("", item, "expected key=value")
+    given = parse_overrides(overrides)
     try:
-        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(cls), OmegaConf.from_dotlist(overrides)))
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(cls), given))
     except (OmegaConfBaseException, ValueError) as error:
         key = str(getattr(error, "full_key", "") or "")
         raise UsageError("", key, str(error).strip().splitlines()[0]) from None

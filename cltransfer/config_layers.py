@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from .errors import InputError, UsageError
@@ -25,14 +25,14 @@ def read_yaml(path: Any) -> dict[str, Any]:
         text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
     except InputError as error:
         raise UsageError(path, error.field, error.reason) from None
-    if "${" in text:
-        raise UsageError(path, "${", "interpolation is not part of the grammar", "write the value")
+    _refuse_interpolation(text, path, "${")
     try:
         value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
     except Exception as error:  # yaml and omegaconf have one class per fault and no common base
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(value, dict):
         raise UsageError(path, "", "expected a mapping of keys to values")
+    _refuse_interpolation(value, path, "${")
     return {str(key): entry for key, entry in value.items()}
 
 
@@ -40,7 +40,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
     """``section.name.option=value`` as nested mappings; values are YAML, none is null.
 
     Raises:
-        UsageError: an item is no ``key=value``.
+        UsageError: an item is no ``key=value``, or asks for interpolation.
     """
     import yaml
 
@@ -49,12 +49,12 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         key, equals, text = item.partition("=")
         if not equals or not key:
             raise UsageError("", item, "expected key=value")
-        if "${" in text:
-            raise UsageError("", key, "interpolation is not part of the grammar", "write the value")
+        _refuse_interpolation(item, "", key)
         try:
             value = yaml.safe_load(text) if text else None
         except yaml.YAMLError:
             raise UsageError("", key, f"not a YAML value: {text}") from None
+        _refuse_interpolation(value, "", key)
         *parents, last = key.split(".")
         target = nested
         for parent in parents:
@@ -64,6 +64,20 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
             target = below
         target[last] = value
     return nested
+
+
+def _refuse_interpolation(value: Any, where: Any, field: str) -> None:
+    """``value`` is a text as it was written, or what was parsed of it: YAML can write ``${`` without these letters."""
+    if _interpolates(value):
+        raise UsageError(where, field, "interpolation is not part of the grammar", "write the value")
+
+
+def _interpolates(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return any(_interpolates(key) or _interpolates(entry) for key, entry in value.items())
+    if isinstance(value, (list, tuple, set)):
+        return any(map(_interpolates, value))
+    return isinstance(value, (str, PurePath)) and "${" in str(value)
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -65,6 +67,17 @@ def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path
 def test_an_option_out_of_range_is_named(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} must be in"):
         Simplification(**{name: value})
+
+
+@pytest.mark.parametrize("value", ["${oc.env:HOME}", '"\\x24{oc.env:HOME}"'])
+def test_an_option_reads_no_environment(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, value: str
+) -> None:
+    monkeypatch.setenv("HOME", "/not/to/be/told")
+    answer = command("simplify", "room.ply", "--out", tmp_path / "few.ply", f"k={value}")
+    assert (answer.code, answer.err.count("\n")) == (2, 1)
+    assert "k: interpolation is not part of the grammar" in answer.err
+    assert "/not/to/be/told" not in answer.err
 
 
 @pytest.mark.parametrize(

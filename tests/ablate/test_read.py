@@ -119,6 +119,8 @@ REFUSED = {
     "rows: {a: {scene: {scne: b.ply}}}": "scene.scne: no such key (did you mean 'scene'?)",
     "rows: {a: {scene: b.ply}}\nscenes: [a.ply, c.ply]": "stands in for one scene, the sweep has 2",
     "rows: {a: {frames: '${oc.env:HOME}'}}": "interpolation is not part of the grammar",
+    'rows: {a: {frames: "\\x24{oc.env:HOME}"}}': "interpolation is not part of the grammar",
+    'rows: {"\\x24{oc.env:HOME}": {}}': "interpolation is not part of the grammar",
     "rows: {a: !!python/object/apply:os.system ['true']}": "not a config",
     "[1, 2]": "expected a mapping",
 }

@@ -41,8 +41,17 @@ def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
 
 
 def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
-    for words, line in ((["degre=1"], "Did you mean: 'degree'"), (["degree"], "expected KEY=VALUE")):
+    for words, line in ((["degre=1"], "Did you mean: 'degree'"), (["degree"], "expected key=value")):
         got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), *words])
         assert isinstance(got.exception, UsageError)
         assert line in str(got.exception)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("value", ["${oc.env:HOME}", '"\\x24{oc.env:HOME}"'])
+def test_an_option_reads_no_environment(posed, tmp_path, monkeypatch, value):
+    monkeypatch.setenv("HOME", "/not/to/be/told")
+    got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), f"budget={value}"])
+    assert isinstance(got.exception, UsageError)
+    assert "budget: interpolation is not part of the grammar" in str(got.exception)
+    assert "/not/to/be/told" not in str(got.exception)
