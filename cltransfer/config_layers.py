@@ -7,7 +7,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from .errors import InputError, UsageError
-from .files import read_text
+from .files import check_yaml, read_text
 
 YAML_LIMIT = 2**20  # bytes
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
@@ -17,8 +17,9 @@ def read_yaml(path: Any) -> dict[str, Any]:
     """The mapping in a YAML file, nothing resolved and nothing run.
 
     Raises:
-        UsageError: it is missing, too large, no YAML, no mapping, or asks for interpolation.
+        UsageError: it is missing, too large, no plain YAML, no mapping, or asks for interpolation.
     """
+    import yaml
     from omegaconf import OmegaConf
 
     try:
@@ -27,6 +28,7 @@ def read_yaml(path: Any) -> dict[str, Any]:
         raise UsageError(path, error.field, error.reason) from None
     _refuse_interpolation(text, path, "${")
     try:
+        check_yaml(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # as omegaconf chooses
         value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
     except Exception as error:  # yaml and omegaconf have one class per fault and no common base
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None

@@ -14,6 +14,7 @@ from typing import Any
 from .errors import InputError, UsageError
 
 JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
+YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
 
 
 @contextlib.contextmanager
@@ -90,6 +91,24 @@ def read_text(path: Path, limit: int) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def check_yaml(text: str, loader: Any) -> None:
+    """Refuse, as ``loader`` will read ``text``, anchors, of which a short file makes a huge value, and deep nesting.
+
+    Raises:
+        ValueError: it names an anchor or an alias, or is nested deeper than :data:`YAML_LEVELS`.
+        YAMLError: it is no YAML.
+    """
+    import yaml
+
+    depth = 0
+    for event in yaml.parse(text, loader):
+        if getattr(event, "anchor", None):
+            raise ValueError("expected no anchors and aliases (& and *), write the values")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > YAML_LEVELS:
+            raise ValueError(f"expected at most {YAML_LEVELS} levels")
 
 
 def csp_hash(text: str) -> str:

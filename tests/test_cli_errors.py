@@ -184,6 +184,9 @@ CONFIGS = {
     "base: missing.yaml\n": "missing.yaml",
     "- 1\n": "mapping",
     "a: &a [1, 1]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdef", "bcdefg")): "",
+    "preset: &a fast\n": "expected no anchors and aliases",
+    "losses: [" + "a, " * 99 + "&b '" + "x" * 9999 + "', &c [" + "*b, " * 90 + "]," + "*c, " * 90 + "]\n": "anchors",
+    "[" * 100_000: "expected at most 64 levels",
     "#" * (2**20 + 1): "at most",
     "\x00\x01": "not a config",
 }

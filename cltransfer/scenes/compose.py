@@ -20,7 +20,7 @@ from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
 from ..errors import InputError
-from ..files import content_hash, read_text
+from ..files import check_yaml, content_hash, read_text
 from ..subject import Subject
 from . import Scene
 from .asset_files import inside
@@ -117,10 +117,12 @@ def read_composed(path: Path, up: tuple[float, float, float] | None = None, root
 def _read_yaml(path: Path) -> dict[str, Any]:
     import yaml
 
+    text = read_text(path, YAML_LIMIT)
     try:
-        about = yaml.safe_load(read_text(path, YAML_LIMIT))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(path, "", f"not YAML: {' '.join(str(error).split())[:160]}") from None
+        check_yaml(text, yaml.SafeLoader)
+        about = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError) as error:
+        raise InputError(path, "", f"not plain YAML: {' '.join(str(error).split())[:160]}") from None
     if not isinstance(about, dict) or not about.keys() <= {"up", "parts"}:
         raise InputError(path, "", "expected the keys up and parts and no other")
     return about

@@ -117,7 +117,7 @@ def test_files_come_from_the_yamls_folder_or_the_named_root_and_nowhere_else(fol
     [
         ("", "expected the keys up and parts"),
         ("- 1", "expected the keys up and parts"),
-        ("parts: [", "not YAML"),
+        ("parts: [", "not plain YAML"),
         ("parts: []", "parts: expected a list"),
         ("parts: [tile.obj]", r"parts\[0\]: expected a mapping with file"),
         ("parts: [{file: tile.obj, size: 2}]", "unknown: size .known: animation, file"),
@@ -131,8 +131,13 @@ def test_files_come_from_the_yamls_folder_or_the_named_root_and_nowhere_else(fol
         ("parts: [{file: gone.obj}]", "no such file"),
         ("up: [0, 0, 0]\nparts: [{file: tile.obj}]", "up: expected a direction"),
         ("parts: [{file: tile.obj, label: subject}, {file: tile.obj, label: subject}]", "one subject at most"),
-        ("a: !!python/object/apply:os.getcwd []", "not YAML"),
+        ("a: !!python/object/apply:os.getcwd []", "not plain YAML"),
         ("parts: [{file: tile.obj}]\nmore: 1", "expected the keys up and parts"),
+        ("parts: [{file: tile.obj, translate: &a [0, 0, 1]}]", "expected no anchors and aliases"),
+        ("up: &a [0, 1, 0]\nparts: [{file: tile.obj, translate: *a}]", "expected no anchors and aliases"),
+        ("parts: [{file: tile.obj, time: 2001-99-99}]", "not plain YAML"),
+        ("[" * 100_000, "expected at most 64 levels"),
+        ("- " * 100_000, "expected at most 64 levels"),
     ],
 )
 def test_a_bad_yaml_is_one_line(folder, text, reason):
