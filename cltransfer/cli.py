@@ -21,7 +21,7 @@ from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, simplify
 from .cli_shared import Allow, Json, Quiet, show
 from .cli_study import study
-from .errors import CltransferError, UsageError
+from .errors import CltransferError, UsageError, shortened
 from .files import check_out
 
 HELP = """Transfer the camera language of a reference clip into a 3D scene, and score it.
@@ -79,13 +79,13 @@ def main() -> NoReturn:
     except MemoryError:
         _fail("out of memory (fewer frames, or smaller search_side and output_side)", 5)
     except OSError as error:
-        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 5)
+        _fail(f"{shortened(error.filename or 'file')}: {shortened(error.strerror or error)}", 5)
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # usage errors of the parser
             _fail(error.format_message(), error.exit_code)
         if os.environ.get("CLTRANSFER_DEBUG") == "1":
             raise
-        _fail(f"{type(error).__name__}: {error} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
+        _fail(f"{type(error).__name__}: {shortened(error)} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 

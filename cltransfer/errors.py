@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LONGEST = 1000  # characters; a name or a value in somebody's file may have any number of them
+
+
+def shortened(text: object) -> str:
+    """``text`` as a line shows it: cut where it is longer than anybody reads."""
+    whole = str(text)
+    return whole if len(whole) <= LONGEST else f"{whole[:LONGEST]}..."
+
 
 class CltransferError(Exception):
     """Base of all errors that end a command with one line; ``exit_code`` is what the shell sees.
@@ -15,9 +23,9 @@ class CltransferError(Exception):
     exit_code = 1
 
     def __init__(self, where: str | Path, field: str, reason: str, hint: str = "") -> None:
-        self.where, self.field, self.reason, self.hint = str(where), field, reason, hint
-        line = ": ".join(part for part in (self.where, field, reason) if part)
-        super().__init__(f"{line} ({hint})" if hint else line)
+        self.where, self.field, self.reason, self.hint = map(shortened, (where, field, reason, hint))
+        line = ": ".join(part for part in (self.where, self.field, self.reason) if part)
+        super().__init__(f"{line} ({self.hint})" if self.hint else line)
 
 
 class UsageError(CltransferError):

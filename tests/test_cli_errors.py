@@ -204,6 +204,43 @@ def test_a_config_file_that_cannot_be_meant_is_named(
     assert not (tmp_path / "pwned").exists()
 
 
+LONG = "x" * 100_000
+ENDLESS = {
+    f"losses: [{LONG}]\n": "losses: expected name",
+    f"losses: {{framing: {{? {LONG} : 3}}}}\n": "no such option",
+    f"losses: {{framing: {{weight: {LONG}}}}}\n": "framing.weight",
+    f"generations: {LONG}\n": "generations: Value",
+    f"preset: {LONG}\n": "no preset",
+    f"? {LONG}\n: 3\n": "no such key",
+}
+
+
+@pytest.mark.parametrize("text", ENDLESS, ids=range(len(ENDLESS)))
+def test_a_line_is_short_whatever_a_config_holds(command: Callable[..., Any], tmp_path: Path, text: str) -> None:
+    (tmp_path / "bad.yaml").write_text(text)
+    answer = command("transfer", "--config", tmp_path / "bad.yaml", "--out", tmp_path / "out")
+    refused(answer, 2, ENDLESS[text])
+    assert len(answer.err) < 5000
+
+
+def test_a_line_is_short_whatever_a_file_is_called(command: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text(f"base: {LONG}\n")
+    answer = command("transfer", "--config", tmp_path / "bad.yaml", "--out", tmp_path / "out")
+    refused(answer, 5, "File name too long")
+    assert len(answer.err) < 5000
+
+
+@pytest.mark.parametrize("field", ["people", "joints", "format"])
+def test_a_line_is_short_whatever_a_value_file_holds(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, field: str
+) -> None:
+    good = json.loads((tiny_run / "subject.json").read_text())
+    (tmp_path / "subject.json").write_text(json.dumps({**good, field: [LONG]}))
+    answer = command("transfer", "--subject", tmp_path / "subject.json", "--out", tmp_path / "out", *SHORT)
+    refused(answer, 3, "subject.json")
+    assert len(answer.err) < 5000
+
+
 def test_a_missing_config_is_usage(command: Callable[..., Any], tmp_path: Path) -> None:
     refused(command("transfer", "--config", tmp_path / "nope.yaml"), 2, "nope.yaml", "no such file")
 

@@ -112,6 +112,14 @@ def test_files_come_from_the_yamls_folder_or_the_named_root_and_nowhere_else(fol
         read_composed(path)
 
 
+@pytest.mark.parametrize("field", ["file", "label", "translate", "scale", "time", "animation", "x" * 100_000])
+def test_a_line_is_short_whatever_a_part_holds(folder, field):
+    path = write(folder, f"parts: [{{file: tile.obj, ? {field} : [{'x' * 100_000}]}}]")
+    with pytest.raises(InputError, match=field[:40]) as error:
+        read_composed(path)
+    assert len(str(error.value)) < 5000
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
