@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from .evaluate_many import CONFIDENCE, RESAMPLES, ClipScore, Interval
-from .files import write_json, write_text
+from .files import csv_text, write_json, write_text
 from .report.metrics import number
 
 Summary = Mapping[str, Mapping[str, Interval]]
@@ -61,13 +59,13 @@ def clips_csv(rows: Sequence[ClipScore]) -> str:
         ]
         for row in rows
     ]
-    return _csv([head, *body])
+    return csv_text([head, *body])
 
 
 def methods_csv(summary: Summary) -> str:
     """One row a method and term: mean, interval, clips; undefined is an empty cell."""
     head = ["method", "term", "mean", "low", "high", "clips", "of", "reason"]
-    return _csv(
+    return csv_text(
         [head, *([m, t, *asdict(found).values()] for m, terms in summary.items() for t, found in terms.items())]
     )
 
@@ -120,9 +118,3 @@ def _cell(found: Interval) -> str:
 
 def _escaped(text: str) -> str:
     return "".join(_ESCAPES.get(letter, letter) for letter in text)
-
-
-def _csv(lines: Sequence[Sequence[Any]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue()

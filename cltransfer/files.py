@@ -1,19 +1,22 @@
-"""Files in and out: size caps before reading, whole files or none when writing, names by content."""
+"""Files in and out: caps before reading, whole files or none when writing, no formulas in tables, names by content."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
+import csv
 import hashlib
+import io
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from .errors import InputError, UsageError
 
 JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
+FORMULA = ("=", "+", "-", "@", "\t", "\n")  # how a cell may begin that a spreadsheet works out instead of showing it
 YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
 
 
@@ -61,6 +64,25 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as JSON, whole or not at all; NaN and infinity are refused (say null and why)."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def csv_text(lines: Iterable[Iterable[Any]]) -> str:
+    """``lines`` as CSV, each cell as :func:`csv_cell` has it; None is an empty one."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([csv_cell(value) for value in line] for line in lines)
+    return text.getvalue()
+
+
+def csv_cell(value: Any) -> Any:
+    """``value``; a text that a spreadsheet would take for a formula has a ``'`` before it.
+
+    >>> csv_cell("=1+1"), csv_cell("a=1"), csv_cell(-1.5)
+    ("'=1+1", 'a=1', -1.5)
+    """
+    if not isinstance(value, str):
+        return value
+    text = value.replace("\r", "\n")  # which the writer leaves unquoted, so that a line would end
+    return f"'{text}" if text.startswith(FORMULA) else text
 
 
 def read_json(path: Path, limit: int = JSON_LIMIT) -> Any:

@@ -84,6 +84,25 @@ def test_every_clip_has_its_row_in_the_csv() -> None:
     assert rows[-1]["reason"] == MISSING.reason
 
 
+@pytest.mark.parametrize("name", ["=1+1", "+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "a\r=1", '=a,"b"\n'])
+def test_no_name_is_a_formula_and_every_number_stays_one(name: str) -> None:
+    rows = [
+        ClipScore(name, name, {"offset": -0.5}, {"offset": 4}, 4, name),
+        ClipScore("b", name, {"offset": -0.1}, {"offset": 4}, 4),
+    ]
+    shown = name.replace("\r", "\n")
+    shown = shown if shown.startswith("a") else f"'{shown}"
+    clips = list(csv.DictReader(io.StringIO(clips_csv(rows), newline="")))
+    assert [(clip["method"], clip["clip"], clip["reason"]) for clip in clips] == [
+        (shown, shown, shown),
+        ("b", shown, ""),
+    ]
+    assert [clip["offset"] for clip in clips] == ["-0.5", "-0.1"]
+    methods = list(csv.DictReader(io.StringIO(methods_csv(summarise(rows)), newline="")))
+    assert [(method["method"], method["mean"]) for method in methods] == [(shown, "-0.5"), ("b", "-0.1")]
+    assert "\r" not in clips_csv(rows)
+
+
 def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
     folder_of(tmp_path / "all", b=wall(0, 1))
     (tmp_path / "all" / "a").mkdir()

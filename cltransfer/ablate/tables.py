@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from ..files import csv_text
 from ..report.metrics import number
 from .summary import Estimate, Measure, RowSummary
 from .trial import Outcome
@@ -126,17 +126,15 @@ def _tex(text: str) -> str:
 
 def to_csv(rows: Sequence[RowSummary]) -> str:
     """One line for each row and metric; what is not known is an empty cell."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(CSV_HEADER)
+    lines: list[Sequence[Any]] = [CSV_HEADER]
     for row in rows:
         cost = [row.trials, row.failed, row.evaluations, row.seconds]
         for name, m in [*row.metrics.items(), *row.directions.items()]:
             difference = [""] * 4 if m.difference is None else _numbers(m.difference)
-            lines.writerow([row.name, name, m.unit, *_numbers(m.value), *difference, m.defined, m.frames, *cost])
+            lines.append([row.name, name, m.unit, *_numbers(m.value), *difference, m.defined, m.frames, *cost])
         if not row.metrics:
-            lines.writerow([row.name, *[""] * 12, *cost])
-    return text.getvalue()
+            lines.append([row.name, *[""] * 12, *cost])
+    return csv_text(lines)
 
 
 def _numbers(estimate: Estimate) -> list[float | int | None]:

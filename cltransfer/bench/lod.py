@@ -22,7 +22,7 @@ from torch import Tensor
 from ..camera import Camera
 from ..errors import InputError
 from ..features import Features
-from ..files import write_text
+from ..files import csv_cell, write_text
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene
@@ -206,5 +206,5 @@ def write_csv(rows: Sequence[LodRow], path: Path) -> None:
     writer = csv.DictWriter(text, [f.name for f in fields(LodRow)], lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({name: f"{v:.5g}" if isinstance(v, float) else v for name, v in asdict(row).items()})
+        writer.writerow({name: f"{v:.5g}" if isinstance(v, float) else csv_cell(v) for name, v in asdict(row).items()})
     write_text(path, text.getvalue())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 import sys
@@ -12,7 +11,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..files import write_json, write_text
+from ..files import csv_text, write_json, write_text
 from ..scores import Scores, Term
 from .data import ReportData
 
@@ -157,16 +156,14 @@ def _row_json(row: Row, report: ReportData) -> dict[str, Any]:
 
 def metrics_csv(report: ReportData) -> str:
     """Frame, time, each raw term, weighted total and flags; undefined is an empty cell."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
     names = [term.name for term in report.scores.terms]
-    table.writerow(["frame", "time", *names, "total", "flags"])
+    lines: list[list[Any]] = [["frame", "time", *names, "total", "flags"]]
     columns = [term.values.tolist() for term in report.scores.terms]
     for frame, (time, total) in enumerate(zip(report.times.tolist(), report.scores.totals.tolist())):
         flags = "; ".join(flag.reason for flag in report.flags if flag.frame == frame)
         values = [finite(column[frame]) for column in columns]
-        table.writerow([frame, time, *values, finite(total), flags])
-    return text.getvalue()
+        lines.append([frame, time, *values, finite(total), flags])
+    return csv_text(lines)
 
 
 def finite(value: float) -> float | None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..files import write_json, write_text
+from ..files import csv_text, write_json, write_text
 from .analysis import CONFIDENCE, Preference, Strength, preferences, strengths
 from .answers import Choice, read_answers
 from .design import NO_STUDY, QUESTIONS, Study
@@ -112,26 +110,12 @@ def values(analysis: Analysis) -> dict[str, Any]:
 
 def preferences_csv(analysis: Analysis) -> str:
     """One line for each question and pair; what is not known is an empty cell."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(
-        (
-            "question",
-            "first",
-            "second",
-            "wins",
-            "answers",
-            "share",
-            "exact_low",
-            "exact_high",
-            "people_low",
-            "people_high",
-        )
-    )
+    head = ("question", "first", "second", "wins", "answers", "share")
+    lines: list[Sequence[Any]] = [(*head, "exact_low", "exact_high", "people_low", "people_high")]
     for p in analysis.preferences:
         spans = [*(p.exact or ("", "")), *(p.by_participant or ("", ""))]
-        lines.writerow([p.question, p.first, p.second, p.wins, p.count, p.share, *spans])
-    return text.getvalue()
+        lines.append([p.question, p.first, p.second, p.wins, p.count, p.share, *spans])
+    return csv_text(lines)
 
 
 def write_analysis(out: Path, analysis: Analysis) -> None:

@@ -89,6 +89,15 @@ def test_which_way_a_row_errs_is_told_with_its_sign() -> None:
     assert table.bold == {(1, 1)}
 
 
+def test_no_row_is_a_formula_and_every_number_stays_one() -> None:
+    names = ["=1+1", "-framing", "+lod", "@a", "\tb", "\rc"]
+    rows = summarise(names, [outcome(name, 0, -float(i)) for i, name in enumerate(names)])
+    lines = [line for line in csv.DictReader(io.StringIO(to_csv(rows))) if line["metric"] == "shot_size"]
+    assert [line["row"] for line in lines] == ["'=1+1", "'-framing", "'+lod", "'@a", "'\tb", "'\nc"]
+    assert [line["mean"] for line in lines[1:]] == ["-1.0", "-2.0", "-3.0", "-4.0", "-5.0"]
+    assert lines[1]["difference_mean"] == "-1.0"
+
+
 def test_tables_say_the_same_in_markdown_and_latex_whatever_a_row_is_called() -> None:
     name = "50 % | a_b & <i> *x*"
     rows = summarise(

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
-from cltransfer.bench.lod import LodRow, composition, labelled_scene, population, room_scene, run_lod
+from cltransfer.bench.lod import LodRow, composition, labelled_scene, population, room_scene, run_lod, write_csv
 from cltransfer.bench.lod_chart import write_chart, write_lod
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.errors import InputError
@@ -65,6 +66,12 @@ def test_rows_are_written_as_csv_and_drawn(rows: list[LodRow], tmp_path: Path) -
     page = (tmp_path / "benchmarks.md").read_text()
     assert "## Level of detail" in page
     assert f"| room 5k | 8 | {rows[1].gaussians:,} |" in page
+
+
+def test_no_scene_is_a_formula_and_every_number_stays_one(rows: list[LodRow], tmp_path: Path) -> None:
+    write_csv([replace(rows[0], scene="=1+1", early=-0.5)], tmp_path / "lod.csv")
+    (row,) = csv.DictReader((tmp_path / "lod.csv").read_text().splitlines())
+    assert (row["scene"], row["early"]) == ("'=1+1", "-0.5")
 
 
 def test_a_file_needs_members_that_are_its_subject(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from cltransfer.report.data import Flag
 from cltransfer.report.metrics import metrics_table, rows, write_metrics
 from cltransfer.scores import Scores, Term
 
@@ -58,6 +59,14 @@ def test_metrics_csv_has_one_row_per_frame_and_empty_cells_where_undefined(repor
     assert table[0]["camera_movement"] == ""
     assert table[0]["flags"] == "camera_movement is undefined"
     assert float(table[2]["total"]) == pytest.approx(2 * 0.03 + 3 * 0.2)
+
+
+def test_no_name_in_metrics_csv_is_a_formula(report, tmp_path):
+    scores = Scores((term("=1+1", [-0.5] * 4),), torch.ones(4))
+    write_metrics(tmp_path, replace(report, scores=scores, flags=(Flag(0, "@a"),)))
+    head, first = (tmp_path / "metrics.csv").read_text().splitlines()[:2]
+    assert head == "frame,time,'=1+1,total,flags"
+    assert first == "0,0.0,-0.5,1.0,'@a"
 
 
 def test_the_table_is_markdown_when_piped_and_drawn_in_a_terminal(report):

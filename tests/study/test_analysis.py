@@ -15,6 +15,7 @@ from cltransfer.errors import InputError
 from cltransfer.study.analysis import bradley_terry, preferences, strengths
 from cltransfer.study.answers import COLUMNS, Choice, read_answers
 from cltransfer.study.design import NO_STUDY, QUESTIONS, Study, design
+from cltransfer.study.report import Analysis, preferences_csv
 
 TWO = design(["s", "t"], ["ours", "jaws"], [], 0)
 THREE = design(["s"], ["a", "b", "c"], [], 0)
@@ -116,6 +117,12 @@ def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any
         .splitlines()[1]
         .startswith("visual_style,ours,jaws,5,6,")
     )
+
+
+def test_no_method_is_a_formula() -> None:
+    study = design(["s"], ["=1+1", "@b"], [], 0)
+    analysis = Analysis(study, {}, tuple(preferences([], study)), ())
+    assert preferences_csv(analysis).splitlines()[1] == "visual_style,'=1+1,'@b,0,0,,,,,"
 
 
 DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
