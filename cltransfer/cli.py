@@ -118,8 +118,8 @@ def transfer(
             metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
             help="Scene: splats (.ply, .splat, .spz), a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with "
             "renderer.mesh={}), a .yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an "
-            "image folder, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default "
-            "builtin:dolly_zoom).",
+            "image folder (24 images/s unless FOLDER#fps=30 or its times.json says), CLIP#t=START,END for a part, a "
+            ".safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
         ),
     ] = None,
     out: Out = None,

@@ -15,12 +15,17 @@ from .files import check_out
 
 def evaluate(
     reference: Annotated[
-        str, typer.Argument(help="Video or image folder, CLIP#t=START,END for a part; or a folder of clips.")
+        str,
+        typer.Argument(
+            help="Video or image folder (FOLDER#fps=30, or 24 images/s, or its times.json), CLIP#t=START,END for a "
+            "part; or a folder of clips."
+        ),
     ],
     render: Annotated[
         str,
         typer.Argument(
-            help="Video or image folder; its frames are paired by time. For a folder of clips METHOD=FOLDER."
+            help="Video or image folder as REFERENCE is; its frames are paired by time. For a folder of clips "
+            "METHOD=FOLDER."
         ),
     ],
     more: Annotated[

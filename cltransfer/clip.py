@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from .decoding import Frame, decode
-from .errors import InputError, ResourceError
+from .errors import InputError, ResourceError, UsageError
 from .features import Features
 from .files import atomic
 from .image_folder import FOLDER_RATE, folder_times, image_files
@@ -57,26 +57,31 @@ class Clip:
 
 
 def read_clip(
-    path: str | Path, frames: int | None = None, max_side: int = 960, span: tuple[float, float] = (0.0, math.inf)
+    path: str | Path,
+    frames: int | None = None,
+    max_side: int = 960,
+    span: tuple[float, float] = (0.0, math.inf),
+    fps: float | None = None,
 ) -> Clip:
     """Read a video file, or a folder of PNG or JPEG images in the natural order of their names.
 
     Args:
-        path: the video or folder. A folder plays at 24 images a second, or as its ``times.json`` says (a list
-            of seconds, one per image).
+        path: the video or folder. A folder plays as its ``times.json`` says (a list of seconds, one per image).
         frames: keep at most this many, evenly by time, first and last included; None keeps all.
         max_side: larger frames are averaged down to this longer side [px].
         span: from when to when to read, both included [s] after the first frame.
+        fps: images a second of a folder without ``times.json``; None takes 24.
 
     Raises:
         InputError: the clip is missing, damaged, too large or not what its header says.
-        ValueError: ``frames`` or ``max_side`` is not positive.
+        UsageError: ``fps`` is given for a clip that has times of its own.
+        ValueError: ``frames``, ``max_side`` or ``fps`` is not positive.
     """
     path = Path(path)
-    if (frames is not None and frames < 1) or max_side < 1:
-        raise ValueError(f"frames and max_side must be at least 1, got {frames} and {max_side}")
-    files = image_files(path) if path.is_dir() else []
-    times = folder_times(path, files) if files else np.array([frame.time for frame in decode(path)])
+    if (frames is not None and frames < 1) or max_side < 1 or (fps is not None and fps <= 0):
+        raise ValueError(f"frames, max_side and fps must be positive, got {frames}, {max_side} and {fps}")
+    files = _files(path, fps)
+    times = folder_times(path, files, fps) if files else np.array([frame.time for frame in decode(path)])
     times = times - times[0]
     inside = np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
     if len(inside) == 0:
@@ -91,17 +96,26 @@ def read_clip(
     return Clip(image, torch.from_numpy(times[kept] - start), path, source_size, start)
 
 
-def timed_frames(path: Path) -> Iterator[tuple[float, Frame]]:
-    """Every frame of a video or image folder with its time after the first [s]."""
-    if path.is_dir():
-        files = image_files(path)
-        times = folder_times(path, files)
+def timed_frames(path: Path, fps: float | None = None) -> Iterator[tuple[float, Frame]]:
+    """Every frame of a video, or of an image folder that may need ``fps``, with its time after the first [s]."""
+    files = _files(path, fps)
+    if files:
+        times = folder_times(path, files, fps)
         yield from zip((times - times[0]).tolist(), _images(files))
         return
     first = None
     for frame in decode(path):
         first = frame.time if first is None else first
         yield frame.time - first, frame
+
+
+def _files(path: Path, fps: float | None) -> list[Path]:
+    """The images of a folder, none of a video."""
+    if path.is_dir():
+        return image_files(path)
+    if fps is not None and path.exists():
+        raise UsageError(path, "#fps", "expected a folder of images, a video has times of its own", "leave out #fps")
+    return []
 
 
 def _evenly(times: np.ndarray, wanted: int | None) -> np.ndarray:

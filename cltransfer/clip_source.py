@@ -12,7 +12,8 @@ from .errors import UsageError
 from .persons import Spot, Who
 
 _ROUNDED = 0.01  # [s]
-KEYS = ("t", "person", "letterbox", "cuts")
+_RATES = (0.001, 1000.0)  # images a second: videos that are written keep milliseconds
+KEYS = ("t", "person", "letterbox", "cuts", "fps")
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class ClipSource:
             left in [0, 1] of the frame as it is read, and the moment [s] in the part that is read; None is the largest.
         letterbox: crop black bars, or keep them.
         cuts: refuse a clip of several shots, or keep it.
+        fps: images a second of a folder that has no ``times.json``; None takes 24, which is told.
     """
 
     path: Path
@@ -33,10 +35,11 @@ class ClipSource:
     person: int | tuple[float, float, float] | None = None
     letterbox: str = "crop"
     cuts: str = "refuse"
+    fps: float | None = None
 
     @classmethod
     def parse(cls, source: str) -> ClipSource:
-        """From ``PATH`` or ``PATH#t=START,END&person=ID&letterbox=keep&cuts=keep``, each part optional.
+        """From ``PATH`` or ``PATH#t=START,END&person=ID&letterbox=keep&cuts=keep&fps=N``, each part optional.
 
         A person is an id, or a place as in ``person=0.4,0.6`` (in the first frame) or ``person=0.4,0.6,1.5``.
 
@@ -61,6 +64,7 @@ class ClipSource:
             _person(source, values["person"]) if "person" in values else None,
             _choice(source, "letterbox", values.get("letterbox", "crop"), ("crop", "keep")),
             _choice(source, "cuts", values.get("cuts", "refuse"), ("refuse", "keep")),
+            _rate(source, values["fps"]) if "fps" in values else None,
         )
 
     def who(self, times: Tensor, size: tuple[int, int]) -> Who:
@@ -117,6 +121,18 @@ def _span(source: str, text: str) -> tuple[float, float]:
     if not 0 <= span[0] < span[1]:
         raise UsageError(source, "#t", f"expected START,END in seconds, got {text!r}", "as in clip.mp4#t=1.5,4")
     return span
+
+
+def _rate(source: str, text: str) -> float:
+    least, most = _RATES
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not least <= rate <= most:
+        reason = f"expected images a second, {least:g} to {most:g}, got {text!r}"
+        raise UsageError(source, "#fps", reason, "as in FOLDER#fps=30")
+    return rate
 
 
 def _choice(source: str, key: str, value: str, known: tuple[str, ...]) -> str:

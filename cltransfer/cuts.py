@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .clip import timed_frames
+from .clip_source import ClipSource
 from .errors import InputError
 
 SIZE = (32, 18)  # of the small pictures that are compared [px]
@@ -44,14 +45,14 @@ def find_cuts(small: np.ndarray) -> list[int]:
     return cuts
 
 
-def check_one_shot(path: Path, span: tuple[float, float]) -> None:
-    """Refuse a clip with a cut between two moments [s].
+def check_one_shot(where: ClipSource) -> None:
+    """Refuse a clip with a cut in the part of it that is read.
 
     Raises:
         InputError: there is one; the line says where and how to take one shot of the clip.
     """
-    times, small = small_pictures(path)
-    inside = np.flatnonzero((times >= span[0]) & (times <= span[1]))
+    times, small = small_pictures(where.path, where.fps)
+    inside = np.flatnonzero((times >= where.span[0]) & (times <= where.span[1]))
     if len(inside) == 0:
         return
     cuts = [int(inside[0]) + cut for cut in find_cuts(small[inside])]
@@ -61,15 +62,16 @@ def check_one_shot(path: Path, span: tuple[float, float]) -> None:
     more = f" and {len(cuts) - 1} more" if len(cuts) > 1 else ""
     begins, ends = float(times[cuts[0]]), float(times[cuts[1] - 1] if len(cuts) > 1 else times[inside[-1]])
     reason = f"a cut at {begins:.3f} s{more}; a reference is one shot"
-    shots = [f"{path.name}#t={a:.3f},{b:.3f}" for a, b in ((first, last), (begins, ends)) if b > a]
-    raise InputError(path, f"frame {cuts[0]}", reason, f"take one: {' or '.join(shots)}; no cut? #cuts=keep")
+    rate = f"&fps={where.fps:g}" if where.fps else ""
+    shots = [f"{where.path.name}#t={a:.3f},{b:.3f}{rate}" for a, b in ((first, last), (begins, ends)) if b > a]
+    raise InputError(where.path, f"frame {cuts[0]}", reason, f"take one: {' or '.join(shots)}; no cut? #cuts=keep")
 
 
-def small_pictures(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def small_pictures(path: Path, fps: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Times (F,) [s] and small pictures (F, h, w, 3) uint8 of every frame of a video or image folder."""
     frames: Iterable[tuple[float, np.ndarray]] = (
         (time, frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray())
-        for time, frame in timed_frames(path)
+        for time, frame in timed_frames(path, fps)
     )
     times, small = zip(*frames)
     return np.array(times), np.stack(small)

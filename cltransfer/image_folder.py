@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from .decoding import IMAGE_DEMUXERS
-from .errors import InputError
+from .errors import InputError, UsageError
 from .files import read_json
 
 VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
-FOLDER_RATE = 24.0  # images a second where a folder does not say
+TIMES = "times.json"
+FOLDER_RATE = 24.0  # images a second where nothing says
 
 
 def natural_order(name: str) -> list[tuple[int, str]]:
@@ -39,22 +40,31 @@ def image_files(folder: Path) -> list[Path]:
     return files
 
 
-def folder_times(folder: Path, files: list[Path]) -> np.ndarray:
-    """When each of ``files`` is shown, (N,) increasing [s].
+def untimed(path: Path) -> bool:
+    """Whether ``path`` is a folder that does not say when its images are shown."""
+    return path.is_dir() and not (path / TIMES).exists()
+
+
+def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> np.ndarray:
+    """When each of ``files`` is shown, (N,) increasing [s]: by ``times.json``, else ``fps`` images a second.
 
     Raises:
         InputError: ``times.json`` does not fit, or there is none and an image is missing.
+        UsageError: there are both ``times.json`` and ``fps``.
     """
-    if not (folder / "times.json").exists():
+    if untimed(folder):
         _check_no_gap(files)
-        return np.arange(len(files)) / FOLDER_RATE
-    given = read_json(folder / "times.json")
+        return np.arange(len(files)) / (fps or FOLDER_RATE)
+    if fps is not None:
+        reason = f"expected a folder without {TIMES}, this one's says when each image is shown"
+        raise UsageError(folder, "#fps", reason, f"leave out #fps, or take {TIMES} away")
+    given = read_json(folder / TIMES)
     try:
         times = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         times = np.empty(0)
     if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise InputError(folder / "times.json", "", f"expected {len(files)} increasing seconds, one per image")
+        raise InputError(folder / TIMES, "", f"expected {len(files)} increasing seconds, one per image")
     return times
 
 

@@ -20,10 +20,11 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
 
     Raises:
         InputError: it is missing or damaged, or has a cut.
+        UsageError: images a second are named for what has times of its own.
     """
-    clip = read_clip(where.path, frames, span=where.span)
+    clip = read_clip(where.path, frames, span=where.span, fps=where.fps)
     if where.cuts == "refuse":
-        check_one_shot(where.path, where.span)
+        check_one_shot(where)
     flags = _sparse(clip)
     if where.letterbox == "keep":
         return clip, flags

@@ -71,9 +71,9 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
     """Read ``source``.
 
     Args:
-        source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it
-            (:class:`cltransfer.clip_source.ClipSource`), a feature file (.safetensors), ``builtin:SHOT``, or
-            ``SCENE@TRAJECTORY``.
+        source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it and ``#fps=N`` for how
+            fast its images play (:class:`cltransfer.clip_source.ClipSource`), a feature file (.safetensors),
+            ``builtin:SHOT``, or ``SCENE@TRAJECTORY``.
         parts: the config's components.
         reading: frames, size, extractors.
         progress: called with a step, frames done, frames in all.
@@ -105,11 +105,8 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
     digest = content_hash(where.path)
-    cached = (
-        cache_dir()
-        / "features"
-        / f"{_key([digest, frames, str(where.span), where.person, clip.size], plan)}.safetensors"
-    )
+    key = _key([digest, frames, str(where.span), where.fps, where.person, clip.size], plan)
+    cached = cache_dir() / "features" / f"{key}.safetensors"
     if cached.is_file():
         stored = FeatureFile.load(cached)
         features, read = stored.features, tuple(stored.origin.splitlines()[1:])

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from cltransfer.clip import pair_by_time, read_clip, write_video
-from cltransfer.errors import InputError, ResourceError
+from cltransfer.errors import InputError, ResourceError, UsageError
 
 VIDEOS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "video"
 
@@ -277,6 +277,21 @@ def test_times_json_sets_the_times_of_a_folder(folder):
     (folder / "times.json").write_text("[0, 1]")
     with pytest.raises(InputError, match="expected 12 increasing seconds"):
         read_clip(folder)
+
+
+def test_fps_sets_the_times_of_a_folder_and_of_nothing_that_has_its_own(folder, tmp_path_factory):
+    torch.testing.assert_close(read_clip(folder, fps=30).times, torch.arange(12).double() / 30)
+    assert len(read_clip(folder, span=(0, 0.1), fps=30)) == 4
+    video = encode(tmp_path_factory.mktemp("video") / "a.mp4", smooth())
+    with pytest.raises(UsageError, match=r"a\.mp4: #fps: expected a folder of images"):
+        read_clip(video, fps=30)
+    (folder / "times.json").write_text(json.dumps(list(range(12))))
+    with pytest.raises(UsageError, match=r"#fps: expected a folder without times\.json"):
+        read_clip(folder, fps=30)
+    with pytest.raises(InputError, match="no such file"):
+        read_clip(folder / "none", fps=30)
+    with pytest.raises(ValueError, match="positive"):
+        read_clip(folder, fps=0)
 
 
 def test_a_folder_with_a_gap_a_foreign_size_or_a_broken_image_names_the_file(folder):

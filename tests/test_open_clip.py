@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -38,6 +39,13 @@ def saved(path: Path, image: Tensor, times: Tensor | None = None) -> ClipSource:
     return ClipSource(path)
 
 
+def images(folder: Path, image: Tensor) -> Path:
+    folder.mkdir()
+    for i, rgb in enumerate(image):
+        assert cv2.imwrite(str(folder / f"{i}.png"), rgb.permute(1, 2, 0).numpy()[..., ::-1])
+    return folder
+
+
 def test_a_cut_is_refused_with_its_frame_and_both_shots(tmp_path: Path) -> None:
     where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
     with pytest.raises(InputError, match=r"frame 10: a cut at 1\.000 s") as caught:
@@ -47,6 +55,15 @@ def test_a_cut_is_refused_with_its_frame_and_both_shots(tmp_path: Path) -> None:
         clip, _ = open_clip(replace(where, span=part))
         assert (len(clip), clip.start) == (10, part[0])
     assert len(open_clip(replace(where, cuts="keep"))[0]) == 20
+
+
+def test_the_shots_of_a_folder_are_named_by_its_rate(tmp_path: Path) -> None:
+    folder = images(tmp_path / "a", torch.cat([scenery(0), scenery(1)]))
+    with pytest.raises(InputError, match=r"a#t=0\.000,0\.900&fps=10 or a#t=1\.000,1\.900&fps=10"):
+        open_clip(ClipSource.parse(f"{folder}#fps=10"))
+    clip, _ = open_clip(ClipSource.parse(f"{folder}#t=1.000,1.900&fps=10"))
+    assert torch.equal(clip.image, scenery(1))
+    torch.testing.assert_close(clip.times, torch.arange(10).double() / 10)
 
 
 @pytest.mark.parametrize("drift", [0, 1, 8, 15])
@@ -117,6 +134,7 @@ def test_a_source_names_its_part(tmp_path: Path) -> None:
     assert ClipSource.parse("a.mp4#t=,4&person=2&letterbox=keep") == ClipSource(
         Path("a.mp4"), (0.0, 4.0), 2, "keep", "refuse"
     )
+    assert ClipSource.parse("frames#fps=29.97&t=1,2&person=1") == ClipSource(Path("frames"), (1.0, 2.0), 1, fps=29.97)
     (tmp_path / "b#t=1.mp4").touch()
     assert ClipSource.parse(str(tmp_path / "b#t=1.mp4")).path.name == "b#t=1.mp4"
 
@@ -132,9 +150,10 @@ def test_a_person_is_named_by_a_place_and_a_moment() -> None:
 
 
 BAD_PERSONS = ["person=-1", "person=0.5", "person=0.5,1.5", "person=0.5,0.5,-1", "person=0.1,0.2,0.3,0.4"]
+BAD_RATES = ["fps=", "fps=0", "fps=-30", "fps=nan", "fps=1e9", "fps=fast", "fps=30&fps=24"]
 
 
-@pytest.mark.parametrize("part", [*BAD_PERSONS, "t=4,1", "t=x", "t=-1,2", "speed=2", "cuts=no", "t=1&t=2"])
+@pytest.mark.parametrize("part", [*BAD_PERSONS, "t=4,1", "t=x", "t=-1,2", "speed=2", "cuts=no", "t=1&t=2", *BAD_RATES])
 def test_a_part_that_cannot_be_meant_is_a_usage_error(part: str) -> None:
     with pytest.raises(UsageError, match=rf"#{part.partition('=')[0]}"):
         ClipSource.parse(f"a.mp4#{part}")

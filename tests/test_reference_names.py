@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from cltransfer.components import Components
@@ -18,3 +20,16 @@ def test_a_scene_with_a_trajectory_may_lie_in_other_folders(scene: str, path: st
     with pytest.raises(InputError) as caught:
         read_reference(f"{tmp_path / scene}@{tmp_path / path}", Components.build(load_config()), Reading())
     assert str(caught.value) == f"{tmp_path / path}: no such file"  # and not a clip of that long name
+
+
+def test_a_folder_at_another_rate_is_read_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "frames").mkdir()
+    grey = np.random.default_rng(0).integers(0, 255, (36, 64, 3), np.uint8)
+    for i in range(10):
+        assert cv2.imwrite(str(tmp_path / "frames" / f"{i}.png"), np.roll(grey, i, 1))
+    others = ("shot_size", "framing", "filmic_space", "camera_angle")
+    parts = Components.build(load_config(overrides=[f"losses.{name}=null" for name in others]))
+    for rate, count in ((10, 4), (20, 7)):
+        found = read_reference(f"{tmp_path / 'frames'}#t=0,0.3&fps={rate}", parts, Reading())
+        assert (len(found), len(found.features)) == (count, count)
