@@ -59,7 +59,7 @@ def evaluate(
 
 
 def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None, as_json: bool, quiet: bool) -> None:
-    """Score one clip and show its metrics."""
+    """Score one clip and show its metrics and what a reader should know."""
     from .evaluate import evaluate as run
     from .progress import progress
     from .report.metrics import metrics_json, metrics_table, write_metrics
@@ -70,7 +70,8 @@ def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None,
     if out is not None:
         write_metrics(out, shown)
         write_report(out, shown)
-    show(metrics_json(shown), metrics_table(shown), as_json)
+    lines = [metrics_table(shown), *(f"note: {note}" for note in shown.notes)]
+    show(metrics_json(shown), "\n".join(lines), as_json)
 
 
 def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, Path], list[str]]:

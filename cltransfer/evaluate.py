@@ -41,7 +41,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     plan = parts.plan("image")
     asked, found = ClipSource.parse(reference), ClipSource.parse(render)
     # a render is scored as it is: one that jumps is a bad render, not two shots
-    shown, _ = open_clip(replace(found, cuts="keep", letterbox="keep"), config.frames)
+    shown, drawn = open_clip(replace(found, cuts="keep", letterbox="keep"), config.frames)
     original, flags = open_clip(asked)
     plan.load_networks()
     paired = original.image[pair_by_time(original.times, shown.times)]
@@ -52,6 +52,6 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     scores = score(Objective(parts.losses), features, rendered, plan.missing)
     spent = {"network_passes": 2 * len(paired) * plan.passes, "seconds": round(time.perf_counter() - start, 2)}
     title = f"{found.path.name} against {asked.path.name}"
-    notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in seen)]
+    notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     told = tuple(Flag(None, note) for note in notes)
     return ReportData(title, shown.times, scores, None, None, None, paired, shown.image, told, spent)

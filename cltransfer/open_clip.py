@@ -7,9 +7,11 @@ from dataclasses import replace
 from .clip import Clip, read_clip
 from .clip_source import ClipSource
 from .cuts import check_one_shot
+from .image_folder import FOLDER_RATE, TIMES, untimed
 from .letterbox import cropped, find_letterbox
 
 APART = 1.0  # [s] between frames, above which what moved cannot be followed
+ASSUMED = f"frames without {TIMES} are taken to play at {FOLDER_RATE:g} images/s: name another rate as FOLDER#fps=N"
 
 
 def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple[str, ...]]:
@@ -25,7 +27,7 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
     clip = read_clip(where.path, frames, span=where.span, fps=where.fps)
     if where.cuts == "refuse":
         check_one_shot(where)
-    flags = _sparse(clip)
+    flags = (*([ASSUMED] if rate_assumed(where) else []), *_sparse(clip))
     if where.letterbox == "keep":
         return clip, flags
     picture = find_letterbox(clip.image)
@@ -35,6 +37,11 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
     was = f"{clip.size[0]}x{clip.size[1]}"
     flag = f"black bars cropped: {was} to {width}x{height} at {picture[0]}, {picture[1]} (#letterbox=keep keeps them)"
     return replace(clip, image=cropped(clip.image, picture)), (flag, *flags)
+
+
+def rate_assumed(where: ClipSource) -> bool:
+    """Whether nothing says how fast the images of ``where`` play."""
+    return where.fps is None and untimed(where.path)
 
 
 def _sparse(clip: Clip) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from cltransfer.clip_source import ClipSource
 from cltransfer.cuts import find_cuts, small_pictures
 from cltransfer.errors import InputError, UsageError
 from cltransfer.letterbox import find_letterbox
-from cltransfer.open_clip import open_clip
+from cltransfer.open_clip import ASSUMED, open_clip
 from cltransfer.persons import Spot
 
 VIDEOS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "video"
@@ -128,6 +128,15 @@ def test_a_span_counts_from_the_first_frame_and_keeps_both_ends(tmp_path: Path) 
     assert clip.start == pytest.approx(0.2)
     with pytest.raises(InputError, match="it ends at"):
         read_clip(tmp_path / "a.mkv", span=(2.0, 3.0))
+
+
+def test_a_rate_that_nothing_says_is_told(tmp_path: Path) -> None:
+    folder = images(tmp_path / "a", scenery(0, 4))
+    assert open_clip(ClipSource(folder))[1] == (ASSUMED,)
+    assert open_clip(ClipSource(folder, fps=24))[1] == ()
+    (folder / "times.json").write_text("[0, 1, 2, 3]")
+    assert open_clip(ClipSource(folder))[1] == ()
+    assert open_clip(saved(tmp_path / "a.mkv", scenery(0, 4)))[1] == ()
 
 
 def test_a_source_names_its_part(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError
+from cltransfer.open_clip import ASSUMED
 from cltransfer.reference import Reading, read_reference
 
 
@@ -22,7 +23,9 @@ def test_a_scene_with_a_trajectory_may_lie_in_other_folders(scene: str, path: st
     assert str(caught.value) == f"{tmp_path / path}: no such file"  # and not a clip of that long name
 
 
-def test_a_folder_at_another_rate_is_read_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_at_another_rate_is_read_anew_and_one_without_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
     (tmp_path / "frames").mkdir()
     grey = np.random.default_rng(0).integers(0, 255, (36, 64, 3), np.uint8)
@@ -33,3 +36,5 @@ def test_a_folder_at_another_rate_is_read_anew(tmp_path: Path, monkeypatch: pyte
     for rate, count in ((10, 4), (20, 7)):
         found = read_reference(f"{tmp_path / 'frames'}#t=0,0.3&fps={rate}", parts, Reading())
         assert (len(found), len(found.features)) == (count, count)
+    for _ in range(2):  # told of what is read and of what was read before
+        assert ASSUMED in read_reference(str(tmp_path / "frames"), parts, Reading(frames=2)).flags

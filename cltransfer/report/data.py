@@ -50,6 +50,11 @@ class ReportData:
     spent: Mapping[str, int | float | str] = field(default_factory=dict)
     command: str = ""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of all frames."""
+        return tuple(flag.reason for flag in self.flags if flag.frame is None)
+
     def __post_init__(self) -> None:
         count = len(self.times)
         parts = {

@@ -1,0 +1,71 @@
+"""Two clips scored: frames are paired by time, and what their times are taken to be is told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.clip import write_video
+from cltransfer.config import RunConfig, load_config
+from cltransfer.evaluate import evaluate
+from cltransfer.open_clip import ASSUMED
+
+OTHERS = [f"losses.{name}=null" for name in ("shot_size", "framing", "filmic_space", "camera_angle")]
+
+
+def pan() -> Tensor:
+    """Ten frames of a camera that pans ever faster over a blotchy wall."""
+    coarse = torch.rand(1, 3, 9, 40, generator=torch.Generator().manual_seed(0))
+    wall = torch.nn.functional.interpolate(coarse, (48, 200), mode="bilinear")[0]
+    return torch.stack([wall[:, :, i * i : i * i + 64] for i in range(10)]).mul(255).byte()
+
+
+def images(folder: Path, image: Tensor) -> Path:
+    folder.mkdir()
+    for i, rgb in enumerate(image):
+        assert cv2.imwrite(str(folder / f"{i}.png"), rgb.permute(1, 2, 0).numpy()[..., ::-1])
+    return folder
+
+
+@pytest.fixture
+def movement() -> RunConfig:
+    """The one loss that needs no network."""
+    return load_config(overrides=OTHERS)
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """A video of 30 frames a second; what is exported of it lies in ``frames``."""
+    write_video(tmp_path / "clip.mkv", pan(), torch.arange(10).double() / 30, lossless=True)
+    images(tmp_path / "frames", pan())
+    return tmp_path / "clip.mkv"
+
+
+def test_the_images_of_a_clip_at_its_rate_score_zero(clip: Path, movement: RunConfig) -> None:
+    folder = clip.with_name("frames")
+    for pair in ((clip, f"{folder}#fps=30"), (f"{folder}#fps=30", clip)):
+        report = evaluate(*map(str, pair), movement)
+        assert report.scores.totals.tolist() == [0.0] * 10
+        assert report.notes == ()
+
+
+def test_images_whose_rate_nothing_says_are_told(clip: Path, movement: RunConfig) -> None:
+    folder = str(clip.with_name("frames"))
+    report = evaluate(str(clip), folder, movement)
+    assert float(report.scores.totals.sum()) > 0  # 24 images a second are other moments
+    assert f"render: {ASSUMED}" in report.notes
+    assert f"reference: {ASSUMED}" in evaluate(folder, str(clip), movement).notes
+
+
+def test_notes_are_printed_and_kept(command: Any, clip: Path, tmp_path: Path) -> None:
+    answer = command("evaluate", clip, clip.with_name("frames"), *OTHERS, "--quiet", "--out", tmp_path / "out")
+    assert answer.code == 0, answer.err
+    assert f"\nnote: render: {ASSUMED}\n" in answer.out
+    flags = json.loads((tmp_path / "out" / "metrics.json").read_text())["flags"]
+    assert {"frame": None, "reason": f"render: {ASSUMED}"} in flags
