@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import torch
 
-from .clip import pair_by_time
+from .clip import Clip, pair_by_time
 from .clip_source import ClipSource
 from .components import Components
 from .config import RunConfig
 from .errors import InputError
+from .image_folder import FOLDER_RATE, TIMES, image_files
 from .objective import Objective
-from .open_clip import open_clip
+from .open_clip import open_clip, rate_assumed
 from .progress import Progress, silent
 from .read_frames import read_frames
 from .report.data import Flag, ReportData
@@ -43,6 +44,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     # a render is scored as it is: one that jumps is a bad render, not two shots
     shown, drawn = open_clip(replace(found, cuts="keep", letterbox="keep"), config.frames)
     original, flags = open_clip(asked)
+    drawn += _one_by_one(found, original)
     plan.load_networks()
     paired = original.image[pair_by_time(original.times, shown.times)]
     features, read = read_frames(paired, plan, asked.who(shown.times, original.size), progress)
@@ -55,3 +57,16 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     told = tuple(Flag(None, note) for note in notes)
     return ReportData(title, shown.times, scores, None, None, None, paired, shown.image, told, spent)
+
+
+def _one_by_one(render: ClipSource, original: Clip) -> tuple[str, ...]:
+    """A note where ``render`` has an image for each frame of ``original``, but its assumed rate pairs others."""
+    if not rate_assumed(render):
+        return ()
+    count = len(image_files(render.path))
+    played = torch.arange(count).double() / FOLDER_RATE
+    if count != len(original) or torch.equal(pair_by_time(original.times, played), torch.arange(count)):
+        return ()
+    rate = f"{(count - 1) / float(original.times[-1]):.4g}"
+    asked = f"if its times are meant, name FOLDER#fps={rate} or write a {TIMES}"
+    return (f"it has as many images as the reference has frames, {count}: {asked}",)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,20 @@ def test_images_whose_rate_nothing_says_are_told(clip: Path, movement: RunConfig
     assert float(report.scores.totals.sum()) > 0  # 24 images a second are other moments
     assert f"render: {ASSUMED}" in report.notes
     assert f"reference: {ASSUMED}" in evaluate(folder, str(clip), movement).notes
+
+
+@pytest.mark.parametrize(("count", "rate", "told"), [(10, 30, True), (9, 30, False), (10, 24, False)])
+def test_an_image_for_each_frame_of_the_reference_is_told_where_its_times_are_not_taken(
+    tmp_path: Path, movement: RunConfig, count: int, rate: int, told: bool
+) -> None:
+    write_video(tmp_path / "clip.mkv", pan(), torch.arange(10).double() / rate, lossless=True)
+    folder = images(tmp_path / "frames", pan()[:count])
+    few = replace(movement, frames=3)
+    notes = evaluate(str(tmp_path / "clip.mkv"), str(folder), few).notes
+    wanted = "render: it has as many images as the reference has frames, 10: "
+    assert [note.removeprefix(wanted) for note in notes if note.startswith(wanted)] == [
+        "if its times are meant, name FOLDER#fps=30 or write a times.json"
+    ] * told
 
 
 def test_notes_are_printed_and_kept(command: Any, clip: Path, tmp_path: Path) -> None:
