@@ -17,15 +17,15 @@ def evaluate(
     reference: Annotated[
         str,
         typer.Argument(
-            help="Video or image folder (FOLDER#fps=30, or 24 images/s, or its times.json), CLIP#t=START,END for a "
-            "part; or a folder of clips."
+            help="Video, image folder (24 images/s unless FOLDER#fps=30 or its times.json says) or run folder, "
+            "CLIP#t=START,END for a part; or a folder of clips."
         ),
     ],
     render: Annotated[
         str,
         typer.Argument(
-            help="Video or image folder as REFERENCE is; its frames are paired by time. For a folder of clips "
-            "METHOD=FOLDER."
+            help="Video, image folder or run folder, named as REFERENCE is; its frames are paired by time. For a "
+            "folder of clips METHOD=FOLDER."
         ),
     ],
     more: Annotated[
@@ -79,8 +79,9 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     if not Path(reference).is_dir():
         return {}, more
     from .image_folder import holds_clips
+    from .run_files import is_run
 
-    if not holds_clips(Path(reference)):
+    if is_run(Path(reference)) or not holds_clips(Path(reference)):
         return {}, more
     methods: dict[str, Path] = {}
     rest = []

@@ -18,6 +18,7 @@ from .open_clip import open_clip, rate_assumed
 from .progress import Progress, silent
 from .read_frames import read_frames
 from .report.data import Flag, ReportData
+from .run_files import kept_frames
 from .scores import score
 
 
@@ -28,19 +29,22 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     extractors, flow from one paired frame to the next.
 
     Args:
-        reference: a video or an image folder, or a part of one (:class:`cltransfer.clip_source.ClipSource`).
-        render: a video or an image folder that starts when the reference does.
+        reference: a video, an image folder or the folder of a run, which has kept its frames; or a part of one
+            (:class:`cltransfer.clip_source.ClipSource`).
+        render: as the reference, and starts when it does.
         config: which losses and extractors; ``frames`` thins the render.
         progress: called with a step, frames done, frames in all.
 
     Raises:
-        InputError: a clip is missing or damaged, the reference has a cut or shows no person, or the two do not overlap
-            in time.
+        InputError: a clip is missing, damaged or of an unfinished run, the reference has a cut or shows no person, or
+            the two do not overlap in time.
     """
     start = time.perf_counter()
     parts = Components.build(config)
     plan = parts.plan("image")
     asked, found = ClipSource.parse(reference), ClipSource.parse(render)
+    title = f"{found.path.name} against {asked.path.name}"
+    asked, found = (replace(where, path=kept_frames(where.path)) for where in (asked, found))
     # a render is scored as it is: one that jumps is a bad render, not two shots
     shown, drawn = open_clip(replace(found, cuts="keep", letterbox="keep"), config.frames)
     original, flags = open_clip(asked)
@@ -53,7 +57,6 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     rendered, seen = read_frames(shown.image, plan, found.who(shown.times, shown.size), progress)
     scores = score(Objective(parts.losses), features, rendered, plan.missing)
     spent = {"network_passes": 2 * len(paired) * plan.passes, "seconds": round(time.perf_counter() - start, 2)}
-    title = f"{found.path.name} against {asked.path.name}"
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     told = tuple(Flag(None, note) for note in notes)
     return ReportData(title, shown.times, scores, None, None, None, paired, shown.image, told, spent)

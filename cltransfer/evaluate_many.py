@@ -14,7 +14,6 @@ from .evaluate import evaluate
 from .image_folder import VIDEOS, natural_order
 from .progress import Progress, silent
 from .report.metrics import finite
-from .run_files import FRAMES, is_run, require_done
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
@@ -110,19 +109,13 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
     if render is None:
         return ClipScore(method, name, reason="the method has no clip of this name")
     try:
-        report = evaluate(str(_clip(reference)), str(_clip(render)), config)
+        report = evaluate(str(reference), str(render), config)
     except InputError as error:
         return ClipScore(method, name, reason=str(error))
     terms = report.scores.terms
     means = {**{term.name: term.mean for term in terms}, "total": finite(float(report.scores.totals.mean()))}
     defined = {**{term.name: term.defined for term in terms}, "total": len(report.times)}
     return ClipScore(method, name, means, defined, len(report.times))
-
-
-def _clip(path: Path) -> Path:
-    """What is scored: the frames that a run has kept, or the clip itself."""
-    require_done(path)
-    return path / FRAMES if is_run(path) else path
 
 
 def interval(values: list[float | None], seed: int = 0) -> Interval:

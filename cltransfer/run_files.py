@@ -37,6 +37,16 @@ def require_done(folder: Path) -> None:
         )
 
 
+def kept_frames(path: Path) -> Path:
+    """The clip to look at: the frames that the run in ``path`` has kept, or ``path`` itself where it is no run.
+
+    Raises:
+        InputError: the run has not come to its end, or a part of it leads elsewhere.
+    """
+    require_done(path)
+    return path / FRAMES if is_run(path) else path
+
+
 def open_run(folder: Path, resume: bool = False) -> Path:
     """``folder``, as one that a run can be written into.
 

@@ -78,6 +78,25 @@ def test_an_image_for_each_frame_of_the_reference_is_told_where_its_times_are_no
     ] * told
 
 
+def test_a_run_is_scored_by_the_frames_it_has_kept(command: Any, clip: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    write_video(run / "video" / "frames.mkv", pan(), torch.arange(10).double() / 30, lossless=True)
+    write_video(run / "video" / "render.mp4", pan() // 2, torch.arange(10).double() / 30)
+    (run / "manifest.json").write_text("{}")
+    pairs = ((clip, run), (run, clip), (f"{clip}#t=0,0.2", f"{run}#t=0,0.2"))
+    for pair in pairs:
+        killed = command("evaluate", *pair, *OTHERS, "--quiet")
+        assert (killed.code, killed.err.count("\n")) == (3, 1)
+        assert f"{run}: DONE: this run was not finished" in killed.err
+    (run / "DONE").touch()
+    for pair, title in zip(pairs, ("run against clip.mkv", "clip.mkv against run", "run against clip.mkv")):
+        answer = command("evaluate", *pair, *OTHERS, "--quiet", "--json")
+        assert answer.code == 0, answer.err
+        said = json.loads(answer.out)
+        assert (said["metrics"]["total"]["mean"], said["title"]) == (0, title)
+    assert command("evaluate", clip, f"{run}#fps=30", *OTHERS, "--quiet").code == 2
+
+
 def test_notes_are_printed_and_kept(command: Any, clip: Path, tmp_path: Path) -> None:
     answer = command("evaluate", clip, clip.with_name("frames"), *OTHERS, "--quiet", "--out", tmp_path / "out")
     assert answer.code == 0, answer.err

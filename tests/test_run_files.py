@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cltransfer.errors import InputError, UsageError
-from cltransfer.run_files import DONE, JOURNAL, MANIFEST, RESULTS, clear, open_run, require_done
+from cltransfer.run_files import DONE, FRAMES, JOURNAL, MANIFEST, RESULTS, clear, kept_frames, open_run, require_done
 
 
 def killed(folder: Path) -> Path:
@@ -28,6 +28,16 @@ def test_a_run_that_was_killed_is_no_result(tmp_path: Path) -> None:
     (run / DONE).touch()
     require_done(run)
     require_done(tmp_path)  # no run at all: an image folder
+
+
+def test_of_a_run_its_kept_frames_are_looked_at_and_any_other_clip_is_itself(tmp_path: Path) -> None:
+    run = killed(tmp_path / "run")
+    with pytest.raises(InputError, match="not finished"):
+        kept_frames(run)
+    (run / DONE).touch()
+    assert kept_frames(run) == run / FRAMES
+    assert kept_frames(tmp_path) == tmp_path
+    assert kept_frames(tmp_path / "clip.mp4") == tmp_path / "clip.mp4"
 
 
 def test_what_an_earlier_run_left_is_taken_away_and_nothing_else(tmp_path: Path) -> None:
@@ -71,6 +81,7 @@ def test_every_reader_of_runs_refuses_an_unfinished_one(
         ("render", run),
         ("describe", run),
         ("study", run, tiny_run, "--out", page),
+        ("evaluate", tiny_run, run),
         ("transfer", "builtin:courtyard", reference, "--out", tmp_path / "out"),
     ):
         answer = command(*words)

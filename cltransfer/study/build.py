@@ -20,7 +20,7 @@ from ..clip import read_clip, write_video
 from ..errors import InputError, UsageError
 from ..files import check_out, content_hash, csp_hash, read_json, write_json, write_text
 from ..report.side_by_side import reference_side
-from ..run_files import BESIDE, FRAMES, MANIFEST, is_run, require_done
+from ..run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
 
 SIDE = 720  # largest height of a video [px]
@@ -101,7 +101,7 @@ def _got(paths: Sequence[Path]) -> str:
 
 def _clip(path: Path) -> Shown:
     """The frames of a run folder, as they were kept, or of a clip."""
-    clip = read_clip(path / FRAMES if is_run(path) else path)
+    clip = read_clip(kept_frames(path))
     return Shown(clip.image, clip.times)
 
 
