@@ -103,8 +103,8 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
 def evaluate_folders(
     references: Path, methods: dict[str, Path], settings: Any, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
-    """Score folders of clips and show the table of methods."""
-    from .evaluate_many import evaluate_many, summarise
+    """Score folders of clips and show the table of methods and what a reader should know."""
+    from .evaluate_many import evaluate_many, notes_of, summarise
     from .evaluate_table import methods_json, methods_markdown, write_methods
     from .progress import progress
 
@@ -114,4 +114,5 @@ def evaluate_folders(
     if out is not None:
         write_methods(out, rows, summary)
     lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
-    show(methods_json(rows, summary), "\n".join([methods_markdown(summary), *lacking]), as_json)
+    notes = [f"note: {note}" for note in notes_of(rows)]
+    show(methods_json(rows, summary), "\n".join([methods_markdown(summary), *lacking, *notes]), as_json)

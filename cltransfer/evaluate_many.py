@@ -29,6 +29,7 @@ class ClipScore:
         defined: frames that have a value, by term.
         frames: of the clip.
         reason: why there is nothing, where nothing could be scored.
+        notes: what a reader should know of it.
     """
 
     method: str
@@ -37,6 +38,7 @@ class ClipScore:
     defined: Mapping[str, int] = field(default_factory=dict)
     frames: int = 0
     reason: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,19 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
     terms = report.scores.terms
     means = {**{term.name: term.mean for term in terms}, "total": finite(float(report.scores.totals.mean()))}
     defined = {**{term.name: term.defined for term in terms}, "total": len(report.times)}
-    return ClipScore(method, name, means, defined, len(report.times))
+    return ClipScore(method, name, means, defined, len(report.times), notes=report.notes)
+
+
+def notes_of(rows: list[ClipScore]) -> list[str]:
+    """Each note once a method, with the clip or how many clips it is about."""
+    about: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        for note in row.notes:
+            about.setdefault((row.method, note), []).append(row.clip)
+    return [
+        f"{method}, {clips[0] if len(clips) == 1 else f'{len(clips)} clips'}: {note}"
+        for (method, note), clips in about.items()
+    ]
 
 
 def interval(values: list[float | None], seed: int = 0) -> Interval:

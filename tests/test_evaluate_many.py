@@ -6,14 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 import torch
 
 from cltransfer.clip import write_video
 from cltransfer.config import load_config
 from cltransfer.errors import InputError
-from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, summarise
+from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
+from cltransfer.open_clip import ASSUMED
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
@@ -150,6 +152,32 @@ def test_folders_are_scored_clip_by_clip(command: Any, tmp_path: Path) -> None:
     ]
     written = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json"]
+
+
+def test_what_a_reader_should_know_of_the_clips_is_told(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
+    for clip in ("a", "b"):
+        (tmp_path / "ours" / clip).mkdir(parents=True)
+        for i, rgb in enumerate(wall(0, 2)):
+            assert cv2.imwrite(str(tmp_path / "ours" / clip / f"{i}.png"), rgb.permute(1, 2, 0).numpy())
+    (tmp_path / "ours" / "b" / "times.json").write_text("[0, 0.5, 2, 4]")
+    said = command(
+        "evaluate", references, f"ours={tmp_path / 'ours'}", *OFF[:3], *OFF[4:], "--quiet", "--out", tmp_path / "out"
+    )
+    assert said.code == 0, said.err
+    assert f"note: ours, a: render: {ASSUMED}" in said.out.splitlines()
+    first, second = json.loads((tmp_path / "out" / "metrics.json").read_text())["clips"]
+    assert f"render: {ASSUMED}" in first["notes"]
+    assert f"render: {ASSUMED}" not in second["notes"]
+
+
+def test_a_note_on_several_clips_is_told_once_a_method() -> None:
+    rows = [ClipScore(method, clip, notes=("dark",)) for method in ("ours", "theirs") for clip in ("a", "b")]
+    assert notes_of([*rows, ClipScore("ours", "c", notes=("far",))]) == [
+        "ours, 2 clips: dark",
+        "theirs, 2 clips: dark",
+        "ours, c: far",
+    ]
 
 
 def test_one_clip_against_a_folder_of_clips_is_a_usage_error(command: Any, tmp_path: Path) -> None:
