@@ -114,9 +114,9 @@ def _hits(
 
 
 def _uv(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
-    """Place in the texture (N, 2), in [0, 1)."""
+    """Place in the texture (N, 2), in [0, 1]; what is no number is at 0."""
     uv = (weights[..., None] * mesh.uv[mesh.faces[face].long()]).sum(1)
-    return uv - uv.floor()
+    return (uv - uv.floor()).nan_to_num(0.0)
 
 
 def _holes(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:

@@ -176,6 +176,21 @@ def test_a_texture_stands_upright_and_its_holes_show_what_is_behind(backend):
     assert torch.equal(got.depth[0], 2 + 2 * hole)
 
 
+@pytest.mark.parametrize("place", [1e30, -1e30, 9.3e18, -1e-20, math.inf, math.nan])
+def test_a_place_far_outside_a_texture_stays_in_it(place):
+    image = torch.tensor([[[255, 0, 0, 200], [0, 255, 0, 60]], [[0, 0, 255, 255], [255, 255, 255, 255]]])
+    textured = replace(
+        Mesh.plain(*_square(2.0, 1.0), colors=torch.ones(4, 3)),
+        uv=torch.full((4, 2), place),
+        texture=torch.zeros(2, dtype=torch.int32),
+        textures=(image.to(torch.uint8),),
+    )
+    mesh = Mesh.concatenate([textured, wall(4.0, 2.0)])
+    fast, plain = (Renderer(backend=b).render(scene_of(mesh), forward_camera((4, 4), 4.0), ALL) for b in BACKENDS)
+    torch.testing.assert_close(fast.image, plain.image, atol=1e-5, rtol=0)
+    assert torch.equal(fast.depth, plain.depth)
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_face_through_the_camera_is_cut_at_the_near_plane(backend):
     floor = quad([[-50.0, 1, -50], [50.0, 1, -50], [50.0, 1, 50], [-50.0, 1, 50]])

@@ -80,10 +80,16 @@ def _planes(corners: Array, points: Array, lens: Array, planes: Array) -> bool:
 
 
 @njit(**INLINE)
+def _texel(place: float, count: int) -> int:
+    """The texel at ``place`` (1 is the whole width), which repeats; what is no number is at 0."""
+    inside = place - np.floor(place)  # as a float: a huge place would overflow an integer
+    return min(int((inside if inside >= 0 else 0.0) * count), count - 1)
+
+
+@njit(**INLINE)
 def _is_hole(u: float, v: float, image: Array, texels: Array) -> bool:
     """Whether the texel at (u, v) is transparent."""
-    column = min(int((u - int(u // 1)) * image[WIDTH]), image[WIDTH] - 1)
-    row = min(int((v - int(v // 1)) * image[HEIGHT]), image[HEIGHT] - 1)
+    column, row = _texel(u, image[WIDTH]), _texel(v, image[HEIGHT])
     return texels[image[OFFSET] + row * image[WIDTH] + column, 3] < HOLE
 
 

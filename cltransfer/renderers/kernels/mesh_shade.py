@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import floor, sqrt
 
+import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array
@@ -38,8 +39,9 @@ def _facing(corners: Array, points: Array, x: float, y: float) -> float:
 
 @njit(**INLINE)
 def _wrapped(place: float, count: int) -> tuple[int, int, float]:
-    """The two texels about ``place`` (1 is the whole width) and the share of the second."""
-    at = (place - floor(place)) * count - 0.5
+    """The two texels about ``place`` (1 is the whole width) and the share of the second; what is no number is at 0."""
+    inside = place - np.floor(place)  # as a float: a huge place would overflow an integer
+    at = (inside if inside >= 0 else 0.0) * count - 0.5
     low = floor(at)
     high = low + 1
     return low if low >= 0 else count - 1, high if high < count else 0, at - low
