@@ -27,6 +27,7 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
 LOST = 0.01  # share of vertices that may be not finite
 IMAGE_LIMIT = 2**26  # pixels of one texture
+PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
 LIT, UNLIT, TEXTURED = "lit", "unlit", " textured"  # marks in the names of materials
 
 
@@ -164,16 +165,27 @@ def _painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
         raise InputError(path, "images", "a texture cannot be decoded")
     if image is None or uv is None or len(uv) != len(mesh.vertices):
         return replace(mesh, colors=colors, shaded=torch.full_like(mesh.shaded, not name.startswith(UNLIT)))
-    places = torch.from_numpy(np.asarray(uv, np.float32).copy())
-    places[:, 1] = 1 - places[:, 1]  # trimesh counts from the bottom
+    places = _places(path, np.asarray(uv, np.float64))
     return replace(
         mesh,
         colors=colors,
         shaded=torch.full_like(mesh.shaded, name.startswith(LIT)),
-        uv=torch.nan_to_num(places, posinf=0.0, neginf=0.0),
+        uv=places,
         texture=torch.zeros_like(mesh.texture),
         textures=(_texture(path, image, material),),
     )
+
+
+def _places(path: Path, uv: Array) -> Tensor:
+    """Texture coordinates (V, 2) float32 from the top left; trimesh counts them from the bottom."""
+    wrong = np.flatnonzero(~(np.abs(uv) <= PLACE_LIMIT).all(1))
+    if len(wrong):
+        got = " ".join(f"{value:g}" for value in uv[wrong[0]])
+        reason = f"expected at most {PLACE_LIMIT:g} in size, got {got} at vertex {wrong[0]}"
+        raise InputError(path, "texture coordinates", reason)
+    places = torch.from_numpy(uv.astype(np.float32))
+    places[:, 1] = 1 - places[:, 1]
+    return places
 
 
 def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:

@@ -50,6 +50,15 @@ def test_an_obj_brings_its_texture_the_right_way_up(tmp_path):
     assert {file.name for file in found.files} == {"stage.obj", "stage.mtl", "wood.png"}
 
 
+@pytest.mark.parametrize("place", ["1e30", "-2e6", "nan", "inf"])
+def test_texture_coordinates_without_sense_are_refused(tmp_path, place):
+    write_textured(tmp_path)
+    text = (tmp_path / "stage.obj").read_text()
+    (tmp_path / "stage.obj").write_text(text.replace("vt 1 0", f"vt {place} 0"))
+    with pytest.raises(InputError, match=r"texture coordinates: expected at most 1e\+06 in size, got .* 0 at vertex 1"):
+        read_mesh(tmp_path / "stage.obj")
+
+
 def test_a_ply_keeps_its_colours(tmp_path):
     color = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
     write_ply(tmp_path / "scan.ply", "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 51\n", more=color)
