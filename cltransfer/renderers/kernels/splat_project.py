@@ -99,10 +99,12 @@ def _ellipse(geometry: Array, i: int, point: tuple[f32, f32, f32], view: View) -
 
 @njit(**INLINE)
 def _pixels(middle: f32, reach: f32, size: int) -> tuple[int, int]:
-    """First and last pixel whose centre is within ``reach`` of ``middle``; first > last where none is."""
+    """First and last pixel whose centre is within ``reach`` of ``middle``; first > last where none is, or no number."""
     limit = f32(size)
-    first = int(_clip(np.ceil(middle - reach - _HALF), _ZERO, limit))
-    return first, int(_clip(np.floor(middle + reach - _HALF), -_ONE, limit - _ONE))
+    low, high = np.ceil(middle - reach - _HALF), np.floor(middle + reach - _HALF)
+    if not low <= high:  # so that what is converted is a number
+        return size, -1
+    return int(_clip(low, _ZERO, limit)), int(_clip(high, -_ONE, limit - _ONE))
 
 
 @njit(**INLINE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from cltransfer.renderers.kernels.splat_cull import sort_by_depth
 from cltransfer.renderers.kernels.splat_pack import CHUNK, morton_codes, pack
+from cltransfer.renderers.kernels.splat_project import _pixels
 from cltransfer.renderers.kernels.splats import Settings, count_visible, make_view
 
 FIRST_FRAME = """
@@ -122,3 +124,13 @@ def test_nothing_visible_behind_and_everything_in_front():
         w2c = np.eye(4)
         w2c[2, 3] = depth
         assert count_visible(packed, make_view(w2c, K, (160, 90), Settings(0.1, 0.3, True))) == expected
+
+
+def test_pixels_about_any_place_are_in_the_frame_or_none():
+    assert [_pixels(np.float32(x), np.float32(2.0), 90) for x in (45.0, 1.0)] == [(43, 46), (0, 2)]
+    huge = (-np.inf, -3.4e38, 0.0, 3.4e38, np.inf, np.nan)
+    for middle, reach in itertools.product(huge, huge[2:]):
+        first, last = _pixels(np.float32(middle), np.float32(reach), 90)
+        assert 0 <= first <= 90
+        assert -1 <= last < 90
+        assert first > last or np.isfinite(middle)
