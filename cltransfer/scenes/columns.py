@@ -16,6 +16,7 @@ from .splats import Splats
 MAX_DROPPED = 0.01  # share of Gaussians that may be left out because they are not finite
 MIN_SCALE = 1e-9  # scene units; a flat Gaussian is a very thin one
 MAX_SCALE = 1e9  # scene units; beyond it the squares of the renderers overflow
+MAX_MEAN = 1e9  # scene units, along an axis; so do their products beyond it
 SH0 = 0.28209479177387814  # value of the first spherical harmonic, everywhere
 BYTES, BYTES_PER_TERM = 210, 24  # of a Gaussian read and packed for the kernels; the terms of its colour come on top
 RESERVE = 400 * 2**20  # bytes for all that is not the scene
@@ -66,7 +67,7 @@ def drawable(path: Path, columns: Columns) -> Splats:
     scales = np.exp(columns["log_scales"])
     length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
     bad = {
-        "x, y, z": ~np.isfinite(columns["means"]).all(1),
+        "x, y, z": ~(np.abs(columns["means"]) <= MAX_MEAN).all(1),
         "scale": ~(scales <= MAX_SCALE).all(1),
         "rot": ~(np.isfinite(length[:, 0]) & (length[:, 0] > 0)),
         "opacity": ~np.isfinite(columns["opacity"]),

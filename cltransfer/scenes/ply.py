@@ -31,9 +31,9 @@ def read_splats(path: Path) -> Splats:
         path: a file of at most 20 million Gaussians.
 
     Returns:
-        Splats without label; Gaussians with a value that is not finite, a rotation of length 0 or a scale beyond
-        1e9 are left out and counted in ``dropped``. Where memory is short, fewer harmonics are read, and one line of
-        the log says so.
+        Splats without label; Gaussians with a value that is not finite, a rotation of length 0, or a scale or a place
+        beyond 1e9 are left out and counted in ``dropped``. Where memory is short, fewer harmonics are read, and one
+        line of the log says so.
 
     Raises:
         InputError: the file is not such a PLY, is damaged, or more than 1 % of it would be left out.

@@ -213,6 +213,12 @@ def test_overflowing_scales_and_zero_rotations_are_dropped_and_huge_opacities_ar
         assert float(read(tmp_path, trained(broken_rows(1, 150, 6, logit))).opacity[7]) == opacity
 
 
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_places_far_beyond_any_scene_are_dropped(tmp_path, column):
+    for place, dropped in ((1e9, 0), (-1e9, 0), (1.1e9, 1), (-3.4e38, 1)):
+        assert read(tmp_path, trained(broken_rows(1, 150, column, place))).dropped == dropped
+
+
 def test_little_endian_on_the_label_but_not_in_the_file_is_refused(tmp_path):
     rng = np.random.default_rng(0)
     rows = rng.normal(0, 2, (2000, 14)).astype(">f4")
