@@ -51,6 +51,17 @@ class Gltf:
         found: dict[str, Any] = entries[index]
         return found
 
+    def view(self, index: Any) -> memoryview:
+        """Bytes of a buffer view.
+
+        Raises:
+            InputError: there is none, or it names no buffer.
+        """
+        about = self.entry("bufferViews", index)
+        if not 0 <= about.get("buffer", -1) < len(self.buffers):
+            raise InputError(self.path, f"bufferViews[{index}]", "names no buffer")
+        return memoryview(self.buffers[about["buffer"]])[about.get("byteOffset", 0) :][: about.get("byteLength", 0)]
+
     def array(self, accessor: Any) -> Array:
         """Rows of an accessor, (count, width), as stored; normalised integers become numbers in [-1, 1].
 
@@ -62,10 +73,7 @@ class Gltf:
         kind, width = _TYPES.get(about.get("componentType", 0)), _WIDTH.get(about.get("type", ""), 0)
         if kind is None or not width or "sparse" in about or "bufferView" not in about:
             raise InputError(self.path, field, "expected plain numbers in a buffer view")
-        view = self.entry("bufferViews", about["bufferView"])
-        if not 0 <= view.get("buffer", -1) < len(self.buffers):
-            raise InputError(self.path, field, "names no buffer")
-        data = memoryview(self.buffers[view["buffer"]])[view.get("byteOffset", 0) :][: view.get("byteLength", 0)]
+        data, view = self.view(about["bufferView"]), self.entry("bufferViews", about["bufferView"])
         row = np.dtype(kind).itemsize * width
         stride = view.get("byteStride", row)
         if offset < 0 or stride < row or count < 1 or offset + (count - 1) * stride + row > len(data):
@@ -160,15 +168,21 @@ def _buffer(path: Path, index: int, entry: dict[str, Any], binary: bytes | None,
     uri, length, field = entry.get("uri"), entry.get("byteLength", 0), f"buffers[{index}]"
     if not isinstance(length, int) or not 0 < length <= LIMIT:
         raise InputError(path, field, f"expected 1 to {LIMIT} bytes, got {length!r}")
-    if uri is None:
-        data = binary or b""
-    elif uri.startswith(DATA):
-        try:
-            data = base64.b64decode(uri.partition(",")[2], validate=True)
-        except binascii.Error:
-            raise InputError(path, field, "expected base64 data") from None
-    else:
-        data = files.get(uri)
+    data = (binary or b"") if uri is None else uri_bytes(path, field, uri, files)
     if len(data) < length:
         raise InputError(path, field, f"cut off: expected {length} bytes, got {len(data)}")
     return data
+
+
+def uri_bytes(path: Path, field: str, uri: str, files: Beside) -> bytes:
+    """Bytes that ``uri`` holds, or those of the file that it names.
+
+    Raises:
+        InputError: it holds no base64, or names a file that is not there or outside the folder.
+    """
+    if not uri.startswith(DATA):
+        return files.get(uri)
+    try:
+        return base64.b64decode(uri.partition(",")[2], validate=True)
+    except binascii.Error:
+        raise InputError(path, field, "expected base64 data") from None

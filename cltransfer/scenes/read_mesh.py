@@ -7,7 +7,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ from ..renderers.kernels import Array
 from ..subject import Subject
 from .asset_files import Beside, read_limited
 from .gltf_file import COUNT_LIMIT, Gltf, read_gltf
+from .gltf_images import FORMATS, shown_images
 from .gltf_skin import POSED, Skeleton, posed
 from .mesh import GREY, Mesh
 from .moment import START, Moment
@@ -28,6 +29,7 @@ UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
 LOST = 0.01  # share of vertices that may be not finite
 IMAGE_LIMIT = 2**26  # pixels of one texture
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
+DECODED = (*FORMATS, "MPO", None)  # MPO: a JPEG with further pictures behind it; None: what trimesh made of them
 LIT, UNLIT, TEXTURED = "lit", "unlit", " textured"  # marks in the names of materials
 
 
@@ -62,13 +64,14 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     if suffix not in SUFFIXES:
         raise InputError(path, "", f"no mesh has the suffix {suffix!r}", f"expected {', '.join(SUFFIXES)}")
     files, rig = Beside(path), None
+    beside: Any = files
     if suffix in (".glb", ".gltf"):
-        data, rig = _posed_glb(path, moment, files)
+        data, rig, beside = _posed_glb(path, moment, files)
         suffix = ".glb"
     else:
         data = read_limited(path)
         _check_counts(path, data, suffix)
-    parts = [_part(path, *part) for part in _geometries(path, data, suffix, files)]
+    parts = [_part(path, *part) for part in _geometries(path, data, suffix, beside)]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:
         raise InputError(path, "", "holds no faces", "is it a point cloud?")
@@ -82,11 +85,12 @@ def _subject(rig: Skeleton | None, up: tuple[float, float, float]) -> Subject | 
     return None if rig is None else subject_of_rig(rig, np.array(up))
 
 
-def _posed_glb(path: Path, moment: Moment, files: Beside) -> tuple[bytes, Skeleton | None]:
-    """A file without skins or animation, and the skeleton there was."""
+def _posed_glb(path: Path, moment: Moment, files: Beside) -> tuple[bytes, Skeleton | None, dict[str, bytes]]:
+    """A file without skins or animation, the skeleton there was, and the images it names."""
     try:
         gltf, rig = posed(read_gltf(path, files), moment.time, moment.animation)
-        return _with_marks(gltf).to_glb(), rig
+        gltf, images = shown_images(gltf, files)
+        return _with_marks(gltf).to_glb(), rig, images
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         # what a value may be is checked where it is used; any other shape of the JSON ends here
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
@@ -118,15 +122,14 @@ def _check_counts(path: Path, data: bytes, suffix: str) -> None:
             raise InputError(path, "header", f"{line[:60]!r} asks for more than the file holds")
 
 
-def _geometries(path: Path, data: bytes, suffix: str, files: Beside) -> Iterator[tuple[str, Array, Any]]:
-    """Node, transform to the world (4, 4) and geometry of everything with faces."""
+def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tuple[str, Array, Any]]:
+    """Node, transform to the world (4, 4) and geometry of everything with faces; ``files`` gives bytes by name."""
     import trimesh
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters is raised below
     try:
-        stream, resolver = io.BytesIO(data), cast(Any, files)
-        scene = trimesh.load_scene(stream, suffix[1:], resolver, process=False, maintain_order=True)
-        if files.refused is not None:
+        scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False, maintain_order=True)
+        if isinstance(files, Beside) and files.refused is not None:
             raise files.refused
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
@@ -206,6 +209,8 @@ def _tint(material: Any) -> list[float]:
 
 def _texture(path: Path, image: Any, material: Any) -> Tensor:
     """RGBA (h, w, 4) uint8; alpha is 0 in holes and 255 elsewhere."""
+    if image.format not in DECODED:
+        raise InputError(path, "texture", f"{image.format} is not read", f"expected {', '.join(FORMATS)}")
     if image.width * image.height > IMAGE_LIMIT:
         raise InputError(path, "texture", f"expected at most {IMAGE_LIMIT} pixels, got {image.width}x{image.height}")
     pixels = np.array(image.convert("RGBA"))
