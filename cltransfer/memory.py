@@ -7,7 +7,7 @@ import re
 import sys
 from pathlib import Path
 
-from .errors import UsageError
+from .errors import ResourceError, UsageError
 
 VARIABLE = "CLTRANSFER_MEMORY"
 _CGROUP = Path("/sys/fs/cgroup")
@@ -30,6 +30,24 @@ def free_bytes() -> int | None:
             raise UsageError("", VARIABLE, f"expected a positive whole number of MB, got {named!r}")
         limits.append(int(named) * 2**20 - process.get("VmRSS", 0))
     return max(0, min(limits)) if limits else None
+
+
+def require_free(need: int, where: str | Path, what: str, hint: str) -> None:
+    """Refuse what takes more memory than there is, before it is begun.
+
+    Args:
+        need: bytes it takes at its peak.
+        where: the file it is read from, for the error line.
+        what: it, as a plural.
+        hint: what else than more memory would help.
+
+    Raises:
+        ResourceError: less is free.
+    """
+    free = free_bytes()
+    if free is not None and need > free:
+        reason = f"{what} need {need / 2**20:.0f} MB, {free / 2**20:.0f} MB are free"
+        raise ResourceError(where, "memory", reason, f"raise the limit of the system or of {VARIABLE}, or {hint}")
 
 
 def _of_machine() -> list[int]:

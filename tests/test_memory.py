@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cltransfer import memory
-from cltransfer.errors import UsageError
-from cltransfer.memory import VARIABLE, free_bytes
+from cltransfer.errors import ResourceError, UsageError
+from cltransfer.memory import VARIABLE, free_bytes, require_free
 
 
 @pytest.fixture
@@ -66,3 +66,14 @@ def test_a_system_that_says_nothing_limits_nothing(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(memory, "_of_process", lambda sizes: [])
     monkeypatch.delenv(VARIABLE, raising=False)
     assert free_bytes() is None
+
+
+def test_what_is_more_than_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for free in (2**20, None):
+        monkeypatch.setattr(memory, "free_bytes", lambda free=free: free)
+        require_free(2**20, "a.glb", "meshes", "thin them")
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**20)
+    with pytest.raises(ResourceError) as caught:
+        require_free(3 * 2**20, "a.glb", "meshes", "thin them")
+    hint = f"raise the limit of the system or of {VARIABLE}, or thin them"
+    assert str(caught.value) == f"a.glb: memory: meshes need 3 MB, 1 MB are free ({hint})"

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import io
-import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ..memory import require_free
 from .asset_files import Beside
 from .gltf_file import Gltf, uri_bytes
+from .textures import HINT, check_size, image_size
 
-FORMATS = ("PNG", "JPEG", "WEBP")  # that are decoded; other decoders are many, and some start programs
 GLOSSY = "KHR_materials_pbrSpecularGlossiness"
+GLOSSY_BYTES, GLOSSY_KEPT = 320, 8  # of a pixel while trimesh makes base colours of such a material, and after it
 SHOWN = ("baseColorTexture", "diffuseTexture", "specularGlossinessTexture")
 
 
@@ -22,33 +21,32 @@ def shown_images(gltf: Gltf, files: Beside) -> tuple[Gltf, dict[str, bytes]]:
     """The document without the images that no material shows, and the others by the names it now has for them.
 
     Raises:
-        InputError: an image that is shown is missing or of another format.
+        InputError: an image that is shown is missing, too large or of another format.
+        ResourceError: there is too little memory to turn its materials into base colours.
     """
-    images: list[dict[str, str]] = [{} for _ in gltf.tree.get("images", [])]
-    data: dict[str, bytes] = {}
-    for material in gltf.tree.get("materials", []):
-        for index in _sources(gltf, material):
-            name = f"image {index}"
-            if name not in data:
-                data[name] = _bytes(gltf, gltf.entry("images", index), files)
-                image_size(gltf.path, data[name])
-                images[index] = {"uri": name}
-    return replace(gltf, tree={**gltf.tree, "images": images}), data
+    materials = gltf.tree.get("materials", [])
+    shown = [list(_sources(gltf, material)) for material in materials]
+    indices = dict.fromkeys(index for sources in shown for index in sources)
+    data = {index: _bytes(gltf, gltf.entry("images", index), files) for index in indices}
+    sizes = {index: image_size(gltf.path, one) for index, one in data.items()}
+    glossy = [[sizes[i] for i in one] for one, about in zip(shown, materials) if GLOSSY in about.get("extensions", {})]
+    _check_glossy(gltf.path, glossy)
+    images = [{"uri": _name(i)} if i in data else {} for i in range(len(gltf.tree.get("images", [])))]
+    return replace(gltf, tree={**gltf.tree, "images": images}), {_name(i): one for i, one in data.items()}
 
 
-def image_size(path: Path, data: bytes) -> tuple[int, int]:
-    """(W, H) [px] of an image file, of which only the header is read.
+def _name(index: int) -> str:
+    return f"image {index}"
 
-    Raises:
-        InputError: it is no PNG, JPEG or WEBP.
-    """
-    from PIL import Image
 
-    try:
-        with Image.open(io.BytesIO(data), formats=FORMATS) as image:
-            return image.size
-    except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError):
-        raise InputError(path, "images", "a texture cannot be decoded", f"expected {', '.join(FORMATS)}") from None
+def _check_glossy(path: Path, materials: list[list[tuple[int, int]]]) -> None:
+    """Hold such materials against the memory there is; the images of each are brought to one size."""
+    common = [(max(w for w, _ in sizes), max(h for _, h in sizes)) for sizes in materials if sizes]
+    for size in common:
+        check_size(path, size)
+    pixels = [width * height for width, height in common]
+    need = GLOSSY_BYTES * max(pixels, default=0) + GLOSSY_KEPT * sum(pixels)
+    require_free(need, path, f"materials of {GLOSSY}", HINT)
 
 
 def _sources(gltf: Gltf, material: dict[str, Any]) -> Iterator[int]:

@@ -99,18 +99,20 @@ class Mesh:
 
     @staticmethod
     def concatenate(parts: Sequence[Mesh]) -> Mesh:
-        """All of ``parts`` in one world."""
+        """All of ``parts`` in one world; an image that several of them share is kept once."""
         first_vertex = np.cumsum([0, *(len(p.vertices) for p in parts)])
-        first_image = np.cumsum([0, *(len(p.textures) for p in parts)])
         faces = [p.faces + int(first) for p, first in zip(parts, first_vertex)]
-        texture = [torch.where(p.texture < 0, -1, p.texture + int(first)) for p, first in zip(parts, first_image)]
+        images = {id(image): image for p in parts for image in p.textures}
+        place = {key: i for i, key in enumerate(images)}
+        places = [p.texture.new_tensor([*(place[id(image)] for image in p.textures), -1]) for p in parts]
+        texture = [new[p.texture.long()] for p, new in zip(parts, places)]
         names = ("vertices", "colors", "label", "shaded", "uv")
         joined = {name: torch.cat([getattr(p, name) for p in parts]) for name in names}
         return Mesh(
             **joined,
             faces=torch.cat(faces).int(),
             texture=torch.cat(texture).int(),
-            textures=tuple(image for p in parts for image in p.textures),
+            textures=tuple(images.values()),
             dropped=sum(p.dropped for p in parts),
         )
 

@@ -18,18 +18,17 @@ from ..renderers.kernels import Array
 from ..subject import Subject
 from .asset_files import Beside, read_limited
 from .gltf_file import COUNT_LIMIT, Gltf, read_gltf
-from .gltf_images import FORMATS, shown_images
+from .gltf_images import shown_images
 from .gltf_skin import POSED, Skeleton, posed
 from .mesh import GREY, Mesh
 from .moment import START, Moment
 from .rig import subject_of_rig
+from .textures import Textures, image_of
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
 LOST = 0.01  # share of vertices that may be not finite
-IMAGE_LIMIT = 2**26  # pixels of one texture
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
-DECODED = (*FORMATS, "MPO", None)  # MPO: a JPEG with further pictures behind it; None: what trimesh made of them
 LIT, UNLIT, TEXTURED = "lit", "unlit", " textured"  # marks in the names of materials
 
 
@@ -71,7 +70,9 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     else:
         data = read_limited(path)
         _check_counts(path, data, suffix)
-    parts = [_part(path, *part) for part in _geometries(path, data, suffix, beside)]
+    found = list(_geometries(path, data, suffix, beside))
+    textures = Textures(path, [getattr(geometry.visual, "material", None) for _, _, geometry in found])
+    parts = [_part(path, textures, *part) for part in found]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:
         raise InputError(path, "", "holds no faces", "is it a point cloud?")
@@ -142,18 +143,18 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
         raise InputError(path, "", f"cannot be read as {suffix[1:]}: {reason}") from None
 
 
-def _part(path: Path, node: str, transform: Array, geometry: Any) -> Mesh:
+def _part(path: Path, textures: Textures, node: str, transform: Array, geometry: Any) -> Mesh:
     """One geometry in the world; a posed one is labelled."""
     vertices = torch.from_numpy(np.asarray(geometry.vertices, np.float64))
     faces = np.asarray(geometry.faces)
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise InputError(path, "faces", f"name vertex {faces.max()} of {len(vertices)}")
     mesh = Mesh.plain(vertices, torch.from_numpy(faces.astype(np.int32)))
-    mesh = _painted(path, mesh, geometry.visual)
+    mesh = _painted(path, textures, mesh, geometry.visual)
     return replace(mesh.moved(torch.tensor(transform)), label=torch.full((len(mesh),), float(POSED in node)))
 
 
-def _painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
+def _painted(path: Path, textures: Textures, mesh: Mesh, visual: Any) -> Mesh:
     """The mesh with the colours and the texture of a trimesh visual."""
     if visual.kind in ("vertex", "face"):
         return _vertex_painted(mesh, visual)
@@ -162,7 +163,7 @@ def _painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
         return mesh
     tint = _tint(material)
     colors = torch.tensor(tint).expand(len(mesh.vertices), 3).contiguous()
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    image = image_of(material)
     uv, name = getattr(visual, "uv", None), str(getattr(material, "name", ""))
     if image is None and name.endswith(TEXTURED):
         raise InputError(path, "images", "a texture cannot be decoded")
@@ -175,7 +176,7 @@ def _painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
         shaded=torch.full_like(mesh.shaded, name.startswith(LIT)),
         uv=places,
         texture=torch.zeros_like(mesh.texture),
-        textures=(_texture(path, image, material),),
+        textures=(textures.of(material),),
     )
 
 
@@ -203,21 +204,7 @@ def _tint(material: Any) -> list[float]:
         return [float(c / 255) ** (1 / 2.2) for c in np.asarray(factor)[:3]]
     if hasattr(material, "diffuse") and getattr(material, "image", None) is None:
         return [float(c / 255) for c in np.asarray(material.diffuse)[:3]]
-    textured = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    return [1.0 if textured is not None else GREY] * 3
-
-
-def _texture(path: Path, image: Any, material: Any) -> Tensor:
-    """RGBA (h, w, 4) uint8; alpha is 0 in holes and 255 elsewhere."""
-    if image.format not in DECODED:
-        raise InputError(path, "texture", f"{image.format} is not read", f"expected {', '.join(FORMATS)}")
-    if image.width * image.height > IMAGE_LIMIT:
-        raise InputError(path, "texture", f"expected at most {IMAGE_LIMIT} pixels, got {image.width}x{image.height}")
-    pixels = np.array(image.convert("RGBA"))
-    mode, cutoff = getattr(material, "alphaMode", None), getattr(material, "alphaCutoff", None)
-    least = {"MASK": 0.5 if cutoff is None else cutoff, "BLEND": 0.5}.get(str(mode), 0.0)
-    pixels[..., 3] = np.where(pixels[..., 3] >= 255 * least, 255, 0)
-    return torch.from_numpy(pixels)
+    return [1.0 if image_of(material) is not None else GREY] * 3
 
 
 def _finite(path: Path, mesh: Mesh) -> Mesh:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import math
 import struct
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 HALF = math.sqrt(0.5)
 
@@ -33,6 +35,16 @@ def write_glb() -> Callable[..., Path]:
 @pytest.fixture
 def write_gltf() -> Callable[..., Path]:
     return to_gltf
+
+
+@pytest.fixture
+def image_file() -> Callable[..., bytes]:
+    return to_image
+
+
+@pytest.fixture
+def with_texture() -> Callable[..., Made]:
+    return textured
 
 
 @pytest.fixture
@@ -116,3 +128,27 @@ def to_gltf(path: Path, tree: dict[str, Any], blob: bytes, uri: str | None = Non
     inline = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
     path.write_text(json.dumps({**tree, "buffers": [{"byteLength": len(blob), "uri": uri or inline}]}))
     return path
+
+
+def to_image(pixels: np.ndarray, kind: str = "PNG") -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, kind)
+    return stream.getvalue()
+
+
+def textured(made: Made, picture: bytes, **material: Any) -> Made:
+    """The bar with texture coordinates of 0 and one material, which shows the image file ``picture``."""
+    tree, blob = made
+    attributes = tree["meshes"][0]["primitives"][0]["attributes"]
+    attributes["TEXCOORD_0"] = len(tree["accessors"])
+    views, first = len(tree["bufferViews"]), len(blob)
+    tree["accessors"].append({"bufferView": views, "componentType": 5126, "count": 4, "type": "VEC2"})
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": first, "byteLength": 32})
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": first + 32, "byteLength": len(picture)})
+    tree["images"] = [{"bufferView": views + 1, "mimeType": "image/png"}]
+    tree["textures"] = [{"source": 0}]
+    tree["materials"] = [material or {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    blob += np.zeros((4, 2), "<f4").tobytes() + picture
+    tree["buffers"][0]["byteLength"] = len(blob)
+    return tree, blob

@@ -35,11 +35,21 @@ def test_joined_meshes_keep_their_faces_textures_and_labels():
     image = torch.zeros(2, 3, 4, dtype=torch.uint8)
     textured = replace(Mesh.plain(CORNERS, FACES), texture=torch.tensor([0, -1]).int(), textures=(image,))
     plain = Mesh.plain(CORNERS + 5, FACES).with_label(torch.tensor([1.0, 0.0]))
-    joined = Mesh.concatenate([textured, plain, replace(textured, dropped=3)])
+    other = replace(textured, textures=(image.clone(),), dropped=3)
+    joined = Mesh.concatenate([textured, plain, other])
     assert joined.faces.tolist() == [[0, 1, 2], [0, 1, 3], [4, 5, 6], [4, 5, 7], [8, 9, 10], [8, 9, 11]]
     assert joined.texture.tolist() == [0, -1, -1, -1, 1, -1]
     assert joined.label.tolist() == [0, 0, 1, 0, 0, 0]
     assert (len(joined.textures), joined.dropped) == (2, 3)
+
+
+def test_joined_meshes_keep_an_image_that_they_share_once():
+    red, blue = (torch.full((2, 3, 4), value, dtype=torch.uint8) for value in (1, 2))
+    first = replace(Mesh.plain(CORNERS, FACES), texture=torch.tensor([1, 0]).int(), textures=(red, blue))
+    second = replace(first, texture=torch.tensor([0, -1]).int(), textures=(blue,))
+    joined = Mesh.concatenate([first, second])
+    assert joined.texture.tolist() == [1, 0, 1, -1]
+    assert [image is other for image, other in zip(joined.textures, (red, blue), strict=True)] == [True, True]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import io
 import json
 
 import numpy as np
@@ -222,34 +221,10 @@ def test_whatever_stands_in_the_json_is_read_or_refused_in_one_line(bar, write_g
     assert not any("\n" in line for line in refused)
 
 
-def with_texture(made, picture, **material):
-    """The bar with texture coordinates of 0, one material and the image file ``picture``."""
-    tree, blob = made
-    tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = len(tree["accessors"])
-    tree["accessors"].append(
-        {"bufferView": len(tree["bufferViews"]), "componentType": 5126, "count": 4, "type": "VEC2"}
-    )
-    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": 32})
-    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob) + 32, "byteLength": len(picture)})
-    tree["images"] = [{"bufferView": len(tree["bufferViews"]) - 1, "mimeType": "image/png"}]
-    tree["textures"] = [{"source": 0}]
-    tree["materials"] = [material or {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
-    tree["meshes"][0]["primitives"][0]["material"] = 0
-    blob += np.zeros((4, 2), "<f4").tobytes() + picture
-    tree["buffers"][0]["byteLength"] = len(blob)
-    return tree, blob
-
-
-def saved(pixels, kind="PNG") -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, kind)
-    return stream.getvalue()
-
-
-def test_holes_are_where_the_material_masks(bar, write_glb, tmp_path):
+def test_holes_are_where_the_material_masks(bar, with_texture, image_file, write_glb, tmp_path):
     pixels = np.full((2, 2, 4), 255, np.uint8)
     pixels[0, 0, 3] = 60
-    picture = saved(pixels)
+    picture = image_file(pixels)
     tree, blob = with_texture(bar(), picture)
     for mode, cutoff, alpha in (("OPAQUE", 0.5, 255), ("MASK", 0.5, 0), ("MASK", 0.1, 255), ("BLEND", 0.5, 0)):
         tree["materials"][0].update({"alphaMode": mode, "alphaCutoff": cutoff})
@@ -276,11 +251,12 @@ def ghostscript(tmp_path, monkeypatch):
     return program.parent
 
 
-@pytest.mark.parametrize("data", [POSTSCRIPT, saved(np.zeros((2, 2, 3), np.uint8), "TIFF")], ids=["eps", "tiff"])
-def test_only_usual_image_formats_are_decoded(bar, write_glb, tmp_path, ghostscript, data):
+@pytest.mark.parametrize("kind", ["EPS", "TIFF"])
+def test_only_usual_image_formats_are_decoded(bar, with_texture, image_file, write_glb, tmp_path, ghostscript, kind):
     write_textured(tmp_path)
+    data = POSTSCRIPT if kind == "EPS" else image_file(np.zeros((2, 2, 3), np.uint8), kind)
     (tmp_path / "wood.png").write_bytes(data)
-    with pytest.raises(InputError, match=r"texture: (EPS|TIFF) is not read \(expected PNG, JPEG, WEBP\)"):
+    with pytest.raises(InputError, match=rf"texture: {kind} is not read \(expected PNG, JPEG, WEBP\)"):
         read_mesh(tmp_path / "stage.obj")
     glossy = {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}}
     for material in ({}, glossy):
@@ -290,9 +266,11 @@ def test_only_usual_image_formats_are_decoded(bar, write_glb, tmp_path, ghostscr
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
-def test_the_usual_image_formats_are_read_and_what_no_material_shows_is_not(bar, write_glb, tmp_path, kind):
+def test_the_usual_image_formats_are_read_and_what_no_material_shows_is_not(
+    bar, with_texture, image_file, write_glb, tmp_path, kind
+):
     pixels = np.full((16, 16, 3), (250, 100, 0), np.uint8)
-    tree, blob = with_texture(bar(), saved(pixels, kind))
+    tree, blob = with_texture(bar(), image_file(pixels, kind))
     tree["images"].append({"bufferView": 0})  # a map of normals, say, in a format that is not read
     texture = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh.textures[0]
     assert (texture[8, 8, :3].int() - torch.tensor([250, 100, 0])).abs().max() < 8

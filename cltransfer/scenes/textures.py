@@ -1,0 +1,110 @@
+"""The textures of a mesh file: each decoded once, and none before all of them are known to fit."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..memory import require_free
+
+FORMATS = ("PNG", "JPEG", "WEBP")  # that are decoded; other decoders are many, and some start programs
+IMAGE_LIMIT = 2**26  # pixels of one texture
+TOTAL_LIMIT = 2**30  # pixels of all
+PIXEL_BYTES = 24  # of a texture while it is decoded and packed
+HINT = "make the textures smaller"
+_DECODED = (*FORMATS, "MPO", None)  # MPO: a JPEG with further pictures behind it; None: what trimesh made of them
+
+
+def image_size(path: Path, data: bytes) -> tuple[int, int]:
+    """(W, H) [px] of an image file, of which only the header is read.
+
+    Raises:
+        InputError: it is no PNG, JPEG or WEBP, or too large.
+    """
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data), formats=FORMATS) as image:
+            size = image.size
+    except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError):
+        raise InputError(path, "images", "a texture cannot be decoded", f"expected {', '.join(FORMATS)}") from None
+    check_size(path, size)
+    return size
+
+
+def check_size(path: Path, size: tuple[int, int]) -> None:
+    """Refuse a texture of more pixels than one may have.
+
+    Raises:
+        InputError: it has more.
+    """
+    if size[0] * size[1] > IMAGE_LIMIT:
+        raise InputError(path, "texture", f"expected at most {IMAGE_LIMIT} pixels, got {size[0]}x{size[1]}", HINT)
+
+
+def image_of(material: Any) -> Any:
+    """The image, not decoded yet, that a trimesh material shows as its colours; None if it has none."""
+    return getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+
+
+class Textures:
+    """The textures of some trimesh materials.
+
+    Args:
+        path: the file, for error lines.
+        materials: all that will be asked for.
+
+    Raises:
+        InputError: an image is of a format that is not read, or they have more pixels than the limits.
+        ResourceError: they do not fit in memory.
+    """
+
+    def __init__(self, path: Path, materials: Iterable[Any]) -> None:
+        images = {_key(path, one): image_of(one) for one in materials if image_of(one) is not None}
+        for image in images.values():
+            if image.format not in _DECODED:
+                raise InputError(path, "texture", f"{image.format} is not read", f"expected {', '.join(FORMATS)}")
+            check_size(path, image.size)
+        total = sum(image.width * image.height for image in images.values())
+        if total > TOTAL_LIMIT:
+            reason = f"expected at most {TOTAL_LIMIT} pixels in all, got {total}"
+            raise InputError(path, "textures", reason, HINT)
+        require_free(PIXEL_BYTES * total, path, f"textures of {total} pixels", HINT)
+        self._path, self._images = path, images
+        self._decoded: dict[tuple[Any, float], Tensor] = {}
+
+    def of(self, material: Any) -> Tensor:
+        """RGBA (h, w, 4) uint8, the same tensor for the same image; alpha is 0 in holes and 255 elsewhere."""
+        key = _key(self._path, material)
+        if key not in self._decoded:
+            pixels = np.array(self._images[key].convert("RGBA"))
+            pixels[..., 3] = (pixels[..., 3] >= 255 * key[1]) * np.uint8(255)
+            self._decoded[key] = torch.from_numpy(pixels)
+        return self._decoded[key]
+
+
+def _key(path: Path, material: Any) -> tuple[Any, float]:
+    """Which image, and the alpha below which it has holes; an OBJ opens a file anew for each of its materials."""
+    image = image_of(material)
+    name = None if getattr(material, "baseColorTexture", None) is image else image.info.get("file_path")
+    return id(image) if name is None else name, _least(path, material)
+
+
+def _least(path: Path, material: Any) -> float:
+    """Alpha in [0, 1] below which a material has holes."""
+    mode, cutoff = getattr(material, "alphaMode", None), getattr(material, "alphaCutoff", None)
+    if str(mode) not in ("MASK", "BLEND"):
+        return 0.0
+    if mode == "BLEND" or cutoff is None:
+        return 0.5
+    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff <= 1:
+        raise InputError(path, "materials", f"expected an alphaCutoff in [0, 1], got {cutoff!r:.40}")
+    return float(cutoff)

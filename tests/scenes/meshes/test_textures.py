@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cltransfer import memory
+from cltransfer.errors import InputError, ResourceError
+from cltransfer.scenes import textures
+from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.textures import PIXEL_BYTES
+
+GLOSSY = {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}}
+
+
+@pytest.fixture
+def decoded(monkeypatch):
+    """Sizes of the images that were decoded."""
+    sizes: list[tuple[int, int]] = []
+    convert = Image.Image.convert
+    monkeypatch.setattr(Image.Image, "convert", lambda image, mode: sizes.append(image.size) or convert(image, mode))
+    return sizes
+
+
+@pytest.fixture
+def picture(image_file):
+    return lambda size=(4, 4): image_file(np.full((*size[::-1], 3), (200, 100, 0), np.uint8))
+
+
+def test_an_image_of_many_nodes_and_materials_is_decoded_once(bar, with_texture, picture, write_glb, tmp_path, decoded):
+    tree, blob = with_texture(bar(), picture())
+    primitive = tree["meshes"][0]["primitives"][0]
+    tree["meshes"][0]["primitives"].append({**primitive, "material": 1})
+    tree["materials"].append({**tree["materials"][0], "alphaMode": "OPAQUE"})
+    tree["nodes"] += [{"mesh": 0}, {"mesh": 0}]
+    tree["scenes"][0]["nodes"] += [4, 5]
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    assert len(mesh) == 12
+    assert mesh.texture.tolist() == [0] * 12
+    assert len(mesh.textures) == 1
+    assert decoded == [(4, 4)]
+
+
+def test_an_image_of_many_materials_of_an_obj_is_decoded_once(picture, tmp_path, decoded):
+    (tmp_path / "wood.png").write_bytes(picture())
+    (tmp_path / "a.mtl").write_text("".join(f"newmtl m{i}\nmap_Kd wood.png\n" for i in range(3)))
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    faces = "".join(f"usemtl m{i}\nf 1/1 2/2 3/3\n" for i in range(3))
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{corners}{faces}")
+    mesh = read_mesh(tmp_path / "a.obj").mesh
+    assert (mesh.texture.tolist(), len(mesh.textures)) == ([0, 0, 0], 1)
+    assert decoded == [(4, 4)]
+
+
+def test_too_many_pixels_are_refused_before_any_is_decoded(
+    bar, with_texture, picture, write_glb, tmp_path, monkeypatch, decoded
+):
+    path = write_glb(tmp_path / "bar.glb", *with_texture(bar(), picture((40, 30))))
+    for name, said in (("IMAGE_LIMIT", "texture: .* got 40x30"), ("TOTAL_LIMIT", "textures: .* in all, got 1200")):
+        with monkeypatch.context() as patch:
+            patch.setattr(textures, name, 1199)
+            with pytest.raises(InputError, match=said):
+                read_mesh(path)
+    monkeypatch.setattr(memory, "free_bytes", lambda: PIXEL_BYTES * 1200 - 1)
+    with pytest.raises(ResourceError, match=r"memory: textures of 1200 pixels need .* make the textures smaller"):
+        read_mesh(path)
+    assert decoded == []
+
+
+def test_materials_that_trimesh_turns_into_base_colours_are_held_against_the_memory(
+    bar, with_texture, picture, write_glb, tmp_path, monkeypatch
+):
+    path = write_glb(tmp_path / "bar.glb", *with_texture(bar(), picture((64, 64)), **GLOSSY))
+    assert [image.shape for image in read_mesh(path).mesh.textures] == [(64, 64, 4)]
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**20)
+    with pytest.raises(ResourceError, match="memory: materials of KHR_materials_pbrSpecularGlossiness need 1 MB"):
+        read_mesh(path)
+
+
+def test_an_alpha_that_is_no_share_is_refused(bar, with_texture, picture, write_glb, tmp_path):
+    tree, blob = with_texture(bar(), picture())
+    for cutoff in (float("nan"), 2):
+        tree["materials"][0].update({"alphaMode": "MASK", "alphaCutoff": cutoff})
+        with pytest.raises(InputError, match=r"materials: expected an alphaCutoff in \[0, 1\], got"):
+            read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
