@@ -57,18 +57,29 @@ class Beside:
         self.path = path
         self.given: list[Path] = []
         self.refused: InputError | None = None
+        self._read: dict[Path, bytes] = {}
 
-    def get(self, name: str) -> bytes:
-        """Bytes of the file ``name`` beside or below; see :func:`inside` for what is refused."""
+    def find(self, name: str) -> Path:
+        """The file ``name`` beside or below, which counts as given; see :func:`inside` for what is refused."""
         try:
             found = inside(self.path.parent, unquote(str(name)), self.path, "uri")
-            data = read_limited(found)
         except InputError as error:
             self.refused = self.refused or error
             raise
         if found not in self.given:
             self.given.append(found)
-        return data
+        return found
+
+    def get(self, name: str) -> bytes:
+        """Bytes of the file ``name``, which is read once however often it is asked for."""
+        found = self.find(name)
+        key = found.resolve()
+        try:
+            self._read[key] = self._read.get(key) or read_limited(found)
+        except InputError as error:
+            self.refused = self.refused or error
+            raise
+        return self._read[key]
 
     __getitem__ = get
 

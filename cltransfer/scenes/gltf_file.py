@@ -37,7 +37,7 @@ class Gltf:
 
     path: Path
     tree: dict[str, Any]
-    buffers: tuple[bytes, ...]
+    buffers: tuple[bytes | memoryview, ...]
 
     def entry(self, kind: str, index: Any) -> dict[str, Any]:
         """Entry ``index`` of the list ``kind``.
@@ -85,19 +85,20 @@ class Gltf:
 
     def to_glb(self) -> bytes:
         """As one binary file; images that are files of their own stay so."""
-        starts, blob = [], b""
+        starts, pieces, size = [], [], 0
         for data in self.buffers:
-            starts.append(len(blob))
-            blob += data + b"\0" * (-len(data) % 4)
+            starts.append(size)
+            pieces += [data, b"\0" * (-len(data) % 4)]
+            size += len(data) + len(pieces[-1])
         views = []
         for view in self.tree.get("bufferViews", []):
             first = starts[view["buffer"]] + view.get("byteOffset", 0)
             views.append({**view, "buffer": 0, "byteOffset": first})
-        tree = {**self.tree, "bufferViews": views, "buffers": [{"byteLength": len(blob)}]}
-        text = json.dumps(tree).encode()
+        text = json.dumps({**self.tree, "bufferViews": views, "buffers": [{"byteLength": size}]}).encode()
         text += b" " * (-len(text) % 4)
-        chunks = struct.pack("<II", len(text), _JSON) + text + struct.pack("<II", len(blob), _BIN) + blob
-        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+        head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + size)
+        parts = (struct.pack("<II", len(text), _JSON), text, struct.pack("<II", size, _BIN))
+        return b"".join([head, *parts, *pieces])
 
 
 def read_gltf(path: Path, files: Beside) -> Gltf:
@@ -120,11 +121,11 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
     if not tree.get("meshes"):
         raise InputError(path, "meshes", "holds no mesh")
     _check_limits(path, tree)
-    buffers = tuple(_buffer(path, i, entry, binary, files) for i, entry in enumerate(tree.get("buffers", [])))
-    for entry in tree.get("images", []):
-        uri = entry.get("uri", DATA)
+    buffers = tuple(_buffer(path, i, about, binary, files) for i, about in enumerate(tree.get("buffers", [])))
+    for about in tree.get("images", []):
+        uri = about.get("uri", DATA)
         if not uri.startswith(DATA):
-            files.get(uri)  # refused here rather than drawn without it
+            files.find(uri)  # refused here rather than drawn without it
     return Gltf(path, tree, buffers)
 
 
@@ -163,15 +164,15 @@ def _check_limits(path: Path, tree: dict[str, Any]) -> None:
             raise InputError(path, f"accessors[{index}]", f"expected 1 to {COUNT_LIMIT} rows, got {count!r}")
 
 
-def _buffer(path: Path, index: int, entry: dict[str, Any], binary: bytes | None, files: Beside) -> bytes:
-    """Bytes of one buffer: the binary chunk, a data URI or a file beside."""
-    uri, length, field = entry.get("uri"), entry.get("byteLength", 0), f"buffers[{index}]"
+def _buffer(path: Path, index: int, about: dict[str, Any], binary: bytes | None, files: Beside) -> memoryview:
+    """Bytes of one buffer: the binary chunk, a data URI or a file beside, as long as it is to be."""
+    uri, length, field = about.get("uri"), about.get("byteLength", 0), f"buffers[{index}]"
     if not isinstance(length, int) or not 0 < length <= LIMIT:
         raise InputError(path, field, f"expected 1 to {LIMIT} bytes, got {length!r}")
     data = (binary or b"") if uri is None else uri_bytes(path, field, uri, files)
     if len(data) < length:
         raise InputError(path, field, f"cut off: expected {length} bytes, got {len(data)}")
-    return data
+    return memoryview(data)[:length]
 
 
 def uri_bytes(path: Path, field: str, uri: str, files: Beside) -> bytes:
