@@ -14,15 +14,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..renderers.kernels import Array
-from .asset_files import LIMIT, Beside, read_limited
+from .asset_files import Beside, read_limited
+from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
 
-COUNT_LIMIT = 20_000_000  # rows of one array
 NODE_LIMIT = 100_000
 DATA = "data:"
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942  # chunk types
-_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +43,7 @@ class Gltf:
         Raises:
             InputError: there is none.
         """
-        entries = self.tree.get(kind, [])
-        if not isinstance(index, int) or not 0 <= index < len(entries):
-            raise InputError(self.path, kind, f"has no entry {index!r}")
-        found: dict[str, Any] = entries[index]
-        return found
+        return entry(self.path, self.tree, kind, index)
 
     def view(self, index: Any) -> memoryview:
         """Bytes of a buffer view.
@@ -70,7 +64,7 @@ class Gltf:
         """
         about = self.entry("accessors", accessor)
         field, count, offset = f"accessors[{accessor}]", about.get("count", 0), about.get("byteOffset", 0)
-        kind, width = _TYPES.get(about.get("componentType", 0)), _WIDTH.get(about.get("type", ""), 0)
+        kind, width = TYPES.get(about.get("componentType", 0)), WIDTH.get(about.get("type", ""), 0)
         if kind is None or not width or "sparse" in about or "bufferView" not in about:
             raise InputError(self.path, field, "expected plain numbers in a buffer view")
         data, view = self.view(about["bufferView"]), self.entry("bufferViews", about["bufferView"])
@@ -110,6 +104,7 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
     """
     data = read_limited(path)
     text, binary = _chunks(path, data) if data[:4] == b"glTF" else (data, None)
+    check_text(path, text)
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -121,6 +116,7 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
     if not tree.get("meshes"):
         raise InputError(path, "meshes", "holds no mesh")
     _check_limits(path, tree)
+    check_need(path, tree)
     buffers = tuple(_buffer(path, i, about, binary, files) for i, about in enumerate(tree.get("buffers", [])))
     for about in tree.get("images", []):
         uri = about.get("uri", DATA)
@@ -166,9 +162,7 @@ def _check_limits(path: Path, tree: dict[str, Any]) -> None:
 
 def _buffer(path: Path, index: int, about: dict[str, Any], binary: bytes | None, files: Beside) -> memoryview:
     """Bytes of one buffer: the binary chunk, a data URI or a file beside, as long as it is to be."""
-    uri, length, field = about.get("uri"), about.get("byteLength", 0), f"buffers[{index}]"
-    if not isinstance(length, int) or not 0 < length <= LIMIT:
-        raise InputError(path, field, f"expected 1 to {LIMIT} bytes, got {length!r}")
+    uri, length, field = about.get("uri"), about["byteLength"], f"buffers[{index}]"
     data = (binary or b"") if uri is None else uri_bytes(path, field, uri, files)
     if len(data) < length:
         raise InputError(path, field, f"cut off: expected {length} bytes, got {len(data)}")

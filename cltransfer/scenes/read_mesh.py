@@ -17,9 +17,10 @@ from ..errors import InputError
 from ..renderers.kernels import Array
 from ..subject import Subject
 from .asset_files import Beside, read_limited
-from .gltf_file import COUNT_LIMIT, Gltf, read_gltf
+from .gltf_file import Gltf, read_gltf
 from .gltf_images import shown_images
 from .gltf_skin import POSED, Skeleton, posed
+from .gltf_tree import COUNT_LIMIT, lean
 from .mesh import GREY, Mesh
 from .moment import START, Moment
 from .rig import subject_of_rig
@@ -105,7 +106,7 @@ def _with_marks(gltf: Gltf) -> Gltf:
         unlit = UNLIT if "KHR_materials_unlit" in about.get("extensions", {}) else LIT
         textured = TEXTURED if "baseColorTexture" in about.get("pbrMetallicRoughness", {}) else ""
         materials.append({**about, "name": unlit + textured})
-    return replace(gltf, tree={**gltf.tree, "materials": materials})
+    return replace(gltf, tree={**lean(gltf.tree), "materials": materials})
 
 
 def _check_counts(path: Path, data: bytes, suffix: str) -> None:

@@ -55,14 +55,14 @@ def test_an_image_of_many_materials_of_an_obj_is_decoded_once(picture, tmp_path,
 def test_too_many_pixels_are_refused_before_any_is_decoded(
     bar, with_texture, picture, write_glb, tmp_path, monkeypatch, decoded
 ):
-    path = write_glb(tmp_path / "bar.glb", *with_texture(bar(), picture((40, 30))))
-    for name, said in (("IMAGE_LIMIT", "texture: .* got 40x30"), ("TOTAL_LIMIT", "textures: .* in all, got 1200")):
+    path = write_glb(tmp_path / "bar.glb", *with_texture(bar(), picture((400, 300))))
+    for name, said in (("IMAGE_LIMIT", "texture: .* got 400x300"), ("TOTAL_LIMIT", "textures: .* in all, got 120000")):
         with monkeypatch.context() as patch:
-            patch.setattr(textures, name, 1199)
+            patch.setattr(textures, name, 119_999)
             with pytest.raises(InputError, match=said):
                 read_mesh(path)
-    monkeypatch.setattr(memory, "free_bytes", lambda: PIXEL_BYTES * 1200 - 1)
-    with pytest.raises(ResourceError, match=r"memory: textures of 1200 pixels need .* make the textures smaller"):
+    monkeypatch.setattr(memory, "free_bytes", lambda: PIXEL_BYTES * 120_000 - 1)
+    with pytest.raises(ResourceError, match=r"memory: textures of 120000 pixels need .* make the textures smaller"):
         read_mesh(path)
     assert decoded == []
 
