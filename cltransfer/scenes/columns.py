@@ -26,8 +26,14 @@ Columns = dict[str, Array]  # means, log_scales, quats, opacity, sh by name, all
 _log = logging.getLogger("cltransfer")
 
 
-def affordable_degree(path: Path, count: int, degree: int) -> int:
+def affordable_degree(path: Path, count: int, degree: int, stored: int = 0) -> int:
     """Degree of harmonics, at most ``degree``, with which ``count`` Gaussians fit in memory; fewer are told of.
+
+    Args:
+        path: their file, for error lines.
+        count: how many there are.
+        degree: of the harmonics in the file.
+        stored: bytes that are read as they stand in the file before they are unpacked.
 
     Raises:
         ResourceError: they do not fit without any.
@@ -36,13 +42,14 @@ def affordable_degree(path: Path, count: int, degree: int) -> int:
     if free is None:
         return degree
     for kept in range(degree, -1, -1):
-        if needed_bytes(count, kept) <= free:
+        if stored + needed_bytes(count, kept) <= free:
             break
     else:
-        reason = f"{count} Gaussians need {_mb(needed_bytes(count, 0))} MB without harmonics, {_mb(free)} MB are free"
+        need = _mb(stored + needed_bytes(count, 0))
+        reason = f"{count} Gaussians need {need} MB without harmonics, {_mb(free)} MB are free"
         raise ResourceError(path, "memory", reason, f"raise the limit of the system or of {VARIABLE}, or thin the file")
     if kept < degree:
-        need = _mb(needed_bytes(count, degree))
+        need = _mb(stored + needed_bytes(count, degree))
         _log.warning("%s: read with harmonics of degree %d of %d: all need %s MB, %s MB are free",
                      path, kept, degree, need, _mb(free))  # fmt: skip
     return kept

@@ -14,10 +14,9 @@ from ..errors import InputError
 from ..files import atomic
 from .columns import Columns, affordable_degree, drawable
 from .ply_compressed import CHUNK, PACKED, from_compressed, ranges
-from .ply_header import Element, check_header, read_rows
+from .ply_header import BLOCK, Element, check_header, read_columns, read_rows
 from .splats import SH_DEGREES, Splats
 
-BLOCK = 2**16  # rows read at a time
 _HINT = "is it a Gaussian-splat PLY?"
 
 POSITION, COLOR = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
@@ -44,11 +43,14 @@ def read_splats(path: Path) -> Splats:
     vertex = elements["vertex"]
     compressed = "packed_position" in vertex.types
     rest = _rest_names(elements["sh"].types if compressed and "sh" in elements else vertex.types)
-    degree = affordable_degree(path, vertex.count, SH_DEGREES[len(rest) // 3 + 1])
+    stored = sum(_size(elements[name], names) for name, names in _packed(elements, rest).items()) if compressed else 0
+    degree = affordable_degree(path, vertex.count, SH_DEGREES[len(rest) // 3 + 1], stored)
     with np.errstate(all="ignore"):  # what is not finite is counted, not warned of
         if compressed:
-            tables = {name: read_rows(path, elements, name) for name in elements}
-            columns = from_compressed(tables, _harmonic_names(len(rest), degree))
+            harmonics = _harmonic_names(len(rest), degree)
+            wanted = _packed(elements, harmonics)
+            tables = {name: read_columns(path, elements, name, names) for name, names in wanted.items()}
+            columns = from_compressed(tables, harmonics)
         else:
             columns = _from_trained(path, elements, (*COLOR, *_harmonic_names(len(rest), degree)))
         return drawable(path, columns)
@@ -110,6 +112,18 @@ def _check_compressed(path: Path, elements: dict[str, Element]) -> None:
         _check_rest(path, len(rest))
         if elements["sh"].count != vertex.count:
             raise InputError(path, "element sh", f"expected {vertex.count} rows, got {elements['sh'].count}")
+
+
+def _packed(elements: dict[str, Element], harmonics: Sequence[str]) -> dict[str, Sequence[str]]:
+    """Columns of the compressed layout by element; a file may hold others."""
+    colors = ranges("", "rgb") if "min_r" in elements["chunk"].types else ()
+    wanted: dict[str, Sequence[str]] = {"vertex": PACKED, "chunk": ranges("") + ranges("scale_") + colors}
+    return {**wanted, "sh": harmonics} if harmonics else wanted
+
+
+def _size(element: Element, columns: Sequence[str]) -> int:
+    """Bytes of some columns."""
+    return element.count * sum(element.dtype[column].itemsize for column in columns)
 
 
 def _require(path: Path, element: Element, names: Sequence[str], types: Sequence[str]) -> None:

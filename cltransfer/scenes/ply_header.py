@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from ..errors import InputError
 HEADER_LIMIT = 64 * 1024  # bytes
 PROPERTY_LIMIT = 256
 COUNT_LIMIT = 20_000_000  # rows of one element
+BLOCK = 2**16  # rows read at a time
 FORMAT = "binary_little_endian 1.0"
 SIZES = {  # bytes
     **{"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8},
@@ -80,6 +81,17 @@ def read_rows(path: Path, elements: Mapping[str, Element], name: str, first: int
     left = element.count - first
     offset = path.stat().st_size - size + before + first * element.dtype.itemsize
     return np.fromfile(path, element.dtype, left if count < 0 else min(count, left), offset=offset)
+
+
+def read_columns(path: Path, elements: Mapping[str, Element], name: str, columns: Sequence[str]) -> Table:
+    """Some columns of element ``name``, read block by block: the others may be many."""
+    element = elements[name]
+    table = np.empty(element.count, [(column, element.dtype[column]) for column in columns])
+    for first in range(0, element.count, BLOCK):
+        rows = read_rows(path, elements, name, first, BLOCK)
+        for column in columns:
+            table[column][first : first + BLOCK] = rows[column]
+    return table
 
 
 def has_faces(path: Path) -> bool:

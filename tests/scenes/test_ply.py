@@ -14,7 +14,8 @@ from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.errors import InputError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.scenes import Scene
+from cltransfer.scenes import Scene, columns, ply_header
+from cltransfer.scenes.columns import needed_bytes
 from cltransfer.scenes.ply import read_splats, write_splats
 from cltransfer.scenes.splats import Splats
 
@@ -79,6 +80,31 @@ def read(tmp_path: Path, data: bytes) -> Splats:
     path = tmp_path / "scene.ply"
     path.write_bytes(data)
     return read_splats(path)
+
+
+def test_only_the_columns_of_the_compressed_layout_are_kept(tmp_path, monkeypatch):
+    plain = compressed([(7, 8, 9, 255)] * 3, harmonics=[[130] * 9] * 3)
+    wide = plain.replace(b"end_header\n", b"element junk 5\nproperty double a\nend_header\n") + bytes(40)
+    wide = wide.replace(b"packed_color\n", b"packed_color\n" + b"".join(b"property double p%d\n" % i for i in range(9)))
+    start = wide.index(b"end_header\n") + 11 + 18 * 4
+    rows = [wide[at : at + 16] for at in range(start, start + 48, 16)]
+    wide = wide[:start] + b"".join(row + bytes(72) for row in rows) + wide[start + 48 :]
+    read_rows, asked = ply_header.read_rows, []
+    monkeypatch.setattr(ply_header, "read_rows", lambda *a: asked.append(a[2:]) or read_rows(*a))
+    monkeypatch.setattr(ply_header, "BLOCK", 2)
+    got, expected = read(tmp_path, wide), read(tmp_path, plain)
+    for name in ("means", "scales", "quats", "opacity", "sh"):
+        assert torch.equal(getattr(got, name), getattr(expected, name))
+    assert asked[:5] == [("vertex", 0, 2), ("vertex", 2, 2), ("chunk", 0, 2), ("sh", 0, 2), ("sh", 2, 2)]
+
+
+def test_the_compressed_layout_is_held_against_the_memory_as_it_is_stored(tmp_path, monkeypatch):
+    data = compressed([(7, 8, 9, 255)] * 200, harmonics=[[130] * 9] * 200)
+    stored = 200 * (16 + 9) + 18 * 4
+    monkeypatch.setattr(columns, "free_bytes", lambda: needed_bytes(200, 1) + stored)
+    assert read(tmp_path, data).degree == 1
+    monkeypatch.setattr(columns, "free_bytes", lambda: needed_bytes(200, 1) + stored - 1)
+    assert read(tmp_path, data).degree == 0
 
 
 def test_the_trained_layout_is_decoded(tmp_path):
