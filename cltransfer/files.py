@@ -104,15 +104,37 @@ def read_text(path: Path, limit: int) -> str:
     Raises:
         InputError: the file is missing, is no file, is too large or is not UTF-8.
     """
+    _check_size(path, limit)
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def read_lines(path: Path, limit: int, longest: int) -> Iterator[str]:
+    """Lines of a UTF-8 text of at most ``limit`` bytes, without their ends, one at a time.
+
+    Raises:
+        InputError: the file is missing, is no file, is too large or is not UTF-8, or a line has more characters than
+            ``longest``.
+    """
+    _check_size(path, limit)
+    with path.open(encoding="utf-8") as stream:
+        try:
+            for number, line in enumerate(iter(lambda: stream.readline(longest + 2), ""), start=1):
+                if len(line.rstrip("\n")) > longest:
+                    raise InputError(path, f"line {number}", f"expected at most {longest} characters")
+                yield line.rstrip("\n")
+        except UnicodeDecodeError:
+            raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def _check_size(path: Path, limit: int) -> None:
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file, got a folder")
     size = path.stat().st_size
     if size > limit:
         raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise InputError(path, "", "expected UTF-8 text, got binary data") from None
 
 
 def check_yaml(text: str, loader: Any) -> None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError
-from ...files import read_text
+from ...files import read_lines
 from ...renderers.kernels import Array
 from .assemble import IMAGE_LIMIT, POINT_LIMIT
 from .colmap_tables import COUNTS, Calibration, Shot, Tables
 
 BYTE_LIMIT = 2**30
+LINE_LIMIT = 2**24  # characters; an image lists in one line all the points it sees
 
 
 def read_tables(model: Path) -> Tables:
@@ -33,7 +36,7 @@ def read_tables(model: Path) -> Tables:
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Where each line stands, and the line; comments are left out, empty lines are not."""
-    for number, line in enumerate(read_text(path, BYTE_LIMIT).splitlines(), start=1):
+    for number, line in enumerate(read_lines(path, BYTE_LIMIT, LINE_LIMIT), start=1):
         if not line.startswith("#"):
             yield f"line {number}", line
 
@@ -46,7 +49,7 @@ def _numbers(path: Path, where: str, parts: list[str]) -> Array:
 
 
 def _cameras(path: Path) -> dict[int, Calibration]:
-    cameras = {}
+    cameras: dict[int, Calibration] = {}
     for where, line in _lines(path):
         if not line.strip():
             continue
@@ -55,13 +58,16 @@ def _cameras(path: Path) -> dict[int, Calibration]:
         if not key.isdecimal() or model not in COUNTS or len(values) != 2 + COUNTS[model]:
             raise InputError(path, where, "expected CAMERA_ID MODEL WIDTH HEIGHT and the model's parameters")
         cameras[int(key)] = Calibration(model, (float(values[0]), float(values[1])), tuple(values[2:].tolist()))
+        if len(cameras) > IMAGE_LIMIT:
+            raise InputError(path, "cameras", f"expected at most {IMAGE_LIMIT}")
     return cameras
 
 
 def _images(path: Path) -> list[Shot]:
-    shots = []
-    lines = list(_lines(path))
-    for where, line in lines[::2]:  # each second line lists the points an image sees, and may be empty
+    shots: list[Shot] = []
+    for where, line in islice(
+        _lines(path), 0, None, 2
+    ):  # each second line lists the points an image sees, and may be empty
         if not line.strip():
             break
         parts = line.split(maxsplit=9)
@@ -75,13 +81,14 @@ def _images(path: Path) -> list[Shot]:
 
 
 def _points(path: Path) -> tuple[Array, Array]:
-    rows = []
+    values = array("d")
     for where, line in _lines(path):
         if line.strip():
-            rows.append(_numbers(path, where, line.split(maxsplit=7)[1:7]))
-            if len(rows[-1]) != 6:
+            row = _numbers(path, where, line.split(maxsplit=7)[1:7])
+            if len(row) != 6:
                 raise InputError(path, where, "expected POINT3D_ID X Y Z R G B ERROR")
-            if len(rows) > POINT_LIMIT:
+            values.extend(row)
+            if len(values) > 6 * POINT_LIMIT:
                 raise InputError(path, "points", f"expected at most {POINT_LIMIT}")
-    table = np.array(rows).reshape(-1, 6)
+    table = np.array(values).reshape(-1, 6)
     return table[:, :3], table[:, 3:].astype(np.uint8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.posed import read_posed
+from cltransfer.scenes.posed import colmap_text, read_posed
 
 POSE = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]
 FRAME = {"file_path": "a.png", "transform_matrix": POSE}
@@ -127,6 +128,30 @@ def test_a_bad_line_of_a_text_model_is_named(tmp_path: Path, name: str, text: st
     for stem, content in files.items():
         (tmp_path / f"{stem}.txt").write_text(content)
     with pytest.raises(InputError, match=says):
+        read_posed(tmp_path)
+
+
+def test_a_text_model_is_read_line_by_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = "1 1 0 0 0 0 0 2 1 a.png\n" + "\n" * 400_000
+    for stem, content in {"cameras": "1 PINHOLE 8 6 5 5 4 3\n", "images": images}.items():
+        (tmp_path / f"{stem}.txt").write_text(content)
+    (tmp_path / "points3D.txt").write_text("1 0 0 0 1 1 1 0\n" * 20_000)
+    read_posed(tmp_path)
+    tracemalloc.start()
+    assert len(read_posed(tmp_path)) == 1
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 4 * 2**20  # the points take 1 MB as numbers and once more as an array
+    monkeypatch.setattr(colmap_text, "LINE_LIMIT", 20)
+    with pytest.raises(InputError, match=r"cameras.txt: line 1: expected at most 20 characters"):
+        read_posed(tmp_path)
+
+
+def test_a_text_model_of_too_many_cameras_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(colmap_text, "IMAGE_LIMIT", 2)
+    (tmp_path / "cameras.txt").write_text("".join(f"{i} PINHOLE 8 6 5 5 4 3\n" for i in range(3)))
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 2 1 a.png\n\n")
+    with pytest.raises(InputError, match=r"cameras.txt: cameras: expected at most 2"):
         read_posed(tmp_path)
 
 
