@@ -20,8 +20,9 @@ from .asset_files import Beside, read_limited
 from .gltf_file import Gltf, read_gltf
 from .gltf_images import shown_images
 from .gltf_skin import POSED, Skeleton, posed
-from .gltf_tree import COUNT_LIMIT, lean
+from .gltf_tree import lean
 from .mesh import GREY, Mesh
+from .mesh_need import check_obj, check_ply
 from .moment import START, Moment
 from .rig import subject_of_rig
 from .textures import Textures, image_of
@@ -59,6 +60,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     Raises:
         InputError: the file is missing, empty, damaged, without faces, larger than the limits, more than 1 % of its
             vertices are not finite, or it names a file outside its folder.
+        ResourceError: it takes more memory than is free.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -70,7 +72,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
         suffix = ".glb"
     else:
         data = read_limited(path)
-        _check_counts(path, data, suffix)
+        {".obj": check_obj, ".ply": check_ply}[suffix](path, data)
     found = list(_geometries(path, data, suffix, beside))
     textures = Textures(path, [getattr(geometry.visual, "material", None) for _, _, geometry in found])
     parts = [_part(path, textures, *part) for part in found]
@@ -107,21 +109,6 @@ def _with_marks(gltf: Gltf) -> Gltf:
         textured = TEXTURED if "baseColorTexture" in about.get("pbrMetallicRoughness", {}) else ""
         materials.append({**about, "name": unlit + textured})
     return replace(gltf, tree={**lean(gltf.tree), "materials": materials})
-
-
-def _check_counts(path: Path, data: bytes, suffix: str) -> None:
-    """The rows that a PLY header promises, before anything is made for them."""
-    if suffix != ".ply":
-        return
-    header, mark, _ = data[: 64 * 1024].partition(b"end_header")
-    if not data.startswith(b"ply") or not mark:
-        raise InputError(path, "header", "expected a PLY header", "is it cut off?")
-    for line in header.decode("ascii", "replace").splitlines():
-        words = line.split()
-        if words[:1] != ["element"]:
-            continue
-        if len(words) != 3 or not words[2].isdecimal() or int(words[2]) > min(COUNT_LIMIT, len(data)):
-            raise InputError(path, "header", f"{line[:60]!r} asks for more than the file holds")
 
 
 def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tuple[str, Array, Any]]:
