@@ -27,6 +27,7 @@ from .graph import Family
 from .objective import Objective
 from .onnx import model_content
 from .progress import Progress
+from .readback import check_frames
 from .reference import Reading, Reference, is_scene, read_reference
 from .registry import code_of
 from .run_files import DONE
@@ -117,6 +118,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         UsageError: the config asks for what the scene or the reference cannot give.
         InputError: a file is missing or damaged, or shows no person.
         ModelError: a network is missing.
+        ResourceError: the frames to render cannot be kept in memory.
     """
     set_threads(config.threads or thread_count())
     parts = Components.build(config)
@@ -142,6 +144,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         clock.lap("lift")
     plan = parts.plan(family, shared=reference.features.names())
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
+    check_frames(len(reference), output)  # rather than after the search
     journal = None
     if record is not None:
         journal = record.open(_header(inputs, config, parts, scene, reference))

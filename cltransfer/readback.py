@@ -8,10 +8,13 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
+from .clip import BYTE_LIMIT
 from .components import Components
 from .driver.follow import still
 from .driver.stage import Stage
+from .errors import ResourceError
 from .features import Features
+from .memory import require_free
 from .progress import Progress, silent
 from .read_frames import render_features
 from .reference import Reference, quantised
@@ -36,14 +39,32 @@ class Readback:
     scores: Scores
 
 
+def check_frames(count: int, size: tuple[int, int]) -> None:
+    """Refuse a video of ``count`` frames of (W, H) [px] that cannot be kept in memory.
+
+    Raises:
+        ResourceError: it takes more than the limit, or than is free.
+    """
+    need, hint = 3 * count * size[0] * size[1], "lower output_side or frames"
+    if need > BYTE_LIMIT:
+        reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
+        raise ResourceError("", "frames", reason, hint)
+    require_free(need, "", f"{count} frames of {size[0]}x{size[1]}", hint)
+
+
 def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Progress = silent) -> Tensor:
-    """Frames (N, 3, H, W) uint8 of N cameras."""
-    frames = []
+    """Frames (N, 3, H, W) uint8 of N cameras.
+
+    Raises:
+        ResourceError: see :func:`check_frames`.
+    """
+    check_frames(len(cameras), cameras.size)
+    image = torch.empty((len(cameras), 3, *cameras.size[::-1]), dtype=torch.uint8)
     for start in range(0, len(cameras), RENDER_BATCH):
-        part = parts.renderer.render(scene, cameras[start : start + RENDER_BATCH], frozenset({"image"}))
-        frames.append(quantised(part.image))
-        progress("rendering", min(start + RENDER_BATCH, len(cameras)), len(cameras))
-    return torch.cat(frames)
+        end = min(start + RENDER_BATCH, len(cameras))
+        image[start:end] = quantised(parts.renderer.render(scene, cameras[start:end], frozenset({"image"})).image)
+        progress("rendering", end, len(cameras))
+    return image
 
 
 def read_back(
