@@ -47,11 +47,12 @@ def allow(names: Iterable[str | Path]) -> list[str]:
     Raises:
         ModelError: there is no such plugin, or its code fails.
     """
-    if os.environ.get("CLTRANSFER_DISABLE_PLUGINS") == "1":
+    asked = [str(name) for name in names]
+    if asked and os.environ.get("CLTRANSFER_DISABLE_PLUGINS") == "1":
         raise ModelError("", "--allow-plugin", "plugins are switched off", "unset CLTRANSFER_DISABLE_PLUGINS")
     points = {point.name: point for point in entry_points(group=GROUP)}
     imported = []
-    for name in map(str, names):
+    for name in asked:
         path = Path(name)
         if name in points:
             _import_point(points[name])

@@ -176,6 +176,12 @@ def test_a_loss_from_anywhere_is_used_from_a_config_when_allowed(fresh: Callable
     assert "CLTRANSFER_DISABLE_PLUGINS" in off.err
 
 
+def test_without_plugins_nothing_is_missed(command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_DISABLE_PLUGINS", "1")
+    assert command("transfer", "--print-config").code == 0
+    assert command("plugins", "list").code == 0
+
+
 def test_an_installed_plugin_is_listed_unseen_and_runs_only_when_allowed(
     fresh: Callable[..., Any], tmp_path: Path
 ) -> None:
