@@ -180,9 +180,13 @@ def render(
     overrides: Overrides = None,
     scene: Annotated[str | None, typer.Option(help="The scene, where this computer has not seen it before.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Video; default RUN/video/render.mp4.")] = None,
+    allow_plugin: Allow = None,
     quiet: Quiet = False,
 ) -> None:
     """Render the video of RUN again, at another size if you like: output_side=1280."""
+    from .plugins import allow
+
+    allow(allow_plugin or [])
     from .progress import progress
     from .run_folder import render_run
 
@@ -203,6 +207,7 @@ def lift(
     ] = None,
     up: Up = None,
     config: Config = None,
+    allow_plugin: Allow = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -211,7 +216,7 @@ def lift(
     Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
     and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
     """
-    settings = _settings(config, overrides or [], None)
+    settings = _settings(config, overrides or [], allow_plugin)
     from .lift_folder import Lifting, lift_lines, lift_to_folder
     from .progress import progress
     from .run_folder import default_folder

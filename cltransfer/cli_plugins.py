@@ -13,11 +13,12 @@ app = typer.Typer(help="Components: what there is, and their options.", no_args_
 
 
 @app.command("list")
-def plugins_list(as_json: Json = False) -> None:
-    """Every component by kind, and installed plugins (listed, not imported)."""
+def plugins_list(allow_plugin: Allow = None, as_json: Json = False) -> None:
+    """Every component by kind, those of allowed plugins too, and installed plugins (listed, not imported)."""
     from .config import SECTIONS
-    from .plugins import installed
+    from .plugins import allow, installed
 
+    allow(allow_plugin or [])
     values: dict[str, Any] = {section: registry.names() for section, registry in SECTIONS.items()}
     values["installed plugins"] = [f"{p.name} ({p.distribution} {p.version})" for p in installed()]
     show(values, "\n".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in values.items()), as_json)

@@ -68,7 +68,7 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     if result.scene.subject is not None:
         result.scene.subject.save(folder / SUBJECT)
         save_labels(folder, result.scene.geometry.label)
-    report = report_data(folder, result, inputs)
+    report = report_data(folder, result, inputs, plugins)
     write_metrics(folder, report)
     write_report(folder, report)
     write_text(folder / DONE, "")
@@ -83,7 +83,7 @@ def _settled(config: RunConfig, result: Result) -> RunConfig:
     return replace(config, extractors={**config.extractors, "depth_onnx": network})
 
 
-def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
+def report_data(folder: Path, result: Result, inputs: Inputs, plugins: Sequence[str]) -> ReportData:
     """The run as its report shows it."""
     spent: dict[str, int | float | str] = dict(asdict(result.spent))
     spent["evaluations_per_frame"] = round(result.spent.evaluations / len(result.trajectory), 1)
@@ -98,20 +98,6 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
     spent["total by round"] = ", ".join(map(str, totals)) + (f" (kept {result.best + 1})" if len(totals) > 1 else "")
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
     spent["total in the search"] = round(float(result.searched.totals.mean()), 4)
-    command = shlex.join(
-        [
-            "cltransfer",
-            "transfer",
-            inputs.scene,
-            inputs.reference,
-            "--init",
-            inputs.init,
-            *([] if inputs.subject is None else ["--subject", str(inputs.subject)]),
-            *([] if inputs.up is None else ["--up", ",".join(f"{value:g}" for value in inputs.up)]),
-            "--config",
-            str(folder / CONFIG),
-        ]
-    )
     return ReportData(
         title=f"{result.reference.name} in {result.scene.name}",
         times=result.trajectory.times,
@@ -123,8 +109,20 @@ def report_data(folder: Path, result: Result, inputs: Inputs) -> ReportData:
         render_frames=result.image,
         flags=run_flags(result),
         spent=spent,
-        command=command,
+        command=command_again(folder, inputs, plugins),
     )
+
+
+def command_again(folder: Path, inputs: Inputs, plugins: Sequence[str]) -> str:
+    """The shell line that makes the run in ``folder`` again, with the plugins it was allowed."""
+    command = ["cltransfer", "transfer", inputs.scene, inputs.reference, "--init", inputs.init]
+    if inputs.subject is not None:
+        command += ["--subject", str(inputs.subject)]
+    if inputs.up is not None:
+        command += ["--up", ",".join(f"{value:g}" for value in inputs.up)]
+    for plugin in plugins:
+        command += ["--allow-plugin", plugin]
+    return shlex.join([*command, "--config", str(folder / CONFIG)])
 
 
 def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:

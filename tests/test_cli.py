@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import re
@@ -14,6 +15,7 @@ import pytest
 
 from cltransfer.clip import read_clip
 from cltransfer.config import load_config
+from cltransfer.registry import LOSSES
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 VERBS = (
@@ -174,6 +176,39 @@ def test_a_loss_from_anywhere_is_used_from_a_config_when_allowed(fresh: Callable
     off = fresh("transfer", "-c", "config.yaml", "--allow-plugin", "mine", CLTRANSFER_DISABLE_PLUGINS="1")
     assert off.code == 4
     assert "CLTRANSFER_DISABLE_PLUGINS" in off.err
+
+
+@pytest.fixture
+def with_plugin(command: Callable[..., Any], tmp_path: Path) -> Callable[..., Any]:
+    """Run a command line that is allowed a plugin, and forget the plugin."""
+    (tmp_path / "my loss.py").write_text(PLUGIN)
+
+    def run(*arguments: str | Path) -> Any:
+        try:
+            return command(*arguments, "--allow-plugin", tmp_path / "my loss.py")
+        finally:
+            del LOSSES._classes["headroom"]
+
+    return run
+
+
+def test_every_verb_that_reads_a_config_takes_a_plugin(
+    command: Callable[..., Any], with_plugin: Callable[..., Any], tmp_path: Path
+) -> None:
+    short = ("losses.headroom={}", "frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
+    run, video = tmp_path / "run", tmp_path / "again.mp4"
+    assert with_plugin("transfer", *short, "--out", run).code == 0
+    made_again = f"--allow-plugin '{tmp_path / 'my loss.py'}' --config {run / 'config.yaml'}"
+    assert made_again in html.unescape((run / "report.html").read_text())
+    refused = command("render", run, "--quiet", "--out", video)
+    assert (refused.code, video.exists()) == (2, False)
+    assert "losses.headroom: no such loss" in refused.err
+    rendered = with_plugin("render", run, "--quiet", "--out", video)
+    assert (rendered.code, rendered.err, video.is_file()) == (0, "", True)
+    assert "no such loss" in command("lift", "missing.ply", "losses.headroom={}").err
+    assert "missing.ply: no such file" in with_plugin("lift", "missing.ply", "losses.headroom={}").err
+    assert "headroom" in json.loads(with_plugin("plugins", "list", "--json").out)["losses"]
+    assert "headroom" not in json.loads(command("plugins", "list", "--json").out)["losses"]
 
 
 def test_without_plugins_nothing_is_missed(command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
