@@ -10,11 +10,12 @@ import importlib
 import math
 import pkgutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from .declared import EXTRACTOR, FITTER, LOSS, RENDERER, SEARCH, Declared, check_declared
 from .errors import ModelError, UsageError
 
 T = TypeVar("T")
@@ -27,21 +28,22 @@ class Registry(Generic[T]):
     its class by the decorator when the user has allowed it (:mod:`cltransfer.plugins`).
     """
 
-    def __init__(self, kind: str, package: str) -> None:
-        self.kind, self.package = kind, package
+    def __init__(self, kind: str, package: str, declared: Sequence[Declared]) -> None:
+        self.kind, self.package, self.declared = kind, package, declared
         self._classes: dict[str, type[T]] = {}
 
     def register(self, name: str) -> Callable[[type[T]], type[T]]:
         """Decorate a frozen dataclass to make it component ``name``.
 
         Raises:
-            ModelError: the name is taken, or the class is not a frozen dataclass.
+            ModelError: the name is taken, or the class is no frozen dataclass or lacks what its kind declares.
         """
 
         def add(cls: type[T]) -> type[T]:
             params = getattr(cls, "__dataclass_params__", None)
             if params is None or not params.frozen:
                 raise ModelError("", f"{self.kind} {name!r}", "expected @dataclass(frozen=True) below @register")
+            check_declared(f"{self.kind} {name!r}", cls, self.declared)
             foreign = not cls.__module__.startswith("cltransfer.")
             if (foreign and name in self._built_in()) or self._classes.setdefault(name, cls) is not cls:
                 raise ModelError("", f"{self.kind} {name!r}", "the name is taken; choose another")
@@ -123,8 +125,8 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return "???" if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers")
-EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors")
-LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses")
-SEARCHES: Registry[Any] = Registry("search", "cltransfer.search")
-FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit")
+RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers", RENDERER)
+EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors", EXTRACTOR)
+LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", LOSS)
+SEARCHES: Registry[Any] = Registry("search", "cltransfer.search", SEARCH)
+FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit", FITTER)

@@ -1,0 +1,104 @@
+"""A component's class is looked at when it registers: what it lacks is told by name, before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.errors import ModelError
+from cltransfer.plugins import allow
+from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
+
+
+def method(*arguments: object) -> None:
+    """Stands for any method."""
+
+
+LOSS = {"weight": 1.0, "requires": ("keypoints",), "unit": "frame", "penalty": 1.0, "__call__": method}
+EXTRACTOR = {"requires": ("image",), "provides": ("gaze",), "family": "image", "__call__": method}
+RENDERER = {"provides": frozenset({"image"}), "render": method}
+SEARCH = {"dimensions": 7, "needs_subject": True, "bounds": method, "cameras": method, "vector": method}
+GOOD: dict[str, tuple[Registry[Any], dict[str, Any]]] = {
+    "loss": (LOSSES, LOSS),
+    "extractor": (EXTRACTORS, EXTRACTOR),
+    "renderer": (RENDERERS, RENDERER),
+    "search": (SEARCHES, SEARCH),
+}
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    """What a test registers is forgotten after it."""
+    yield
+    for registry, _ in GOOD.values():
+        registry._classes.pop("mine", None)
+
+
+def register(kind: str, **changes: Any) -> None:
+    """Register a class as ``mine``: a good one but for ``changes``, None leaves out."""
+    registry, good = GOOD[kind]
+    body = {name: value for name, value in {**good, **changes}.items() if value is not None}
+    options = {"weight": float} if kind == "loss" and "weight" in body else {}
+    registry.register("mine")(dataclass(frozen=True)(type("Mine", (), {**body, "__annotations__": options})))
+
+
+@pytest.mark.parametrize("kind", GOOD)
+def test_a_class_that_declares_what_its_kind_does_is_taken(kind: str) -> None:
+    register(kind)
+    assert GOOD[kind][0].get("mine").__name__ == "Mine"
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, (_, good) in GOOD.items() for name in good])
+def test_what_a_class_lacks_is_named_with_how_it_is_written(kind: str, name: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        register(kind, **{name: None})
+    assert str(caught.value).startswith(f"{kind} 'mine': class Mine has no ")
+    assert f"{name}, expected" in str(caught.value)
+    assert f"{name}" in caught.value.hint
+    assert caught.value.hint.startswith("write ")
+
+
+WRONG: list[tuple[str, dict[str, Any], str]] = [
+    ("loss", {"requires": "keypoints"}, "has requires = 'keypoints', expected a tuple of feature names"),
+    ("loss", {"requires": ()}, r"has requires = \(\), expected"),
+    ("loss", {"uses": "flow"}, "has uses = 'flow', expected a tuple of feature names"),
+    ("loss", {"penalty": 0.0}, "has penalty = 0.0, expected a finite number above 0"),
+    ("loss", {"penalty": float("inf")}, "has penalty = inf, expected a finite number above 0"),
+    ("loss", {"unit": 3}, "has unit = 3, expected"),
+    ("loss", {"residuals": method}, r"has no groups, expected .* \(write groups = \(0,\) in the class\)"),
+    ("loss", {"residuals": method, "groups": 0}, "has groups = 0, expected"),
+    ("extractor", {"family": "picture"}, "has family = 'picture', expected one of image, scene, both"),
+    ("extractor", {"provides": ()}, r"has provides = \(\), expected"),
+    ("extractor", {"whole_clip": True}, "has no read_clip, expected"),
+    ("renderer", {"render": "fast"}, "has render = 'fast', expected"),
+    ("search", {"dimensions": 0}, "has dimensions = 0, expected"),
+]
+
+
+@pytest.mark.parametrize(("kind", "changes", "words"), WRONG)
+def test_what_a_class_cannot_mean_is_told_with_what_was_expected(
+    kind: str, changes: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(ModelError, match=f"^{kind} 'mine': class Mine {words}"):
+        register(kind, **changes)
+    assert "mine" not in GOOD[kind][0].names()
+
+
+def test_what_every_component_tells_for_itself_is_left_to_it() -> None:
+    register("extractor", provides=property(lambda self: ("gaze",)))
+    register("search", **{"dimensions": property(lambda self: 7)})
+    register("loss", residuals=method, groups=(0, 1), uses=("flow",))
+
+
+def test_a_plugin_that_is_no_component_is_refused_when_it_is_allowed(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from dataclasses import dataclass\nfrom cltransfer.registry import LOSSES\n\n"
+        "@LOSSES.register('mine')\n@dataclass(frozen=True)\nclass Mine:\n    weight = 1.0\n"
+        "    requires, unit, penalty = ('keypoints',), 'frame', 1.0\n    __call__ = print\n"
+    )
+    with pytest.raises(ModelError, match=r"has no option weight, expected .* \(write weight: float = 1.0 in the class"):
+        allow([tmp_path / "mine.py"])
