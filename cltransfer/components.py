@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .config import RunConfig
+from .config import RunConfig, nearest
+from .errors import ModelError
+from .features import NAMES
 from .plan import CLIP_SOURCE, Family, Plan, make_plan
+from .registry import EXTRACTORS
 
 SCENE_SOURCE = frozenset({"camera", "person"})
 
@@ -32,8 +35,19 @@ class Components:
 
         Raises:
             UsageError: an option has the wrong type or range.
+            ModelError: a loss or an extractor asks for what is no feature.
         """
-        return cls(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
+        parts = cls(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
+        parts._check_features()
+        return parts
+
+    def _check_features(self) -> None:
+        """Refuse a name that nothing can ever provide: it would only be told as missing when all is done."""
+        given = {*NAMES, *self.renderer.provides, *(n for e in self.extractors.values() for n in e.provides)}
+        for who, how, name in (*_asked("extractor", self.extractors), *_asked("loss", self.losses)):
+            if name not in given and name not in (known := given | _provided_by_any()):
+                reason = f"{how} {name!r}, expected a feature or what an extractor provides"
+                raise ModelError("", who, reason, nearest(name, known))
 
     def plan(self, family: Family, shared: frozenset[str] | None = None) -> Plan:
         """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).
@@ -48,3 +62,16 @@ class Components:
                 wanted.update(loss.requires)
                 uses.update(getattr(loss, "uses", ()))
         return make_plan(frozenset(wanted), self.extractors, source, family, shared, frozenset(uses))
+
+
+def _asked(kind: str, parts: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Who asks for a feature, how, and for which."""
+    for name, part in parts.items():
+        for how in ("requires", "uses"):
+            for feature in getattr(part, how, ()):
+                yield f"{kind} {name!r}", how, feature
+
+
+def _provided_by_any() -> set[str]:
+    """What the extractors provide that there are, in a config or not."""
+    return {name for known in EXTRACTORS.names() for name in EXTRACTORS.get(known).provides}

@@ -72,7 +72,7 @@ class Features:
 
     def has(self, name: str) -> bool:
         """Whether feature ``name`` was extracted."""
-        return name in self.extras or (name in _NAMES and getattr(self, name) is not None)
+        return name in self.extras or (name in NAMES and getattr(self, name) is not None)
 
     def require(self, name: str) -> Any:
         """Feature ``name``.
@@ -86,10 +86,10 @@ class Features:
 
     def names(self) -> frozenset[str]:
         """Names of all features that are there."""
-        return frozenset(n for n in _NAMES if getattr(self, n) is not None) | frozenset(self.extras)
+        return frozenset(n for n in NAMES if getattr(self, n) is not None) | frozenset(self.extras)
 
     def _batched(self) -> dict[str, Any]:
-        own = {n: getattr(self, n) for n in _NAMES if n != "person" and getattr(self, n) is not None}
+        own = {n: getattr(self, n) for n in NAMES if n != "person" and getattr(self, n) is not None}
         return {**own, **self.extras}
 
     def _map(self, change: Callable[[Any], Any]) -> Features:
@@ -113,4 +113,4 @@ class Features:
         return replace(first, **new, extras=extras)
 
 
-_NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons"))
+NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons"))
