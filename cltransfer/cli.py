@@ -71,6 +71,8 @@ def main() -> NoReturn:
     except _Terminated:
         _fail("terminated", 143)
     except CltransferError as error:
+        if error.__cause__ is not None and _debugging():
+            raise
         _fail(error, error.exit_code)
     except typer.Abort:
         _fail("interrupted", 130)
@@ -83,10 +85,14 @@ def main() -> NoReturn:
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # usage errors of the parser
             _fail(error.format_message(), error.exit_code)
-        if os.environ.get("CLTRANSFER_DEBUG") == "1":
+        if _debugging():
             raise
         _fail(f"{type(error).__name__}: {shortened(error)} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _debugging() -> bool:
+    return os.environ.get("CLTRANSFER_DEBUG") == "1"
 
 
 class _Terminated(BaseException):

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from cltransfer.bench.synthetic_room import synthetic_room
+from cltransfer.errors import ModelError
 from cltransfer.scenes.ply import write_splats
 
 SPLAT: tuple[str, ...] = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
@@ -327,6 +328,20 @@ def test_render_refuses_what_is_no_run_and_what_is_another_scene(
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / "manifest.json").write_text(json.dumps(manifest))
     refused(command("render", run), 3, "scene")
+
+
+@pytest.mark.parametrize("debug", ["", "1"])
+def test_what_a_plugin_raised_is_told_and_shown_when_asked(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, debug: str
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_DEBUG", debug)
+    (tmp_path / "broken.py").write_text("raise RuntimeError('broken')")
+    if not debug:
+        refused(command("transfer", "--allow-plugin", tmp_path / "broken.py"), 4, "broken.py", "RuntimeError: broken")
+        return
+    with pytest.raises(ModelError) as caught:
+        command("transfer", "--allow-plugin", tmp_path / "broken.py")
+    assert isinstance(caught.value.__cause__, RuntimeError)
 
 
 FRESH = {
