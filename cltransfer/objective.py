@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from .errors import CltransferError, ModelError
 from .features import Features
 
 
@@ -38,13 +39,18 @@ class Objective:
         return torch.tensor([loss.penalty for loss in self.losses.values()], dtype=torch.float64)
 
     def terms(self, reference: Features, rendered: Features) -> Tensor:
-        """Raw terms, (B, L); NaN where undefined. ``reference`` has 1 or B frames."""
+        """Raw terms, (B, L); NaN where undefined. ``reference`` has 1 or B frames.
+
+        Raises:
+            ModelError: a loss fails, or gives anything but B values.
+        """
         count = max(len(reference), len(rendered))
         columns = []
-        for loss in self.losses.values():
-            lacking = any(not (reference.has(n) and rendered.has(n)) for n in loss.requires)
-            value = torch.full((count,), float("nan")) if lacking else loss(reference, rendered)
-            columns.append(value.double())
+        for name, loss in self.losses.items():
+            if any(not (reference.has(n) and rendered.has(n)) for n in loss.requires):
+                columns.append(torch.full((count,), torch.nan, dtype=torch.float64))
+            else:
+                columns.append(_answer(loss, (reference, rendered), (count,), f"loss {name!r}"))
         return torch.stack(columns, dim=1)
 
     def defined(self, reference: Features) -> Tensor:
@@ -99,16 +105,20 @@ class Objective:
             reference: one frame.
             rendered: B candidates.
             defined: which terms the reference has, (L,) bool; the others leave zeros.
+
+        Raises:
+            ModelError: a loss fails, or gives anything but (B, R) residuals.
         """
         parts = []
-        for loss, there in zip(self.losses.values(), defined.tolist()):
+        for (name, loss), there in zip(self.losses.items(), defined.tolist()):
             if not there:
                 parts.append(torch.zeros(len(rendered), len(loss.groups), dtype=torch.float64))
                 continue
             if any(not rendered.has(name) for name in loss.requires):
                 part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
             else:
-                part = loss.residuals(reference, rendered).double()
+                shape = (len(rendered), len(loss.groups))
+                part = _answer(loss.residuals, (reference, rendered), shape, f"residuals of loss {name!r}")
             lost = ~torch.isfinite(part).all(1)
             part = part.masked_fill(lost[:, None], 0.0)
             part[lost, 0] = loss.penalty
@@ -123,6 +133,26 @@ class Objective:
             part[0] = loss.weight * loss.penalty if there else 0.0
             parts.append(part)
         return torch.cat(parts)
+
+
+def _answer(call: Callable[..., Any], features: tuple[Features, Features], shape: tuple[int, ...], who: str) -> Tensor:
+    """What a loss says of ``features``, as float64 of ``shape``.
+
+    Raises:
+        ModelError: it fails, or says anything else.
+    """
+    expected = f"expected values of shape {shape}"
+    try:
+        value = call(*features)
+    except (CltransferError, MemoryError):
+        raise
+    except Exception as error:  # a loss may be anybody's code
+        came = f"it raised {type(error).__name__}: {' '.join(str(error).split())}"
+        raise ModelError("", who, f"{expected}, {came}", "CLTRANSFER_DEBUG=1 shows where") from error
+    if not isinstance(value, Tensor) or tuple(value.shape) != shape:
+        came = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+        raise ModelError("", who, f"{expected}, got {came}", "return a tensor with one row a frame")
+    return value.double()
 
 
 def group_norms(residuals: Tensor, groups: Tensor) -> Tensor:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.objective import Objective
 
@@ -49,6 +51,54 @@ def test_a_term_that_only_the_render_lacks_costs_its_penalty() -> None:
     reference, rendered = boxes(1.0), boxes(float("nan"))
     totals = OBJECTIVE.totals(OBJECTIVE.terms(reference, rendered), OBJECTIVE.defined(reference)[0])
     assert totals.tolist() == [100.0]
+
+
+@dataclass(frozen=True)
+class Broken(Distance):
+    """Answers with ``how``, or raises it."""
+
+    groups: ClassVar[tuple[int, ...]] = (0,)
+    how: object = None
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        if isinstance(self.how, Exception):
+            raise self.how
+        return self.how  # type: ignore[return-value]
+
+    residuals = __call__
+
+
+@pytest.mark.parametrize(
+    ("how", "came"),
+    [
+        (torch.ones(2, 1), "got shape (2, 1)"),
+        (torch.ones(()), "got shape ()"),
+        (torch.ones(3), "got shape (3,)"),
+        (0.5, "got float"),
+        (None, "got NoneType"),
+        (ArithmeticError("the loss has\nno answer"), "it raised ArithmeticError: the loss has no answer"),
+    ],
+)
+def test_a_loss_that_gives_no_values_is_named_with_what_came(how: object, came: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        Objective({"distance": Distance(), "broken": Broken(how=how)}).terms(boxes(1.0), boxes(1.0, 4.0))
+    assert str(caught.value).startswith(f"loss 'broken': expected values of shape (2,), {came} (")
+    assert caught.value.__cause__ is (how if isinstance(how, Exception) else None)
+
+
+@pytest.mark.parametrize(("how", "came"), [(torch.ones(2), "got shape (2,)"), (KeyError("x"), "raised KeyError: 'x'")])
+def test_a_loss_that_gives_no_residuals_is_named_with_what_came(how: object, came: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        Objective({"broken": Broken(how=how)}).residuals(boxes(1.0), boxes(1.0, 4.0), torch.tensor([True]))
+    assert "residuals of loss 'broken': expected values of shape (2, 1), " in str(caught.value)
+    assert came in str(caught.value)
+
+
+@pytest.mark.parametrize("how", [MemoryError(), UsageError("", "weight", "is too large")])
+def test_what_is_told_already_is_told_as_it_is(how: Exception) -> None:
+    with pytest.raises(type(how)) as caught:
+        Objective({"broken": Broken(how=how)}).terms(boxes(1.0), boxes(1.0))
+    assert caught.value is how
 
 
 def test_a_frame_the_reference_lacks_costs_nothing_whatever_is_rendered() -> None:

@@ -70,7 +70,8 @@ def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
     assert answer.code == 1, answer.err
     assert "Failed: 2 of 3 trials." in answer.out
     assert (
-        "- raises, builtin:static in builtin:courtyard, seed 0: ArithmeticError: the loss has no answer" in answer.out
+        "- raises, builtin:static in builtin:courtyard, seed 0: loss 'fatal': expected values of shape (2,), it raised "
+        "ArithmeticError: the loss has no answer" in answer.out
     )
     assert "- kills, builtin:static in builtin:courtyard, seed 0: its process was killed (out of memory?)" in answer.out
     assert len(set(keys(tmp_path / "out"))) == len(keys(tmp_path / "out")) == 3
