@@ -45,12 +45,17 @@ class RuleOfThirds:
     requires: ClassVar[tuple[str, ...]] = ("keypoints",)
     unit: ClassVar[str] = "frame"
     penalty: ClassVar[float] = 2**0.5
+    groups: ClassVar[tuple[int, ...]] = (0,)
 
     def __post_init__(self) -> None:
         if not 0 <= self.min_confidence < 1:
             raise ValueError(f"min_confidence must be in [0, 1), got {self.min_confidence}")
 
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        """Signed difference, (B, 1) [frame]; NaN where either side shows no joint."""
+        distances = [distance_to_thirds(centroid(f, self.min_confidence)) for f in (reference, rendered)]
+        return (distances[1] - distances[0])[:, None]
+
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,) [frame]; NaN where either side shows no joint."""
-        distances = [distance_to_thirds(centroid(f, self.min_confidence)) for f in (reference, rendered)]
-        return (distances[0] - distances[1]).abs()
+        return self.residuals(reference, rendered)[:, 0].abs()

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.config import load_config
 from cltransfer.errors import UsageError
+from cltransfer.objective import Objective
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
 from cltransfer.testing import LossCase, sample_features
@@ -50,6 +52,11 @@ def test_no_joint_seen_is_undefined() -> None:
     loss = LOSSES.build("rule_of_thirds")
     assert loss(features, replace(features, keypoints=unseen)).isnan().all()
     assert loss(replace(features, keypoints=unseen), features).isnan().all()
+
+
+def test_it_is_refined_with_the_others() -> None:
+    losses = load_config(overrides=["losses.rule_of_thirds={}"]).build("losses")
+    assert Objective(losses).groups is not None
 
 
 def test_option_out_of_range_is_refused() -> None:
