@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from .cli_shared import Json, Quiet, show
-from .config_layers import parse_overrides
 from .files import check_out
 
 
@@ -31,6 +30,7 @@ def fit(
     Cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply), and curve.csv
     and curve.svg: what each level of detail reached.
     """
+    from .config_layers import parse_overrides
     from .registry import FITTERS
 
     fitter = FITTERS.build(representation, parse_overrides(overrides or []))

@@ -156,7 +156,7 @@ def _pull(kind: Kind, names: list[str], more: list[Path] | None, accept_new: boo
 def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) -> list[Entry]:
     """Entries of ``names``, which may name a group; all where none is named."""
     from .catalogue import catalogue
-    from .config import nearest
+    from .typed import nearest
 
     entries = catalogue(kind, more or ())
     if not names:

@@ -38,7 +38,7 @@ def pluginsshow(
     found = [(section, registry) for section, registry in SECTIONS.items() if name in registry.names()]
     if not found:
         known = [n for registry in SECTIONS.values() for n in registry.names()]
-        from .config import nearest
+        from .typed import nearest
 
         raise UsageError("", name, "no such component", nearest(name, known))
     section, registry = found[0]

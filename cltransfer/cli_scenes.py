@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from .cli_shared import Json, show
-from .config_layers import parse_overrides
 from .errors import UsageError
 from .files import check_out
 
@@ -69,12 +68,6 @@ def bake(
 
 def _options(cls: type[Any], overrides: list[str]) -> Any:
     """A value of ``cls`` with ``key=value`` on top of its defaults, checked by its own fields."""
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
+    from .typed import typed
 
-    given = parse_overrides(overrides)
-    try:
-        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(cls), given))
-    except (OmegaConfBaseException, ValueError) as error:
-        key = str(getattr(error, "full_key", "") or "")
-        raise UsageError("", key, str(error).strip().splitlines()[0]) from None
+    return typed(cls, parse_overrides(overrides))

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .config import RunConfig, nearest
+from .config import RunConfig
 from .errors import ModelError
 from .features import NAMES
 from .plan import CLIP_SOURCE, Family, Plan, make_plan
 from .registry import EXTRACTORS
+from .typed import nearest
 
 SCENE_SOURCE = frozenset({"camera", "person"})
 

@@ -7,7 +7,6 @@ components, it never loads code: see :mod:`cltransfer.plugins`.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files as package_files
@@ -15,9 +14,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .config_adam import AdamConfig
-from .config_layers import ONE_EACH, merge, parse_overrides, read_yaml
+from .config_layers import ONE_EACH, Layer, origin, parse_overrides, read_yaml
 from .errors import UsageError
 from .registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
+from .typed import nearest, typed
 
 SECTIONS: dict[str, Registry[Any]] = {
     "renderer": RENDERERS,
@@ -25,6 +25,7 @@ SECTIONS: dict[str, Registry[Any]] = {
     "losses": LOSSES,
     "search": SEARCHES,
 }
+COMMAND_LINE = "command line"
 
 
 @dataclass
@@ -128,6 +129,7 @@ class RunConfig:
     search: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.origins: Mapping[str, str] = {}  # where each key was written, for the errors of what is built of it
         for name, low, high in (
             ("frames", 1, 2000), ("seed", 0, 2**63), ("threads", 0, 1024),
             ("search_side", 16, 4096), ("output_side", 16, 4096),
@@ -147,7 +149,10 @@ class RunConfig:
         Raises:
             UsageError: an option has the wrong type or range.
         """
-        return {n: SECTIONS[section].build(n, options) for n, options in getattr(self, section).items()}
+        try:
+            return {n: SECTIONS[section].build(n, options) for n, options in getattr(self, section).items()}
+        except UsageError as error:
+            raise _told(error, self.origins) from None
 
     def build_one(self, section: str) -> Any:
         """The only component of ``section``."""
@@ -157,7 +162,7 @@ class RunConfig:
         """The merged config, complete and re-runnable: what the preset has and this config has not is null."""
         from omegaconf import OmegaConf
 
-        raw, below = dataclasses.asdict(self), _checked(shipped_configs() / f"{self.preset}.yaml")
+        raw, below = dataclasses.asdict(self), _read(shipped_configs() / f"{self.preset}.yaml").values
         for section in set(SECTIONS) - set(ONE_EACH):
             raw[section] |= {name: None for name in below.get(section) or {} if name not in raw[section]}
         return OmegaConf.to_yaml(OmegaConf.create(raw))
@@ -178,27 +183,38 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
         UsageError: a file is missing, too large or no YAML; an unknown key, component or option (the nearest is
             named), a value of the wrong type or range.
     """
-    above = parse_overrides(overrides)
-    _check(above, "command line")
-    file = _read_chain(_named(Path(path))) if path else {}
-    return lay_config([file, above], path or "config")
+    above = layer_of(parse_overrides(overrides), COMMAND_LINE)
+    return lay_config([_read_chain(_named(Path(path))), above] if path else [above])
 
 
-def lay_config(layers: Sequence[Mapping[str, Any]], where: str | Path) -> RunConfig:
+def layer_of(values: Mapping[str, Any], where: str | Path) -> Layer:
+    """The layer of ``values`` that are written in ``where``, their names checked.
+
+    Raises:
+        UsageError: an unknown key, component or option; the nearest is named.
+    """
+    _check(values, where)
+    return Layer.written(values, where)
+
+
+def lay_config(layers: Sequence[Layer]) -> RunConfig:
     """Config of ``layers``, the last on top, over the preset that the highest of them names (default: balanced).
 
     Raises:
-        UsageError: as :func:`load_config`, in the name of ``where``.
+        UsageError: as :func:`load_config`, in the name of the layer that is to blame.
     """
-    for layer in layers:
-        _check(layer, where)
-    preset = next((layer["preset"] for layer in reversed(layers) if "preset" in layer), "balanced")
+    preset, where = next(
+        ((layer.values["preset"], layer.origins["preset"]) for layer in reversed(layers) if "preset" in layer.values),
+        ("balanced", ""),
+    )
     if preset not in presets():
-        raise UsageError("", "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
-    merged = _checked(shipped_configs() / f"{preset}.yaml")
+        raise UsageError(where, "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
+    merged = _read(shipped_configs() / f"{preset}.yaml")
     for layer in layers:
-        merged = merge(merged, layer)
-    return _typed({**merged, "preset": preset}, where)
+        merged = layer.over(merged)
+    config = _typed({**merged.values, "preset": preset}, merged.origins)
+    config.origins = merged.origins
+    return config
 
 
 def shipped_configs() -> Any:
@@ -213,25 +229,23 @@ def _named(path: Path) -> Path:
     return shipped if not path.suffix and not path.exists() and shipped.is_file() else path
 
 
-def _read_chain(path: Path) -> dict[str, Any]:
+def _read_chain(path: Path) -> Layer:
     """A file over its ``base``; the base is named beside it and may name no other."""
-    own = _checked(path)
-    base = own.pop("base", None)
+    own = _read(path)
+    base = own.values.get("base")
     if base is None:
         return own
     parent_path = path.parent / str(base)
     if not parent_path.resolve().is_relative_to(path.parent.resolve().parent):
         raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
-    parent = _checked(parent_path)
-    if "base" in parent:
+    parent = _read(parent_path)
+    if "base" in parent.values:
         raise UsageError(parent_path, "base", "a base names no further base", "merge the two files")
-    return merge(parent, own)
+    return own.over(parent)
 
 
-def _checked(path: Any) -> dict[str, Any]:
-    raw = read_yaml(path)
-    _check(raw, path)
-    return raw
+def _read(path: Any) -> Layer:
+    return layer_of(read_yaml(path), path)
 
 
 def _check(raw: Mapping[str, Any], where: Any) -> None:
@@ -264,29 +278,23 @@ def _check_section(section: str, value: Any, where: Any) -> None:
                 raise UsageError(where, f"{section}.{name}.{option}", "no such option", nearest(option, declared))
 
 
-def _typed(merged: Mapping[str, Any], where: Any) -> RunConfig:
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-
+def _typed(merged: Mapping[str, Any], origins: Mapping[str, str]) -> RunConfig:
     clean = {k: v for k, v in merged.items() if k != "base"}
     for section in SECTIONS:
         named = {n: o for n, o in (clean.get(section) or {}).items() if o is not None}
         if section in ONE_EACH and len(named) != 1:
+            where = origin(origins, section)
             raise UsageError(where, section, f"expected exactly one, got {len(named)}", ", ".join(named))
         clean[section] = named
     if not clean["losses"]:
+        where = origin(origins, "losses")
         raise UsageError(where, "losses", "expected at least one", f"known: {', '.join(LOSSES.names())}")
     try:
-        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RunConfig), clean))  # type: ignore[return-value]
-    except OmegaConfBaseException as error:
-        reason = str(error).strip().splitlines()[0]
-        raise UsageError(where, str(error.full_key or ""), reason) from None
-    except UsageError as error:  # of a range
-        raise UsageError(where, error.field, error.reason) from None
+        return typed(RunConfig, clean)
+    except UsageError as error:
+        raise _told(error, origins) from None
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """A hint that names the known word nearest to ``name``, or all of them."""
-    options = sorted(known)
-    close = difflib.get_close_matches(str(name), options, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(options)}"
+def _told(error: UsageError, origins: Mapping[str, str]) -> UsageError:
+    """``error`` with where its key was written."""
+    return UsageError(error.where or origin(origins, error.field), error.field, error.reason, error.hint)

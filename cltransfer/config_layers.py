@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -11,6 +12,42 @@ from .files import check_yaml, read_text
 
 YAML_LIMIT = 2**20  # bytes
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Values of a config, and where each was written.
+
+    Args:
+        values: plain, nested.
+        origins: a file's name or the command line, by key as ``section.name.option``.
+    """
+
+    values: Mapping[str, Any]
+    origins: Mapping[str, str]
+
+    @classmethod
+    def written(cls, values: Mapping[str, Any], where: str | Path) -> Layer:
+        """A layer whose values are all written in one place."""
+        return cls(values, dict.fromkeys(_keys(values), str(where)))
+
+    def over(self, below: Layer) -> Layer:
+        """This layer merged over another one."""
+        return Layer(merge(below.values, self.values), {**below.origins, **self.origins})
+
+
+def origin(origins: Mapping[str, str], key: str) -> str:
+    """Where ``key``, or else what it stands under, was written last; empty where it was not."""
+    while key and key not in origins:
+        key = key.rpartition(".")[0]
+    return origins.get(key, "")
+
+
+def _keys(values: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for key, value in values.items():
+        yield f"{above}{key}"
+        if isinstance(value, Mapping):
+            yield from _keys(value, f"{above}{key}.")
 
 
 def read_yaml(path: Any) -> dict[str, Any]:

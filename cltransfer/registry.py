@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import difflib
 import hashlib
 import importlib
 import math
@@ -17,6 +16,7 @@ from typing import Any, Generic, TypeVar
 
 from .declared import EXTRACTOR, FITTER, LOSS, RENDERER, SEARCH, Declared, check_declared
 from .errors import ModelError, UsageError
+from .typed import nearest, typed
 
 T = TypeVar("T")
 
@@ -26,10 +26,16 @@ class Registry(Generic[T]):
 
     Built-in ``name`` lives in ``<package>/<name>.py`` and is imported on first use. A plugin's module registers
     its class by the decorator when the user has allowed it (:mod:`cltransfer.plugins`).
+
+    Args:
+        kind: what one is called.
+        package: of the built-in ones.
+        section: of a config, under which they are named; empty where their options are named alone.
+        declared: what a class declares.
     """
 
-    def __init__(self, kind: str, package: str, declared: Sequence[Declared]) -> None:
-        self.kind, self.package, self.declared = kind, package, declared
+    def __init__(self, kind: str, package: str, section: str, declared: Sequence[Declared]) -> None:
+        self.kind, self.package, self.section, self.declared = kind, package, section, declared
         self._classes: dict[str, type[T]] = {}
 
     def register(self, name: str) -> Callable[[type[T]], type[T]]:
@@ -67,9 +73,7 @@ class Registry(Generic[T]):
         """
         if name not in self._classes:
             if name not in self._built_in():
-                close = difflib.get_close_matches(name, self.names(), n=1)
-                hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(self.names())}"
-                raise UsageError("", f"{self.kind} {name!r}", "no such component", hint)
+                raise UsageError("", f"{self.kind} {name!r}", "no such component", nearest(name, self.names()))
             importlib.import_module(f"{self.package}.{name}")  # its decorator registers it
         return self._classes[name]
 
@@ -79,20 +83,15 @@ class Registry(Generic[T]):
         Raises:
             UsageError: no such component, no such option, or a value of the wrong type or range.
         """
-        from omegaconf import OmegaConf
-        from omegaconf.errors import OmegaConfBaseException
-
         cls = self.get(name)
+        above = f"{self.section}.{name}" if self.section else ""
         for option, value in (options or {}).items():
             if isinstance(value, float) and not math.isfinite(value):
-                raise UsageError("", f"{self.kind}.{name}.{option}", f"expected a finite number, got {value}")
+                raise UsageError("", _key(above, option), f"expected a finite number, got {value}")
         try:
-            merged = OmegaConf.merge(OmegaConf.structured(cls), dict(options or {}))
-            return OmegaConf.to_object(merged)  # type: ignore[return-value]
-        except (OmegaConfBaseException, ValueError, TypeError) as error:
-            reason = str(error).strip().splitlines()[0]
-            key = getattr(error, "full_key", None)
-            raise UsageError("", f"{self.kind}.{name}.{key}" if key else f"{self.kind}.{name}", reason) from None
+            return typed(cls, options or {})
+        except UsageError as error:
+            raise UsageError("", _key(above, error.field), error.reason, error.hint) from None
 
     def declared_options(self, name: str) -> list[str]:
         """Option names of component ``name``, read from the source: nothing is imported for a built-in."""
@@ -119,14 +118,18 @@ def code_of(component: object) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
+def _key(*parts: str) -> str:
+    return ".".join(filter(None, parts))
+
+
 def _default(field: dataclasses.Field[Any]) -> Any:
     if field.default is not dataclasses.MISSING:
         return field.default
     return "???" if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers", RENDERER)
-EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors", EXTRACTOR)
-LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", LOSS)
-SEARCHES: Registry[Any] = Registry("search", "cltransfer.search", SEARCH)
-FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit", FITTER)
+RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers", "renderer", RENDERER)
+EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors", "extractors", EXTRACTOR)
+LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", "losses", LOSS)
+SEARCHES: Registry[Any] = Registry("search", "cltransfer.search", "search", SEARCH)
+FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit", "", FITTER)

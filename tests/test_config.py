@@ -76,12 +76,14 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("generatons=3", "did you mean 'generations'"),
         ("losses.framin={}", "did you mean 'framing'"),
         ("losses.framing.weigh=3", "did you mean 'weight'"),
-        ("extract.iner=image", "did you mean: 'inner'"),
+        ("extract.iner=image", "extract.iner: no such key (did you mean 'inner'?)"),
         ("preset=balancd", "did you mean 'balanced'"),
-        ("generations=many", "could not be converted to Integer"),
+        ("generations=many", "command line: generations: expected a whole number, got 'many'"),
         ("generations=0", "expected 1 to 1000000, got 0"),
         ("popsize=2", "expected 4 to 10000, got 2"),
-        ("extract.inner=telepathy", "expected one of"),
+        ("extract.inner=telepathy", "expected one of geometric, image, got 'telepathy'"),
+        ("adam=3", "command line: adam: expected a mapping of keys to values, got 3"),
+        ("generations=???", "generations: is required"),
         ("losses.framing=3", "expected options as a mapping"),
         ("losses=3", "expected name: {options}"),
         ("seed=${oc.env:HOME}", "interpolation is not part of the grammar"),
@@ -117,9 +119,53 @@ def test_a_hostile_file_is_refused_in_one_line(tmp_path: Path, text: str, messag
     assert str(file) in str(caught.value)
 
 
-def test_an_option_of_the_wrong_type_is_named_when_built() -> None:
-    with pytest.raises(UsageError, match=r"loss\.framing"):
-        load_config(overrides=["losses.framing.weight=heavy"]).build("losses")
+BUILT = {
+    "losses.framing.weight=heavy": "losses.framing.weight: expected a number, got 'heavy'",
+    "losses.framing.weight=.inf": "losses.framing.weight: expected a finite number, got inf",
+    "losses.filmic_space.min_area=2": "losses.filmic_space.min_area: min_area must be in [0, 1], got 2.0",
+    "extractors.depth_onnx={}": "extractors.depth_onnx.model: is required (expected text)",
+    "extractors.depth_onnx={model: a.onnx}": "depth_onnx.kind: is required (expected one of disparity, depth)",
+    "extractors.layers.near_quantile=null": "extractors.layers.near_quantile: expected a number, got null",
+    "renderer.gaussian_splats.threads=[1]": "renderer.gaussian_splats.threads: expected a whole number, got [1]",
+    "search.subject_orbit.nearest=-1": "search.subject_orbit: expected 0 < nearest < farthest, got -1.0 and 30.0",
+}
+
+
+@pytest.mark.parametrize("override", BUILT)
+def test_an_option_that_does_not_fit_is_named_as_it_is_written(override: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_config(overrides=[override]).build(override.partition(".")[0])
+    assert str(caught.value).startswith("command line: ")
+    assert str(caught.value).endswith(BUILT[override])
+
+
+def test_an_error_names_the_place_where_the_option_was_written_last(tmp_path: Path) -> None:
+    full, child = tmp_path / "full.yaml", tmp_path / "child.yaml"
+    full.write_text("losses: {framing: {weight: heavy}}\n")
+    child.write_text("base: full.yaml\nlosses: {framing: {mode: faithful}}\n")
+    above = tmp_path / "above.yaml"
+    above.write_text("base: full.yaml\nlosses: {framing: {weight: large}}\n")
+    for place, file, overrides, value in (
+        (full, child, [], "heavy"),
+        (above, above, ["losses.framing.mode=robust"], "large"),
+        ("command line", above, ["losses.framing.weight=huge"], "huge"),
+    ):
+        with pytest.raises(UsageError) as caught:
+            load_config(file, overrides).build("losses")
+        assert str(caught.value) == f"{place}: losses.framing.weight: expected a number, got {value!r}"
+
+
+def test_what_was_written_nowhere_names_no_place() -> None:
+    with pytest.raises(UsageError, match=r"^losses\.framing\.weight: expected a number, got 'heavy'$"):
+        RunConfig(losses={"framing": {"weight": "heavy"}}).build("losses")
+
+
+def test_a_mistake_in_a_file_is_the_files_and_one_on_top_is_the_command_lines(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("generations: 0\n")
+    with pytest.raises(UsageError, match=r"run\.yaml: generations: expected 1 to 1000000, got 0$"):
+        load_config(tmp_path / "run.yaml", ["frames=3"])
+    with pytest.raises(UsageError, match=r"^command line: generations: expected a whole number, got 'x'$"):
+        load_config(tmp_path / "run.yaml", ["generations=x"])
 
 
 def test_the_merged_config_reads_back_as_itself(tmp_path: Path) -> None:

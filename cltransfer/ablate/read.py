@@ -7,20 +7,20 @@ the command line's alone.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ..config import RunConfig, lay_config, nearest, shipped_configs
-from ..config_layers import parse_overrides, read_yaml
+from ..config import COMMAND_LINE, RunConfig, lay_config, layer_of, shipped_configs
+from ..config_layers import Layer, origin, parse_overrides, read_yaml
 from ..errors import UsageError
+from ..typed import nearest, typed
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
 BUILTIN = ("builtin:", DRAWN)
 KEYS = tuple(f.name for f in fields(SweepFile))
 COMMAND_LINE_KEYS = ("scenes", "references", "seeds", "metrics")
-COMMAND_LINE = "command line"
 
 
 def ablations() -> list[str]:
@@ -51,10 +51,11 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     said = {key: above.pop(key) for key in list(above) if _of_sweep(key, above[key])}
     fence = path.resolve().parent
     located = {**_located(written, path, fence), **_located(said, COMMAND_LINE, None)}
-    file = _typed({**written, **said, **located}, path)
+    origins = Layer.written(said, COMMAND_LINE).over(Layer.written(written, path)).origins
+    file = _typed({**written, **said, **located}, path, origins)
     rows = tuple(_row(file, row, above, path, fence) for row in file.rows)
     _check_cases(file, rows, path)
-    metrics = _config([file.base, file.metrics, above], f"{path}: metrics")
+    metrics = _config(file, file.metrics, above, path, "metrics")
     return Sweep(Path(name).stem, file, rows, metrics)
 
 
@@ -122,10 +123,7 @@ def place(text: str, field: str, where: Any, fence: Path | None) -> str:
     return str(full)
 
 
-def _typed(raw: Mapping[str, Any], where: Any) -> SweepFile:
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-
+def _typed(raw: Mapping[str, Any], where: Any, origins: Mapping[str, str]) -> SweepFile:
     rows = raw.get("rows")
     if not isinstance(rows, Mapping) or not rows:
         raise UsageError(where, "rows", "expected name: {overrides}, at least one")
@@ -133,11 +131,10 @@ def _typed(raw: Mapping[str, Any], where: Any) -> SweepFile:
         if not isinstance(overrides, Mapping | None):
             raise UsageError(where, f"rows.{name}", "expected overrides as a mapping", "write {} for the base")
     try:
-        merged = OmegaConf.merge(OmegaConf.structured(SweepFile), dict(raw))
-        return OmegaConf.to_object(merged)  # type: ignore[return-value]
-    except OmegaConfBaseException as error:
-        reason = str(error).strip().splitlines()[0]
-        raise UsageError(where, str(error.full_key or ""), reason) from None
+        return typed(SweepFile, raw)
+    except UsageError as error:
+        at = origin(origins, error.field.partition("[")[0])
+        raise UsageError(at or where, error.field, error.reason, error.hint) from None
 
 
 def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence: Path) -> Row:
@@ -146,7 +143,7 @@ def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence
     if scene is not None and len(file.scenes) > 1:
         raise UsageError(where, f"rows.{name}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
     own = None if scene is None else _scene(scene_at(scene, where, fence), f"{where}: rows.{name}")
-    return Row(name, _config([file.base, overrides, above], f"{where}: rows.{name}"), own)
+    return Row(name, _config(file, overrides, above, where, f"rows.{name}"), own)
 
 
 def _scene(given: Mapping[str, Any], where: str) -> SceneConfig:
@@ -157,13 +154,16 @@ def _scene(given: Mapping[str, Any], where: str) -> SceneConfig:
     return SceneConfig(**given)
 
 
-def _config(layers: list[Mapping[str, Any]], where: str) -> RunConfig:
-    for layer in layers:
-        if "seed" in layer:
-            raise UsageError(where, "seed", "the sweep has its own", "write seeds: [0, 1], or seeds=[0,1]")
-        if "base" in layer:
-            raise UsageError(where, "base", "a base names no further base", "write its values")
-    return replace(lay_config(layers, where), threads=1)
+def _config(file: SweepFile, own: Mapping[str, Any], above: Mapping[str, Any], where: Any, key: str) -> RunConfig:
+    """Config of what stands under ``key``, its ``own`` values between those of the base and the command line."""
+    layers = []
+    for values, place in ((file.base, f"{where}: base"), (own, f"{where}: {key}"), (above, COMMAND_LINE)):
+        if "seed" in values:
+            raise UsageError(place, "seed", "the sweep has its own", "write seeds: [0, 1], or seeds=[0,1]")
+        if "base" in values:
+            raise UsageError(place, "base", "a base names no further base", "write its values")
+        layers.append(layer_of(values, place))
+    return lay_config([*layers, layer_of({"threads": 1}, "a sweep")])
 
 
 def _check_cases(file: SweepFile, rows: tuple[Row, ...], where: Any) -> None:

@@ -103,7 +103,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     assert "nowhere.mp4: no such file" in missing.err
     option = command("ablate", sweep_file("{a: {losses: {framing: {mode: wrong}}}}"), "--out", out)
     assert option.code == 2
-    assert "loss.framing.mode: Invalid value 'wrong'" in option.err
+    assert "tiny.yaml: rows.a: losses.framing.mode: expected one of robust, faithful, got 'wrong'" in option.err
     shot = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:moonwalk']")
     assert "shot 'moonwalk'" in shot.err
     assert not out.exists()

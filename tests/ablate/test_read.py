@@ -98,7 +98,7 @@ REFUSED = {
     "rows: {a: {lossses: {}}}": "rows.a: lossses: no such key (did you mean 'losses'?)",
     "rows: {a: {losses: {frame: {}}}}": "losses.frame: no such loss",
     "rows: {a: {losses: {framing: {weihgt: 3}}}}": "losses.framing.weihgt: no such option (did you mean 'weight'?)",
-    "rows: {a: {frames: many}}": "frames: Value 'many'",
+    "rows: {a: {frames: many}}": "sweep.yaml: rows.a: frames: expected a whole number or null, got 'many'",
     "rows: {a: {frames: 0}}": "frames: expected 1 to 2000",
     "rows: {a: {seed: 3}}": "seed: the sweep has its own",
     "rows: {a: {base: other.yaml}}": "base: a base names no further base",
@@ -106,7 +106,10 @@ REFUSED = {
     "rows: {a: {}}\nseeds: []": "seeds: expected at least one",
     "rows: {a: {}}\nseeds: [1, 1]": "none twice",
     "rows: {a: {}}\nseeds: [-1]": "expected 0 or more",
-    "rows: {a: {}}\nengine: {backend: threads}": "engine.backend: Invalid value",
+    "rows: {a: {}}\nengine: {backend: threads}": "engine.backend: expected one of loky, dask, got 'threads'",
+    "rows: {a: {}}\nbase: {frames: many}": "sweep.yaml: base: frames: expected a whole number or null",
+    "rows: {a: {}}\nscenes: [{scene: a.ply, scne: 1}]": "scenes[0].scne: no such key (did you mean 'scene'?)",
+    "rows: {a: {}}\nseeds: [x]": "seeds: expected a list of whole numbers, got ['x']",
     "rows: {a: {}}\nengine: {backend: dask}": "engine: a cluster is named on the command line, not in a file",
     "rows: {a: {}}\nengine: {backend: dask, address: 'tcp://h:1'}": "engine: a cluster is named on the command line",
     "rows: {a: {}}\nengine: {address: 'tcp://h:1'}": "engine: a cluster is named on the command line",
@@ -133,6 +136,16 @@ def test_what_cannot_be_meant_is_refused_by_name(written: Written, text: str) ->
     assert REFUSED[text] in str(caught.value)
     assert "sweep.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_wrong_on_the_command_line_is_named_there(written: Written) -> None:
+    for override, line in (
+        ("frames=many", "command line: frames: expected a whole number or null, got 'many'"),
+        ("seeds=[x]", "command line: seeds: expected a list of whole numbers, got ['x']"),
+    ):
+        with pytest.raises(UsageError) as caught:
+            read_sweep(written(ROWS), [override])
+        assert str(caught.value) == line
 
 
 @pytest.mark.parametrize("name", ["clip.mp4", "'clip.mp4#t=1,2'", "builtin:plaza@clip.mp4", "clip.mp4@path.json"])

@@ -41,7 +41,10 @@ def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
 
 
 def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
-    for words, line in ((["degre=1"], "Did you mean: 'degree'"), (["degree"], "expected key=value")):
+    for words, line in (
+        (["degre=1"], "degre: no such key (did you mean 'degree'?)"),
+        (["degree"], "expected key=value"),
+    ):
         got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), *words])
         assert isinstance(got.exception, UsageError)
         assert line in str(got.exception)
