@@ -224,9 +224,18 @@ def shipped_configs() -> Any:
 
 
 def _named(path: Path) -> Path:
-    """The file, or where there is none a shipped one by its name alone, as ``networks/paper``."""
-    shipped = Path(str(shipped_configs() / f"{path}.yaml"))
-    return shipped if not path.suffix and not path.exists() and shipped.is_file() else path
+    """The file, or where there is none a shipped one by its name alone, as ``networks/paper``.
+
+    Raises:
+        UsageError: there is neither; the nearest shipped one is named.
+    """
+    if path.exists():
+        return path
+    shipped = Path(str(shipped_configs()))
+    named = [*presets(), *(f"networks/{found.stem}" for found in sorted((shipped / "networks").glob("*.yaml")))]
+    if str(path) not in named:
+        raise UsageError(path, "", "no such file", nearest(str(path.with_suffix("")), named))
+    return shipped / f"{path}.yaml"
 
 
 def _read_chain(path: Path) -> Layer:

@@ -34,8 +34,23 @@ def test_overrides_win_over_the_file_and_the_file_over_the_preset(tmp_path: Path
 def test_a_shipped_file_goes_by_its_name() -> None:
     file = Path(__file__).parents[1] / "configs" / "networks" / "paper.yaml"
     assert load_config("networks/paper") == load_config(file)
-    with pytest.raises(UsageError, match="networks/papers"):
-        load_config("networks/papers")
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("networks/papr", "did you mean 'networks/paper'?"),
+        ("networks/paper.yml", "did you mean 'networks/paper'?"),
+        ("balancd", "did you mean 'balanced'?"),
+        ("ablations/presets", "known: "),
+        ("nope.yaml", "known: balanced, "),
+    ],
+)
+def test_a_file_that_is_not_there_is_answered_with_the_nearest_that_is_shipped(name: str, hint: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_config(name)
+    assert str(caught.value).startswith(f"{name}: no such file (")
+    assert hint in str(caught.value)
 
 
 def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
