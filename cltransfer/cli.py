@@ -55,7 +55,7 @@ CONFIG_HELP = "YAML over the preset, or a shipped one by name (networks/paper); 
 Config = Annotated[Path | None, typer.Option("--config", "-c", help=CONFIG_HELP)]
 Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")]
-SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or or builtin:NAME.")]
+SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")]
 Overrides = Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"

@@ -7,12 +7,14 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
+from cltransfer.cli import app
 from cltransfer.clip import read_clip
 from cltransfer.config import load_config
 from cltransfer.registry import LOSSES
@@ -72,6 +74,20 @@ def test_help_takes_half_a_second_and_no_torch(fresh: Callable[..., Any], slowne
     assert (answer.code, answer.err) == (0, "")
     assert "Usage:" in answer.out
     assert answer.seconds < 0.5 * slowness
+
+
+def helps(verb: Any) -> Iterator[str]:
+    """Every help text of a verb, of its options and of the verbs under it."""
+    yield verb.help or ""
+    yield from (getattr(option, "help", "") or "" for option in verb.params)
+    for below in getattr(verb, "commands", {}).values():
+        yield from helps(below)
+
+
+def test_no_help_says_a_word_twice_in_a_row() -> None:
+    texts = list(helps(typer.main.get_command(app)))
+    assert len(texts) > 100
+    assert [text for text in texts if re.search(r"\b(\w+) \1\b", text)] == []
 
 
 def test_a_run_leaves_what_it_promises(tiny_run: Path) -> None:
