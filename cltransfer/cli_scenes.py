@@ -68,6 +68,7 @@ def bake(
 
 def _options(cls: type[Any], overrides: list[str]) -> Any:
     """A value of ``cls`` with ``key=value`` on top of its defaults, checked by its own fields."""
+    from .config_layers import parse_overrides
     from .typed import typed
 
     return typed(cls, parse_overrides(overrides))

@@ -11,6 +11,7 @@ from .errors import InputError, UsageError
 from .files import check_yaml, read_text
 
 YAML_LIMIT = 2**20  # bytes
+PLAIN = "a number, text, true, false, null, a list or a mapping"
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
 
 
@@ -67,8 +68,10 @@ def read_yaml(path: Any) -> dict[str, Any]:
     try:
         check_yaml(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # as omegaconf chooses
         value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
-    except Exception as error:  # yaml and omegaconf have one class per fault and no common base
+    except yaml.YAMLError as error:
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    except Exception:  # omegaconf has one class per fault and no common base
+        raise UsageError(path, "", f"not a config: expected keys with values, each {PLAIN}") from None
     if not isinstance(value, dict):
         raise UsageError(path, "", "expected a mapping of keys to values")
     _refuse_interpolation(value, path, "${")
@@ -94,6 +97,8 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         except yaml.YAMLError:
             raise UsageError("", key, f"not a YAML value: {text}") from None
         _refuse_interpolation(value, "", key)
+        for foreign in _foreign(value):
+            raise UsageError("", key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own")
         *parents, last = key.split(".")
         target = nested
         for parent in parents:
@@ -117,6 +122,15 @@ def _interpolates(value: Any) -> bool:
     if isinstance(value, (list, tuple, set)):
         return any(map(_interpolates, value))
     return isinstance(value, (str, PurePath)) and "${" in str(value)
+
+
+def _foreign(value: Any) -> Iterator[Any]:
+    """What in a value of YAML is more than plain: a date, a set, bytes."""
+    if isinstance(value, dict | list):
+        for part in value if isinstance(value, list) else (*value, *value.values()):
+            yield from _foreign(part)
+    elif not isinstance(value, str | int | float | None):
+        yield value
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -105,6 +105,8 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("frames", "expected key=value"),
         ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
         ("losses.shot_size._target_=os.system", "no such option"),
+        ("losses.shot_size.weight=2020-01-01", "losses.shot_size.weight: expected a number, text, true, false, null,"),
+        ("losses={shot_size: {weight: [!!set {a}]}}", "losses: expected a number, text, true, false, null, a list or"),
     ],
 )
 def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> None:
@@ -121,7 +123,10 @@ def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> 
         ("- 1\n- 2\n", "expected a mapping"),
         ("seed: !!python/object/apply:os.system ['true']\n", "not a config"),
         ("seed: ${seed}\n", "interpolation"),
-        ("seed: 1\nseed: 2\n", "not a config"),
+        ("seed: 1\nseed: 2\n", "not a config: while constructing a mapping"),
+        ("3\n", "not a config: expected keys with values, each a number, text,"),
+        ("null: 1\n", "not a config: expected keys with values, each a number, text,"),
+        ("losses: !!set {framing}\n", "not a config: expected keys with values, each a number, text,"),
         ("x" * (2**20 + 1), "expected at most"),
     ],
 )
