@@ -67,8 +67,11 @@ def read_yaml(path: Any) -> dict[str, Any]:
     _refuse_interpolation(text, path, "${")
     try:
         check_yaml(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # as omegaconf chooses
+    except (yaml.YAMLError, ValueError) as error:
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    try:
         value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
-    except yaml.YAMLError as error:
+    except yaml.YAMLError as error:  # a key that is there twice, of which only the reader knows
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
     except Exception:  # omegaconf has one class per fault and no common base
         raise UsageError(path, "", f"not a config: expected keys with values, each {PLAIN}") from None

@@ -210,7 +210,7 @@ ENDLESS = {
     f"losses: [{LONG}]\n": "losses: expected name",
     f"losses: {{framing: {{? {LONG} : 3}}}}\n": "no such option",
     f"losses: {{framing: {{weight: {LONG}}}}}\n": "framing.weight",
-    f"generations: {LONG}\n": "generations: Value",
+    f"generations: {LONG}\n": "generations: expected a whole number",
     f"preset: {LONG}\n": "no preset",
     f"? {LONG}\n: 3\n": "no such key",
 }
@@ -380,7 +380,8 @@ def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: 
     try:
         assert process.stderr is not None
         process.stderr.readline()  # it works now
-        time.sleep(0.3)
+        while not (tmp_path / "out" / "journal.bin").is_file() and process.poll() is None:
+            time.sleep(0.05)
         process.send_signal(getattr(signal, name))
         start = time.perf_counter()
         out, err = process.communicate(timeout=30)
