@@ -10,15 +10,19 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
+from torch import Tensor
 
 from cltransfer.cli import main
+from cltransfer.features import Features
+from cltransfer.registry import LOSSES
 
 STANDARD = "import asyncio, http.client, unittest.mock, xml.dom.minidom, email.mime.text, multiprocessing.pool"
 USUAL = 0.1  # [s] of processor time that such a process is taken to need on a quiet machine
 
+SHIPPED = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 TINY = ("frames=3", "generations=2", "output_side=96", "search_side=48")
 
 
@@ -54,6 +58,28 @@ def command(cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
         return Answer(int(caught.value.code or 0), said.out, said.err)
 
     return run
+
+
+@dataclass(frozen=True)
+class MeanFlow:
+    """Difference of the mean flow: unlike the losses that we ship it needs no person, so no network to find one."""
+
+    weight: float = 1.0
+
+    requires: ClassVar[tuple[str, ...]] = ("flow",)
+    unit: ClassVar[str] = "px"
+    penalty: ClassVar[float] = 10.0
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        return (reference.require("flow") - rendered.require("flow")).flatten(2).mean(-1).norm(dim=1)
+
+
+@pytest.fixture
+def mean_flow() -> Iterator[tuple[str, ...]]:
+    """Overrides by which :class:`MeanFlow` is the only loss; it is forgotten after the test."""
+    LOSSES.register("mean_flow")(MeanFlow)
+    yield ("losses.mean_flow={}", *(f"losses.{name}=null" for name in SHIPPED))
+    LOSSES._classes.pop("mean_flow")
 
 
 @pytest.fixture

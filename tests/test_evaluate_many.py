@@ -24,7 +24,6 @@ ROWS = [
     ClipScore("old_way", "b", {"shot_size": 0.6, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
 ]
 MISSING = ClipScore("old_way", "c", reason="the method has no clip of this name")
-OFF = [f"losses.{name}=null" for name in ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")]
 
 
 def wall(seed: int, drift: int) -> torch.Tensor:
@@ -117,30 +116,28 @@ def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
         clips_in(tmp_path / "empty")
 
 
-def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(tmp_path: Path) -> None:
+def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(
+    mean_flow: tuple[str, ...], tmp_path: Path
+) -> None:
     folder_of(tmp_path / "references", a=wall(0, 1), b=wall(0, 1))
     for name in ("a", "b"):
         run = tmp_path / "runs" / name
         write_video(run / "video" / "frames.mkv", wall(0, 1), torch.arange(4).double() / 8, lossless=True)
         (run / "manifest.json").write_text("{}")
     (tmp_path / "runs" / "a" / "DONE").touch()
-    config = load_config(overrides=["extractors.scene_flow=null", *OFF[:3], *OFF[4:]])
-    done, killed = evaluate_many(tmp_path / "references", {"ours": tmp_path / "runs"}, config)
+    runs = {"ours": tmp_path / "runs"}
+    done, killed = evaluate_many(tmp_path / "references", runs, load_config(overrides=mean_flow))
     assert done.reason == ""
     assert "b: DONE: this run was not finished" in killed.reason
 
 
-def test_folders_are_scored_clip_by_clip(command: Any, tmp_path: Path) -> None:
+def test_folders_are_scored_clip_by_clip(command: Any, mean_flow: tuple[str, ...], tmp_path: Path) -> None:
     references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
     same = folder_of(tmp_path / "same", a=wall(0, 2), b=wall(1, 2))
     other = folder_of(tmp_path / "other", a=wall(0, 6))
-    plugin = tmp_path / "global_flow.py"
-    plugin.write_text(PLUGIN)
     said = command(
-        "evaluate", references, f"same={same}", f"other={other}", "losses.mean_flow={}",
-        *OFF,
-        "--allow-plugin", plugin, "--out", tmp_path / "out", "--json",
-    )  # fmt: skip
+        "evaluate", references, f"same={same}", f"other={other}", *mean_flow, "--out", tmp_path / "out", "--json"
+    )
     assert said.code == 0, said.err
     value = json.loads(said.out)
     assert value["methods"]["same"]["mean_flow"]["mean"] == 0
@@ -154,7 +151,9 @@ def test_folders_are_scored_clip_by_clip(command: Any, tmp_path: Path) -> None:
     assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json"]
 
 
-def test_what_a_reader_should_know_of_the_clips_is_told(command: Any, tmp_path: Path) -> None:
+def test_what_a_reader_should_know_of_the_clips_is_told(
+    command: Any, mean_flow: tuple[str, ...], tmp_path: Path
+) -> None:
     references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
     for clip in ("a", "b"):
         (tmp_path / "ours" / clip).mkdir(parents=True)
@@ -162,7 +161,7 @@ def test_what_a_reader_should_know_of_the_clips_is_told(command: Any, tmp_path: 
             assert cv2.imwrite(str(tmp_path / "ours" / clip / f"{i}.png"), rgb.permute(1, 2, 0).numpy())
     (tmp_path / "ours" / "b" / "times.json").write_text("[0, 0.5, 2, 4]")
     said = command(
-        "evaluate", references, f"ours={tmp_path / 'ours'}", *OFF[:3], *OFF[4:], "--quiet", "--out", tmp_path / "out"
+        "evaluate", references, f"ours={tmp_path / 'ours'}", *mean_flow, "--quiet", "--out", tmp_path / "out"
     )
     assert said.code == 0, said.err
     assert f"note: ours, a: render: {ASSUMED}" in said.out.splitlines()
@@ -184,23 +183,3 @@ def test_one_clip_against_a_folder_of_clips_is_a_usage_error(command: Any, tmp_p
     references = folder_of(tmp_path / "references", a=wall(0, 2))
     said = command("evaluate", references, references / "a.mkv")
     assert (said.code, said.err.count("\n")) == (2, 1)
-
-
-PLUGIN = """
-from dataclasses import dataclass
-from typing import ClassVar
-
-from cltransfer.registry import LOSSES
-
-
-@LOSSES.register("mean_flow")
-@dataclass(frozen=True)
-class MeanFlow:
-    weight: float = 1.0
-    requires: ClassVar = ("flow",)
-    unit: ClassVar = "px"
-    penalty: ClassVar = 10.0
-
-    def __call__(self, reference, rendered):
-        return (reference.flow.flatten(2).mean(-1) - rendered.flow.flatten(2).mean(-1)).norm(dim=1)
-"""

@@ -14,7 +14,8 @@ from cltransfer.config import RunConfig, load_config
 from cltransfer.evaluate import evaluate
 from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS
-from cltransfer.run_folder import open_run, write_run
+from cltransfer.run_files import open_run
+from cltransfer.run_folder import write_run
 from cltransfer.scenes import Scene
 from cltransfer.scenes.lift import Lift, LiftOptions, summary
 from cltransfer.scenes.lifted import cached_lift, lift_scene, save_lift
