@@ -24,15 +24,14 @@ def test_a_scene_with_a_trajectory_may_lie_in_other_folders(scene: str, path: st
 
 
 def test_a_folder_at_another_rate_is_read_anew_and_one_without_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
     (tmp_path / "frames").mkdir()
     grey = np.random.default_rng(0).integers(0, 255, (36, 64, 3), np.uint8)
     for i in range(10):
         assert cv2.imwrite(str(tmp_path / "frames" / f"{i}.png"), np.roll(grey, i, 1))
-    others = ("shot_size", "framing", "filmic_space", "camera_angle")
-    parts = Components.build(load_config(overrides=[f"losses.{name}=null" for name in others]))
+    parts = Components.build(load_config(overrides=mean_flow))
     for rate, count in ((10, 4), (20, 7)):
         found = read_reference(f"{tmp_path / 'frames'}#t=0,0.3&fps={rate}", parts, Reading())
         assert (len(found), len(found.features)) == (count, count)
