@@ -76,6 +76,8 @@ def follow(
     hidden = _hidden(stage.objective, defined)
     D = search.dimensions if schedule.free_lens else search.dimensions - 1
     at_home = search.vector(homes, home, subject)[:, :D]
+    if guide is not None and hasattr(search, "turned"):
+        at_home = search.turned(at_home, guide[0])  # a whole turn away it would be another motion from there
     found: list[Solved] = []
     residuals: list[Tensor] = []
     before: Features | None = None

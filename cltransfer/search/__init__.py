@@ -35,6 +35,9 @@ class Search(Protocol):
     # Optional: lens, the direction (D,) of x along which the focal length changes.
     # Optional: aimed(x, home, subject, reference) -> x: x moved, without rendering, so that the subject's known joints
     # appear where and as large as one reference frame has them.
+    # Optional: turned(x, to) -> x: of all x (B, D) of the same cameras, those nearest to ``to`` (D,).
+    # Optional: recentred(x, home) -> x, home: the same camera as x (D,) about itself, where Adam starts from.
+    # Optional: names, D words for what ended at a bound.
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
         """x (B, D) of B cameras, as near as the parameters can express them."""

@@ -118,8 +118,15 @@ class SubjectOrbit:
             x[:, size] += sign * growth / SCALE[size]
         return x
 
+    def turned(self, x: Tensor, to: Tensor) -> Tensor:
+        """The same cameras as x (B, D), their azimuth moved by whole turns to within half a turn of that of ``to`` (D,)."""
+        turn = 2 * math.pi / SCALE[0]
+        whole = torch.zeros_like(x)
+        whole[:, 0] = ((to[0] - x[:, 0]) / turn).round() * turn
+        return x + whole
+
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
-        """x (B, 7); exact for cameras that have the subject in front of them."""
+        """x (B, 7), azimuth in (-pi, pi]; exact for cameras that have the subject in front of them."""
         subject = _required(subject)
         offset = camera.center - subject.anchor
         distance = offset.norm(dim=1)

@@ -147,3 +147,12 @@ def test_joints_of_one_side_tell_the_size_where_fewer_than_two_key_joints_are_se
     wrong = true.clone()
     wrong[:, 6] += 0.7
     torch.testing.assert_close(search.aimed(wrong, at, subject, reference), true, atol=2e-2, rtol=0)
+
+
+def test_whole_turns_bring_an_azimuth_next_to_another() -> None:
+    search = SubjectOrbit()
+    x = torch.zeros(3, 7, dtype=torch.float64)
+    x[:, 0] = torch.tensor([-3.13, 0.5, 9.0])
+    turned = search.turned(x, torch.full((7,), 3.15, dtype=torch.float64))
+    torch.testing.assert_close(turned[:, 0], torch.tensor([2 * math.pi - 3.13, 0.5, 9.0 - 2 * math.pi]).double())
+    assert torch.equal(turned[:, 1:], x[:, 1:])
