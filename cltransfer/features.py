@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -87,6 +87,19 @@ class Features:
     def names(self) -> frozenset[str]:
         """Names of all features that are there."""
         return frozenset(n for n in NAMES if getattr(self, n) is not None) | frozenset(self.extras)
+
+    def having(self, name: str, value: Any) -> Features:
+        """The same with ``value`` as feature ``name``, a plugin's own among the extras; None takes it away."""
+        if name in NAMES:
+            return replace(self, **{name: value})
+        others = {n: v for n, v in self.extras.items() if n != name}
+        return replace(self, extras=others if value is None else {**others, name: value})
+
+    def only(self, names: Iterable[str]) -> Features:
+        """The same without any feature but ``names``."""
+        keep = set(names)
+        blank: dict[str, Any] = {n: None for n in self.names() - keep if n not in self.extras}
+        return replace(self, **blank, extras={n: v for n, v in self.extras.items() if n in keep})
 
     def _batched(self) -> dict[str, Any]:
         own = {n: getattr(self, n) for n in NAMES if n != "person" and getattr(self, n) is not None}

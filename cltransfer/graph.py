@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import torch
-from torch import Tensor
 
 from .errors import UsageError
 from .features import Features
@@ -60,7 +58,7 @@ def run_clip(
             dear = frozenset(whole.extractor.provides)
             keep, between = keep | dear, between | dear
     assert found is not None  # there is at least one stage
-    return _only(found, keep)
+    return found.only(keep)
 
 
 def _stages(steps: Sequence[Step]) -> list[tuple[list[Step], Step | None]]:
@@ -117,7 +115,7 @@ def _in_chunks(
             now = joined(now, found[slice(start, stop)])
         done = _run_chunk(possible, now, last)
         last = done[len(done) - 1]
-        parts.append(_only(done, keep))
+        parts.append(done.only(keep))
         progress(stop)
     return replace(Features.concatenate(parts), reasons=reasons)
 
@@ -133,7 +131,7 @@ def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> F
         if not _needs_before(step):
             now = step(now, None)
         elif last is not None:
-            inputs = Features.concatenate([_only(last, now.names()), now])
+            inputs = Features.concatenate([last.only(now.names()), now])
             now = step(now, inputs[list(range(len(now)))])
         elif len(now) == 1:
             now = _undefined(now, step)
@@ -142,7 +140,7 @@ def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> F
             for name in step.extractor.provides:
                 value = later.require(name)
                 first = torch.full_like(value[:1], float("nan"))
-                now = _with(now, name, torch.cat([first, value]))
+                now = now.having(name, torch.cat([first, value]))
     return now
 
 
@@ -151,10 +149,13 @@ def _needs_before(step: Step) -> bool:
 
 
 def _undefined(now: Features, step: Step) -> Features:
-    """What a step that compares with the frame before gives a first frame: NaN, of the shape of a flow."""
+    """What a step that compares with the frame before gives a first frame: NaN, of the shape of what it gives."""
+    shapes: dict[str, tuple[int, ...]] = {"flow": (2, *_map_size(now)), "flow_confidence": _map_size(now)}
+    if not set(step.extractor.provides) <= set(shapes):
+        given = step(now, now)
+        shapes = {name: tuple(given.require(name).shape[1:]) for name in step.extractor.provides}
     for name in step.extractor.provides:
-        shape = {"flow": (2, *_map_size(now)), "flow_confidence": _map_size(now)}.get(name, (1,))
-        now = _with(now, name, torch.full((len(now), *shape), float("nan")))
+        now = now.having(name, torch.full((len(now), *shapes[name]), float("nan")))
     return now
 
 
@@ -164,15 +165,3 @@ def _map_size(now: Features) -> tuple[int, int]:
             height, width = now.require(name).shape[-2:]
             return height, width
     return now.size[1], now.size[0]
-
-
-def _with(features: Features, name: str, value: Tensor) -> Features:
-    if name in Features.__dataclass_fields__:
-        return replace(features, **{name: value})  # type: ignore[arg-type]
-    return replace(features, extras={**features.extras, name: value})
-
-
-def _only(features: Features, names: Iterable[str]) -> Features:
-    keep = set(names)
-    blank: dict[str, Any] = {n: None for n in features.names() - keep if n not in features.extras}
-    return replace(features, **blank, extras={n: v for n, v in features.extras.items() if n in keep})

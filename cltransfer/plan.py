@@ -28,12 +28,13 @@ class Step:
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with what this extractor provides."""
-        blank: dict[str, Any] = dict.fromkeys(self.hidden)
-        got = self.extractor(replace(now, **blank), before)
+        got: Features = self.extractor(now.only(now.names() - set(self.hidden)), before)
         missing = [name for name in self.extractor.provides if not got.has(name)]
         if missing:
             raise UsageError("", f"extractor {self.name}", f"promised {missing[0]!r} and did not provide it")
-        return replace(got, **{name: getattr(now, name) for name in self.hidden})
+        for name in self.hidden:
+            got = got.having(name, now.require(name) if now.has(name) else None)
+        return got
 
     @property
     def whole_clip(self) -> bool:

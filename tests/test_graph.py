@@ -94,6 +94,16 @@ def test_an_optional_input_is_hidden_unless_both_sides_have_it(shared: frozenset
     assert got.has("depth")  # hidden from one step, not lost
 
 
+def test_a_plugin_s_own_feature_is_hidden_too() -> None:
+    chain = {"a": Making(("heat",)), "b": Making(("glow",), uses=("heat",))}
+    image = torch.zeros(1, 3, 2, 2)
+    for shared, seen in ((frozenset[str](), 0), (frozenset({"heat"}), 1)):
+        made = plan({"heat", "glow"}, chain, shared=shared)
+        got = run(made, Features((2, 2), image=image), None)
+        assert float(got.require("glow")) == 100 * seen
+        assert got.has("heat")
+
+
 def test_what_a_loss_merely_uses_is_computed_where_it_can_be_had_and_never_missed() -> None:
     makers = {"a": Making(("box",)), "f": Making(("flow", "flow_confidence"))}
     made = plan({"box"}, makers, uses=frozenset({"flow_confidence", "gaze"}))
@@ -127,6 +137,30 @@ def test_a_first_frame_has_no_flow_and_the_others_compare_with_the_one_before() 
     got = run_clip(made, lambda a, b: Features((2, 2), image=image[a:b]), 20).require("gaze")[:, 0]
     assert bool(torch.isnan(got[0]))
     torch.testing.assert_close(got[1:], torch.ones(19))
+
+
+def test_a_first_frame_has_nan_of_the_shape_of_the_others() -> None:
+    made = plan({"beat"}, {"f": Beat()})
+    first = run(made, Features((4, 2), image=torch.zeros(1, 3, 2, 4)), None)
+    second = run(made, Features((4, 2), image=torch.ones(1, 3, 2, 4)), first)
+    beat = Features.concatenate([first, second]).require("beat")
+    assert bool(beat[0].isnan().all())
+    assert beat[1].tolist() == [1, 1, 1]
+
+
+@dataclass(frozen=True)
+class Beat:
+    """An extractor that compares with the frame before, and gives three numbers."""
+
+    provides: tuple[str, ...] = ("beat",)
+    requires: tuple[str, ...] = ("image",)
+    family: str = "image"
+    needs_before: bool = True
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        assert before is not None
+        change = (now.require("image") - before.require("image")).mean((2, 3))
+        return replace(now, extras={**now.extras, "beat": change})
 
 
 @dataclass(frozen=True)

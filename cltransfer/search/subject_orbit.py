@@ -119,7 +119,7 @@ class SubjectOrbit:
         return x
 
     def turned(self, x: Tensor, to: Tensor) -> Tensor:
-        """The same cameras as x (B, D), their azimuth moved by whole turns to within half a turn of that of ``to`` (D,)."""
+        """The same cameras as x (B, D), their azimuth moved by whole turns next to that of ``to`` (D,)."""
         turn = 2 * math.pi / SCALE[0]
         whole = torch.zeros_like(x)
         whole[:, 0] = ((to[0] - x[:, 0]) / turn).round() * turn
