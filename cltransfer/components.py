@@ -50,14 +50,16 @@ class Components:
                 reason = f"{how} {name!r}, expected a feature or what an extractor provides"
                 raise ModelError("", who, reason, nearest(name, known))
 
-    def plan(self, family: Family, shared: frozenset[str] | None = None) -> Plan:
+    def plan(self, family: Family, shared: frozenset[str] | None = None, also: frozenset[str] = frozenset()) -> Plan:
         """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).
 
-        ``shared`` names what the other side has: a loss that the other side cannot feed asks for nothing.
+        ``shared`` names what the other side has: a loss that the other side cannot feed asks for nothing. ``also``
+        names what is wanted beside what the losses ask for, where no network has to read it.
         """
         source = CLIP_SOURCE if family == "image" else frozenset(self.renderer.provides) | SCENE_SOURCE
         wanted: set[str] = set()
-        uses: set[str] = set()
+        drawn = {name for e in self.extractors.values() if e.family in ("scene", "both") for name in e.provides}
+        uses = {name for name in also if name in drawn}
         for loss in self.losses.values():
             if shared is None or shared >= set(loss.requires):
                 wanted.update(loss.requires)

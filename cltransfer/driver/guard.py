@@ -17,6 +17,7 @@ COVERAGE = 0.05  # of the frame that must show something; a scene may be a perso
 SHOWN = 0.03  # of the joints' box that must show the person
 
 HIDDEN = "the person is hidden"
+READ = frozenset({"subject", "keypoints"})  # what tells whether the person is hidden, beside depth
 SCENE_DEPTH = "scene_depth"  # extra of a view whose ``depth`` is a network's, in a unit that nobody knows
 
 
@@ -42,7 +43,7 @@ class Guard:
         if features.person is not None and features.camera is not None:
             inside = _from_body(features.camera.center, features.person) < BODY * features.person.height
             wrong["the camera stands inside the person"] = inside
-        if features.has("subject") and features.has("keypoints"):
+        if all(features.has(name) for name in READ):
             wrong[HIDDEN] = _hidden(features)
         return wrong
 

@@ -93,11 +93,7 @@ class Stage:
         """Raw terms (B, L) of B candidates for one reference frame; a view that is blocked has none."""
 
         def compute() -> Tensor:
-            seen = self.features(cameras, before)
-            terms = self.objective.terms(reference, seen)
-            return (
-                terms if self.guard is None else terms.masked_fill(self._blocked(reference, seen)[:, None], torch.nan)
-            )
+            return self._allowed(reference, self.features(cameras, before))
 
         return self._answer(cameras, compute)
 
@@ -116,6 +112,11 @@ class Stage:
             return residuals
         blocked = self._blocked(reference, seen)[:, None]
         return torch.where(blocked, self.objective.lost_residuals(defined), residuals)
+
+    def _allowed(self, reference: Features, seen: Features) -> Tensor:
+        """Raw terms (B, L) of what was seen from B cameras; a view that is blocked has none."""
+        terms = self.objective.terms(reference, seen)
+        return terms if self.guard is None else terms.masked_fill(self._blocked(reference, seen)[:, None], torch.nan)
 
     def _blocked(self, reference: Features, seen: Features) -> Tensor:
         """Views (B,) bool that may not be taken; where the reference hides the person, they may hide it too."""
@@ -136,12 +137,12 @@ class Stage:
             self.spent.network_passes += len(cameras) * self.plan.passes
         return answer
 
-    def path_terms(self, reference: Features, cameras: Camera) -> Tensor:
-        """Raw terms (N, L) of a path, frame by frame against N reference frames."""
-        rows, before = [], None
+    def path_terms(self, reference: Features, cameras: Camera, guarded: bool = False) -> Tensor:
+        """Raw terms (N, L) of a path, frame by frame; where ``guarded``, a view that is blocked has none."""
+        score, rows, before = self._allowed if guarded else self.objective.terms, list[Tensor](), None
         for i in range(len(cameras)):
             before = self.features(cameras[i], before)
-            rows.append(self.objective.terms(reference[i], before))
+            rows.append(score(reference[i], before))
         return torch.cat(rows)
 
     def path_residuals(self, reference: Features, cameras: Camera) -> Tensor:

@@ -57,7 +57,7 @@ class WholeClip:
         if objective.groups is not None:
             residuals = self.residuals(x)
             return self.mean_total(residuals), residuals
-        terms = self.stage.path_terms(self.reference, self.cameras(x))
+        terms = self.stage.path_terms(self.reference, self.cameras(x), guarded=True)
         self.stage.spent.evaluations += len(x)
         return float(objective.totals(terms, objective.defined(self.reference)).mean()), None
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -11,11 +12,16 @@ from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.stage import Stage
+from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.plan import Step
+from cltransfer.preparation import Clock, Inputs, prepare
+from cltransfer.progress import silent
+from cltransfer.readback import read_path
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import SHOTS, shot
 
 H, W = 9, 16
@@ -85,6 +91,42 @@ def test_what_a_network_takes_for_depth_is_not_what_stands_before_the_lens() -> 
     assert float(seen.require("depth").max()) == 0
     assert stage.guard is not None
     assert not bool(stage.guard.blocked(seen).any())
+
+
+def test_a_path_of_blocked_views_pays_even_where_a_loss_has_no_residuals(mean_flow: tuple[str, ...]) -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts, size = Components.build(load_config(overrides=mean_flow[:1])), (96, 54)
+    camera = shot("push_in", scene.subject, size, 3).camera
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), size)
+    assert stage.objective.groups is None
+    reference = read_path(stage, camera)
+    search = SubjectOrbit()
+    x = search.vector(camera, camera[0], scene.subject)
+    free, blocked = (
+        WholeClip(replace(stage, guard=guard), search, reference, camera[0]).total(x)
+        for guard in (None, Thick(scene.subject.height))
+    )
+    assert free < 0.01
+    assert blocked > 10
+
+
+class Thick(Guard):
+    """A guard of a scene in which every camera stands inside something."""
+
+    def reasons(self, features: Features) -> dict[str, torch.Tensor]:
+        return {"walls": torch.ones(len(features), dtype=torch.bool)}
+
+
+@pytest.mark.parametrize("guard", [True, False])
+def test_whether_the_person_is_hidden_is_seen_whatever_the_losses_ask_for(guard: bool, tmp_path: Path) -> None:
+    asked = ("losses.filmic_space=null", "losses.camera_movement=null", "losses.shot_size=null", "losses.framing=null")
+    config = load_config(overrides=[*asked, f"guard={str(guard).lower()}", "search_side=48", "output_side=48"])
+    scene, path = builtin_scene("plaza"), tmp_path / "shot.json"
+    assert scene.subject is not None
+    shot("static", scene.subject, (48, 27), 2).save(path)
+    job = prepare(Inputs("builtin:plaza", f"builtin:plaza@{path}"), config, Clock(), silent, None)
+    assert ("subject" in job.stage.plan.wanted) == guard
 
 
 class Nearness:
