@@ -17,7 +17,7 @@ from .components import Components
 from .config import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
 from .driver.closed_form import closed_form
-from .driver.guard import Guard
+from .driver.guard import READ, Guard
 from .driver.initial_view import any_view, best_of_orbit, first_seen, given_view
 from .driver.journal import Journal
 from .driver.schedule import Schedule, make_schedule
@@ -34,7 +34,7 @@ from .run_files import DONE
 from .scenes import Scene
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
-from .threads import set_threads, thread_count
+from .threads import default_count, set_threads, thread_count
 from .tracks import cleaned, turned_back
 
 
@@ -120,7 +120,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         ModelError: a network is missing.
         ResourceError: the frames to render cannot be kept in memory.
     """
-    set_threads(config.threads or thread_count())
+    set_threads(config.threads or default_count())
     parts = Components.build(config)
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
     search = config.build_one("search")
@@ -142,7 +142,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     if family == "scene" or search.needs_subject or view is None:
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))
         clock.lap("lift")
-    plan = parts.plan(family, shared=reference.features.names())
+    watched = READ if config.guard and family == "scene" else frozenset()
+    plan = parts.plan(family, reference.features.names(), watched)
     small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
     check_frames(len(reference), output)  # rather than after the search
     journal = None

@@ -35,7 +35,7 @@ from .report.side_by_side import side_by_side
 from .run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, VIDEO, clear, require_done
 from .scenes.lifted import SUBJECT, save_labels
 from .scenes.load import load_scene
-from .threads import set_threads, thread_count
+from .threads import default_count, set_threads, thread_count
 from .trajectory import Trajectory
 from .transfer import Result
 
@@ -136,7 +136,7 @@ def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict
         "python": platform.python_version(),
         "machine": platform.machine(),
         "seed": config.seed,
-        "threads": config.threads or thread_count(),
+        "threads": thread_count(),
         "plugins": list(plugins),
     }
 
@@ -189,7 +189,7 @@ def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path
     config = load_config(run / CONFIG, overrides)
     if not (run / CONFIG).stat().st_size:
         raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
-    set_threads(config.threads or thread_count())
+    set_threads(config.threads or default_count())
     parts = Components.build(config)
     source = scene or recall(str(digest))
     loaded = load_scene(source, direction)

@@ -7,6 +7,7 @@ import os
 from .errors import UsageError
 
 VARIABLE = "CLTRANSFER_THREADS"
+_set: tuple[str, int] = ("", 0)  # what set_threads has written there, and what had been asked for before
 
 
 def thread_count() -> int:
@@ -25,6 +26,16 @@ def thread_count() -> int:
     return os.cpu_count() or 1
 
 
+def default_count() -> int:
+    """Threads of a run that names no count: :func:`thread_count`, whatever an earlier run in this process was given.
+
+    Raises:
+        UsageError: the variable is not a positive whole number.
+    """
+    written, asked = _set
+    return asked if os.environ.get(VARIABLE) == written else thread_count()
+
+
 def set_threads(count: int, tensors: int = 1) -> None:
     """Let kernels, OpenCV, networks opened from now on and child processes use ``count`` threads each.
 
@@ -39,6 +50,8 @@ def set_threads(count: int, tensors: int = 1) -> None:
     import cv2
     import torch
 
+    global _set
+    _set = (str(count), default_count())
     os.environ[VARIABLE] = str(count)
     torch.set_num_threads(tensors)
     cv2.setNumThreads(count)

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from cltransfer.errors import UsageError
-from cltransfer.threads import set_threads, thread_count
+from cltransfer.threads import default_count, set_threads, thread_count
 
 
 def test_the_variable_decides(monkeypatch):
@@ -41,3 +41,14 @@ def test_set_threads_reaches_every_library(monkeypatch):
     cv2.setNumThreads(before[1])
     with pytest.raises(ValueError, match="at least 1"):
         set_threads(0)
+
+
+def test_the_count_of_one_run_is_not_that_of_the_next(monkeypatch):
+    monkeypatch.setattr("cltransfer.threads._set", ("", 0))
+    monkeypatch.setenv("CLTRANSFER_THREADS", "2")
+    assert default_count() == 2
+    for count in (1, 3, 3):
+        set_threads(count)
+        assert (thread_count(), default_count()) == (count, 2)
+    monkeypatch.setenv("CLTRANSFER_THREADS", "1")  # asked for anew
+    assert default_count() == 1
