@@ -184,6 +184,10 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
             named), a value of the wrong type or range.
     """
     above = layer_of(parse_overrides(overrides), COMMAND_LINE)
+    if "base" in above.values:
+        raise UsageError(
+            COMMAND_LINE, "base", "expected in a file, which it lies below", "use --config FILE or preset=NAME"
+        )
     return lay_config([_read_chain(_named(Path(path))), above] if path else [above])
 
 

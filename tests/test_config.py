@@ -101,6 +101,7 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("generations=???", "generations: is required"),
         ("losses.framing=3", "expected options as a mapping"),
         ("losses=3", "expected name: {options}"),
+        ("base=full.yaml", "base: expected in a file, which it lies below (use --config FILE or preset=NAME)"),
         ("seed=${oc.env:HOME}", "interpolation is not part of the grammar"),
         ("frames", "expected key=value"),
         ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
