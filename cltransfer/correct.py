@@ -2,7 +2,7 @@
 
 After solving on geometry the networks read the rendered frames; network minus geometry is the networks' bias there.
 It is noisier than the tolerances, so it is taken robustly: gated by visibility and size, a median and a smooth line
-along the clip per joint and per angle, never frame by frame.
+along the clip per joint and per angle, unless the config asks for each frame's own (``extract.bias=frame``).
 """
 
 from __future__ import annotations
@@ -34,6 +34,11 @@ class Bias:
 
     joints: Tensor  # (N, 14, 2)
     angles: Tensor  # (N, 3)
+
+    @property
+    def known(self) -> bool:
+        """Whether there is anything to aim off."""
+        return bool(self.joints.any() or self.angles.any())
 
 
 def measure_bias(network: Features, geometry: Features, window: float) -> Bias:

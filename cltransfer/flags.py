@@ -32,8 +32,9 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         yield Flag(None, f"reference: {flag}")
     if result.alignment is not None:
         yield Flag(None, f"depth network: {result.alignment}")
-    if result.schedule.note:
-        yield Flag(None, result.schedule.note)
+    for note in (result.schedule.note, result.note):
+        if note:
+            yield Flag(None, note)
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
         hint = "`cltransfer lift SCENE --person N` and --subject take another"

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from .camera import Camera
 from .config import RunConfig
-from .correct import corrected, measure_bias
+from .correct import LEAST, corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
@@ -32,6 +32,7 @@ from .trajectory import Trajectory
 Report = Callable[[int, Solved], None]
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
+UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class Result:
         search: vectors to cameras.
         objective: the losses.
         schedule: how frames were searched.
+        note: why there were fewer rounds than the config asks for, empty where there were not.
         noise: total that cannot be told apart, because networks read both sides; 0 where geometry did.
         read_by: image (networks on both sides) or geometry (a scene taught a scene).
         spent: what it cost.
@@ -84,6 +86,7 @@ class Result:
     search: Any
     objective: Objective
     schedule: Schedule
+    note: str
     noise: float
     read_by: str
     spent: Spent
@@ -122,7 +125,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
     """
     clock = Clock()
     job = prepare(inputs, config, clock, progress, record)
-    attempts = _attempts(job, config, clock, progress)
+    attempts, note = _attempts(job, config, clock, progress)
     kept = min(range(len(attempts)), key=lambda i: float(attempts[i].shown.scores.totals.mean()))
     best, stage, reference = attempts[kept], job.stage, job.reference
     terms = stage.path_terms(job.wanted, best.cameras)
@@ -139,6 +142,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         search=job.search,
         objective=stage.objective,
         schedule=job.schedule,
+        note=note,
         noise=job.noise,
         read_by="image" if job.by_networks or config.extract.inner == "image" else "geometry",
         spent=stage.spent,
@@ -147,8 +151,8 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
     )
 
 
-def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> list[Attempt]:
-    """Rounds of search and reading back; after the first, aimed off the networks' bias."""
+def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
+    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
     target, homes, guide, attempts = job.wanted, job.homes, job.guide, list[Attempt]()
@@ -161,14 +165,18 @@ def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> 
         cameras = found.camera if path is None else clip.cameras(path.x)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
-        seen = read_path(job.stage, cameras)
+        last = number == rounds
+        seen = None if last and job.stage.guard is None else read_path(job.stage, cameras)
         attempts.append(Attempt(found, cameras, path, shown, _blocked(job.stage, seen)))
         clock.lap("reading back")
-        if number < rounds:
-            bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
-            target, homes = corrected(job.wanted, bias), cameras[0]
-            guide = clip.about(cameras[0], found.x if path is None else path.x)
-    return attempts
+        if last or seen is None:
+            break
+        bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
+        if not bias.known:
+            return attempts, UNBIASED
+        target, homes = corrected(job.wanted, bias), cameras[0]
+        guide = clip.about(cameras[0], found.x if path is None else path.x)
+    return attempts, ""
 
 
 def _searched(
@@ -185,9 +193,7 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     local = found.local
     if local is not None and config.lod > 0:  # merged, the scene has other residuals
         local = replace(local, residuals=clip.residuals(found.x))
-    free = clip.total(found.x) if local is None else local.total
-    budget = Budget(config.joint, config.joint_steps)
-    return least_path(clip, found.x, local, free, job.noise, budget, guide)
+    return least_path(clip, found.x, local, job.noise, Budget(config.joint, config.joint_steps), guide)
 
 
 def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:
@@ -209,5 +215,5 @@ def _counting(progress: Progress, step: str, count: int) -> Report:
     return report
 
 
-def _blocked(stage: Stage, seen: Features) -> dict[str, Tensor]:
-    return {} if stage.guard is None else stage.guard.reasons(seen)
+def _blocked(stage: Stage, seen: Features | None) -> dict[str, Tensor]:
+    return {} if stage.guard is None or seen is None else stage.guard.reasons(seen)

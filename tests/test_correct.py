@@ -18,7 +18,7 @@ N = 24
 def clip(size: tuple[int, int], joints: Tensor, angles: Tensor, confidence: float = 1.0) -> Features:
     """Features of joints (N, 14, 2) [frame] and angles (N, 3)."""
     pixels = joints * torch.tensor(size, dtype=torch.float64)
-    keypoints = torch.cat([pixels, torch.full((N, 14, 1), confidence, dtype=torch.float64)], dim=2)
+    keypoints = torch.cat([pixels, torch.full((len(pixels), 14, 1), confidence, dtype=torch.float64)], dim=2)
     return Features(size, keypoints=keypoints, orientation=angles)
 
 
@@ -66,6 +66,14 @@ def test_what_is_not_seen_is_not_corrected() -> None:
     joints, angles = scene()
     unsure = clip((480, 908), joints + 0.02, angles, confidence=0.3)
     assert float(measure_bias(unsure, clip((85, 160), joints, angles), 4.0).joints.abs().max()) == 0
+
+
+@pytest.mark.parametrize(("frames", "known"), [(4, False), (5, True)])
+def test_too_few_frames_tell_no_bias(frames: int, known: bool) -> None:
+    joints, angles = (value[:frames] for value in scene())
+    bias = measure_bias(clip((480, 908), joints + 0.01, angles), clip((85, 160), joints, angles), 4.0)
+    assert bias.known == known
+    assert measure_bias(clip((480, 908), joints + 0.01, angles), clip((85, 160), joints, angles), 0.0).known
 
 
 def test_aiming_off_the_bias_makes_the_networks_read_what_was_wanted() -> None:

@@ -83,7 +83,6 @@ def least_path(
     clip: WholeClip,
     x: Tensor,
     local: Local | None,
-    free: float,
     noise: float,
     budget: Budget,
     guide: Tensor | None = None,
@@ -94,18 +93,18 @@ def least_path(
         clip: what it is a path for.
         x: the path as it was found, (N, D).
         local: what the losses make of it, as its frames ended; None where they were not refined by residuals.
-        free: its mean total.
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
         budget: of refining the path as a whole, where the loss is not small already.
         guide: a path (N, D) that moves as the reference does, None where there is none.
     """
+    free, residuals = (local.total, local.residuals) if local is not None else clip.scored(x)
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
-    if clip.stage.objective.groups is None or clip.stage.plan.passes or free <= TRUSTED:
+    if residuals is None or clip.stage.plan.passes or free <= TRUSTED:
         budget = Budget(0, 0)  # differences taken through noisy networks mislead
-    if budget.rounds and local is None:
-        local = clip.local(x, clip.residuals(x))
+    if budget.rounds and local is None and residuals is not None:
+        local = clip.local(x, residuals)
     limit = free + path.floor
     tries = min(TRIED, budget.rounds or TRIED)
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)

@@ -106,7 +106,7 @@ def test_no_differences_are_taken_through_networks() -> None:
         stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), (96, 54))
         clip = WholeClip(stage, search, read_path(stage, path.camera), path.camera[0])
         x = search.vector(path.camera, path.camera[0], scene.subject) + 0.05
-        least_path(clip, x, None, clip.total(x), 0.0, Budget(2, 4))
+        least_path(clip, x, None, 0.0, Budget(2, 4))
         spent.append(stage.spent.evaluations)
     assert spent[1] < 5 * 8 < spent[0]  # differences take 8 evaluations a frame
 
@@ -128,6 +128,6 @@ def test_a_jump_stays_only_where_frames_fit_well(beside: float, jumps: bool) -> 
     clip = WholeClip(stage, search, read_path(stage, search.cameras(true, held[0], scene.subject)), held[0])
     x = true.clone()
     x[:, 3] += beside  # too far away
-    path = least_path(clip, x, None, clip.total(x), 0.0, Budget(0, 4))
+    path = least_path(clip, x, None, 0.0, Budget(0, 4))
     assert (path.name == "every frame") == jumps
     assert path.total - path.free == pytest.approx(0.0 if jumps else 0.59, abs=0.05)
