@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
 
 from .camera import Camera, concatenate
 from .subject import Subject
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Features:
     person: Subject | None = None
     extras: Mapping[str, Tensor] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
+    _known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
         for value in self._batched().values():
@@ -66,9 +69,22 @@ class Features:
         raise ValueError("features are empty: no field is set")
 
     def __getitem__(self, index: int | slice | Sequence[int]) -> Features:
-        """Frames of ``index``; an integer keeps a batch of one."""
-        keep = [index] if isinstance(index, int) else index
-        return self._map(lambda value: value[keep])
+        """Frames of ``index``; an integer keeps a batch of one, the same object each time."""
+        if not isinstance(index, int):
+            return self._map(lambda value: value[index])
+        one = slice(index, index + 1 or None)
+        return self.once(("frame", index), lambda: self._map(lambda value: value[one]))
+
+    def once(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """What ``compute`` makes of these features, kept by ``key``: one reference is compared with many batches.
+
+        Tensors that were changed in place since are other features.
+        """
+        versions = tuple(_version(value) for value in self._batched().values())
+        if key not in self._known or self._known[key][0] != versions:
+            self._known[key] = (versions, compute())
+        known: T = self._known[key][1]
+        return known
 
     def has(self, name: str) -> bool:
         """Whether feature ``name`` was extracted."""
@@ -126,4 +142,9 @@ class Features:
         return replace(first, **new, extras=extras)
 
 
-NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons"))
+def _version(value: Any) -> int:
+    """How often a tensor was changed in place, as far as torch counts it."""
+    return 0 if not isinstance(value, Tensor) or value.is_inference() else value._version
+
+
+NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))

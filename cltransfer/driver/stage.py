@@ -145,15 +145,17 @@ class Stage:
             rows.append(score(reference[i], before))
         return torch.cat(rows)
 
-    def path_residuals(self, reference: Features, cameras: Camera) -> Tensor:
+    def path_residuals(self, reference: Features, cameras: Camera, defined: Tensor) -> Tensor:
         """Weighted residuals (N, R) of a path, frame by frame against N reference frames; blocked views pay too.
+
+        ``defined``, (N, L) bool, says which terms the reference has.
 
         Raises:
             ValueError: a loss has no residuals.
         """
         if self.objective.groups is None:
             raise ValueError("a path is refined by the residuals of every loss")
-        rows, before, defined = [], None, self.objective.defined(reference)
+        rows, before = list[Tensor](), None
         for i in range(len(cameras)):
             before = self.features(cameras[i], before)
             rows.append(self.priced(reference[i], before, defined[i]))

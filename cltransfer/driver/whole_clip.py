@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,11 @@ class WholeClip:
     reference: Features
     home: Camera
 
+    @cached_property
+    def defined(self) -> Tensor:
+        """Which terms the reference has, (N, L) bool."""
+        return self.stage.objective.defined(self.reference)
+
     def cameras(self, x: Tensor) -> Camera:
         """N cameras of x (N, D)."""
         return self.search.cameras(x, self.home, self.stage.scene.subject)
@@ -59,7 +65,7 @@ class WholeClip:
             return self.mean_total(residuals), residuals
         terms = self.stage.path_terms(self.reference, self.cameras(x), guarded=True)
         self.stage.spent.evaluations += len(x)
-        return float(objective.totals(terms, objective.defined(self.reference)).mean()), None
+        return float(objective.totals(terms, self.defined).mean()), None
 
     def mean_total(self, residuals: Tensor) -> float:
         """Mean total of a path's residuals (N, R)."""
@@ -73,7 +79,7 @@ class WholeClip:
         Raises:
             ValueError: a loss has no residuals.
         """
-        found = self.stage.path_residuals(self.reference, self.cameras(x))
+        found = self.stage.path_residuals(self.reference, self.cameras(x), self.defined)
         self.stage.spent.evaluations += len(x)
         return found
 
@@ -97,14 +103,14 @@ class WholeClip:
         stage, objective = self.stage, self.stage.objective
         if objective.groups is None:
             raise ValueError("a path is refined by the residuals of every loss")
-        defined, before = objective.defined(self.reference), None
+        before = None
         N, D = x.shape
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % min(shared, N) == 0  # (N, D)
         jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
         for i, directions in enumerate(measured):
             around = torch.cat([x[i : i + 1], x[i] + step * torch.eye(D, dtype=x.dtype)[directions]])
             seen = stage.features(self.cameras(around), before)
-            r = stage.priced(self.reference[i], seen, defined[i])
+            r = stage.priced(self.reference[i], seen, self.defined[i])
             jacobians[i][:, directions] = ((r[1:] - r[0]) / step).T
             stage.spent.evaluations += len(around) - 1
             before = seen[0]

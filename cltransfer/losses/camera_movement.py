@@ -115,8 +115,8 @@ class CameraMovement:
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
         if self.mode == "robust":
-            wanted, found = (_fit(features, self._layers(features)) for features in (reference, rendered))
-            return movement_residuals(wanted, found, self.mismatch, self.min_area, self.min_share)
+            wanted = reference.once(("affine flow", self.layered), lambda: self._fit(reference))
+            return movement_residuals(wanted, self._fit(rendered), self.mismatch, self.min_area, self.min_share)
         flow, layers = _on_grid_of(reference, rendered, self._layers(rendered))
         layers = layers & self._layers(reference)
         errors = layer_endpoint_errors(reference.require("flow"), flow, layers)
@@ -127,6 +127,10 @@ class CameraMovement:
         """Raw loss, (B,) [frame widths; faithful: px]; NaN where undefined."""
         return self.residuals(reference, rendered).unflatten(1, (3, -1)).norm(dim=-1).sum(-1)
 
+    def _fit(self, features: Features) -> AffineFlow:
+        layers = self._layers(features)
+        return fit_affine_flow(features.require("flow"), layers, features.size[0], features.flow_confidence)
+
     def _layers(self, features: Features) -> Tensor:
         """Layers compared, (B, 3, H, W) bool; the whole frame stands in the first place."""
         if self.layered:
@@ -135,10 +139,6 @@ class CameraMovement:
         whole = torch.zeros(len(flow), 3, *flow.shape[2:], dtype=torch.bool, device=flow.device)
         whole[:, 0] = True
         return whole
-
-
-def _fit(features: Features, layers: Tensor) -> AffineFlow:
-    return fit_affine_flow(features.require("flow"), layers, features.size[0], features.flow_confidence)
 
 
 def _on_grid_of(reference: Features, rendered: Features, layers: Tensor) -> tuple[Tensor, Tensor]:

@@ -105,10 +105,11 @@ class FilmicSpace:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed differences of both log ratios, (B, 2)."""
+        least = 0.0 if self.mode == "faithful" else self.min_area
+        first = reference.once(("layer depths", least), lambda: layer_depths(reference, least))
+        second = layer_depths(rendered, least)
         if self.mode == "faithful":
-            first, second = layer_depths(reference, 0), layer_depths(rendered, 0)
             return _skip(log_depth_ratios(second) - log_depth_ratios(first))
-        first, second = layer_depths(reference, self.min_area), layer_depths(rendered, self.min_area)
         return space_differences(first, second, self.mismatch)
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:

@@ -1,0 +1,51 @@
+"""Features: values by name, one frame at a time without a copy, what is asked of them often computed once."""
+
+from __future__ import annotations
+
+import torch
+
+from cltransfer.testing.samples import sample_features
+
+
+def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> None:
+    features = sample_features(0, 2).having("heat", torch.ones(2, 3))
+    assert features.has("heat")
+    assert features.extras["heat"].shape == (2, 3)
+    assert not features.having("heat", None).has("heat")
+    assert not features.having("depth", None).has("depth")
+    assert torch.equal(features.having("depth", features.require("depth") + 1).require("depth"), features.depth + 1)
+
+
+def test_only_what_is_named_stays() -> None:
+    features = sample_features(0, 2).having("heat", torch.ones(2, 3)).having("cold", torch.ones(2, 3))
+    assert features.only({"depth", "heat", "elsewhere"}).names() == {"depth", "heat"}
+
+
+def test_one_frame_is_a_batch_of_one_that_shares_memory() -> None:
+    features = sample_features(0, 3).having("heat", torch.arange(6.0).reshape(3, 2))
+    for i in (0, 2, -1):
+        frame = features[i]
+        assert len(frame) == 1
+        assert frame is features[i]
+        assert torch.equal(frame.require("heat")[0], features.extras["heat"][i])
+    assert features[1].require("depth").data_ptr() == features.require("depth")[1].data_ptr()
+    assert torch.equal(features[[2, 0]].require("heat"), features.extras["heat"][[2, 0]])
+
+
+def test_what_is_asked_of_features_is_computed_once_and_not_for_others_made_of_them() -> None:
+    features, asked = sample_features(0, 2), []
+
+    def compute() -> int:
+        asked.append(1)
+        return len(asked)
+
+    assert [features.once("a", compute), features.once("a", compute), features.once("b", compute)] == [1, 1, 2]
+    assert features.having("depth", None).once("a", compute) == 3
+
+
+def test_tensors_changed_in_place_are_other_features() -> None:
+    features = sample_features(0, 2)
+    frame, depth = features[0], features.require("depth")
+    mean = frame.once("mean", lambda: float(frame.require("depth").nanmean()))
+    depth += 1
+    assert frame.once("mean", lambda: float(frame.require("depth").nanmean())) > mean
