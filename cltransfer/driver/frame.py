@@ -30,7 +30,7 @@ class Memory:
     Args:
         shape: of CMA-ES's covariance, (D, D).
         jacobian: of the residuals, (R, D).
-        known: residuals whose Jacobian was measured in some frame so far, (R,) bool.
+        known: residuals, (R,) bool, that some frame so far had.
         totals: of the frames so far.
         renewal: of the Jacobian, where it is carried from frame to frame.
         settled: residuals (R,) that the last frame ended at and could not lower; None where it could.
@@ -74,9 +74,14 @@ class Solved:
 def solve(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
-    """Search one frame from ``starts`` (S, D), moved onto the bounds where they lie beyond; from equal ones once."""
+    """Search one frame from ``starts`` (S, D), moved onto the bounds where they lie beyond; from equal ones once.
+
+    A search that is recentred starts at 0, wherever the camera stands.
+    """
     low, high = problem.bounds
-    starts = distinct(torch.minimum(torch.maximum(starts, low), high))
+    if schedule.engine != "adam" or not hasattr(problem.search, "recentred"):
+        starts = torch.minimum(torch.maximum(starts, low), high)
+    starts = distinct(starts)
     if schedule.engine == "cma":
         return _by_cma(problem, starts, memory, schedule, generator)
     if schedule.engine == "adam":

@@ -1,14 +1,26 @@
 """JAWS' parameters: the exponential map as written out, about the world's origin; the published range of the lens."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from kornia.geometry.conversions import vector_to_skew_symmetric_matrix
 from torch import Tensor
 
 from cltransfer.camera import Camera
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.frame import Memory, solve
+from cltransfer.driver.problem import Problem
+from cltransfer.driver.schedule import make_schedule
+from cltransfer.driver.stage import Stage
+from cltransfer.objective import Objective
+from cltransfer.readback import read_path
+from cltransfer.scenes.load import load_scene
 from cltransfer.search.se3_jaws import Se3Jaws, exponential
+from cltransfer.shots import shot
 from cltransfer.testing import sample_subject
 
 SUBJECT = sample_subject()
@@ -89,3 +101,22 @@ def test_a_camera_that_is_moved_and_hardly_turned_is_expressed(turn: float) -> N
 def test_translation_must_be_positive() -> None:
     with pytest.raises(ValueError, match="translation must be positive"):
         Se3Jaws(translation=0)
+
+
+def test_a_frame_starts_at_the_camera_it_is_given_however_far_it_was_moved_without_a_turn() -> None:
+    config = load_config(overrides=["preset=five_adam", "adam.iterations=1", "adam.rate=1e-6"])
+    scene, parts, search = load_scene("builtin:plaza"), Components.build(config), Se3Jaws()
+    assert scene.subject is not None
+    home = shot("static", scene.subject, (48, 27), 1).camera
+    aside = home.w2c.clone()
+    aside[:, 0, 3] += 0.5  # a truck of half a unit, whose v is out of all bounds
+    camera = replace(home, w2c=aside)
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (48, 27))
+    reference = read_path(stage, camera)
+    defined = stage.objective.defined(reference)
+    problem = Problem(stage, search, home, reference[0], None, defined[0], True)
+    schedule = make_schedule(config, search, stage.objective, reference)
+    start = search.vector(camera, home, None)
+    assert bool((start.abs() > problem.bounds[1]).any())
+    found = solve(problem, start, Memory(), schedule, np.random.Generator(np.random.PCG64(0)))
+    assert float((problem.cameras(found.x[None]).center - camera.center).norm()) < 0.1
