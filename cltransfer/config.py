@@ -78,7 +78,8 @@ class RunConfig:
             these five keys sigma0 alone.
         patience: generations without decrease before it stops.
         popsize: candidates a generation.
-        sigma0: first step size from the initial view, as a share of the half-range of each parameter.
+        sigma0: first step size from the initial view, in the units of x, of which 1 is a large move: of paper_box the
+            half-range; of subject_orbit 1 rad about, a factor of 2.2 away; of se3_jaws 1 scene unit, 1 rad.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
         guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.

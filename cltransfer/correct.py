@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from .features import Features
+from .orientation import wrap
 from .skeleton import VISIBLE
 from .tracks import along, running_median
 
@@ -56,7 +57,7 @@ def measure_bias(network: Features, geometry: Features, window: float) -> Bias:
         joints = _smooth(off.flatten(1), sure.repeat_interleave(2, dim=1), window)
     angles = torch.zeros(len(geometry), 3, dtype=torch.float64)
     if network.has("orientation") and geometry.has("orientation"):
-        turn = _wrap(network.require("orientation").double() - geometry.require("orientation").double())
+        turn = wrap(network.require("orientation").double() - geometry.require("orientation").double())
         angles = _smooth(turn, turn.abs() < WIDEST, window)
     return Bias(joints.unflatten(1, (14, 2)), angles)
 
@@ -70,7 +71,7 @@ def corrected(wanted: Features, bias: Bias) -> Features:
         keypoints[..., :2] -= bias.joints * size
         new["keypoints"] = keypoints
     if wanted.has("orientation"):
-        new["orientation"] = _wrap(wanted.require("orientation").double() - bias.angles)
+        new["orientation"] = wrap(wanted.require("orientation").double() - bias.angles)
     return replace(wanted, **new)
 
 
@@ -100,7 +101,3 @@ def _filled(line: Tensor) -> Tensor:
     index = torch.isfinite(line).nonzero()[:, 0]
     nearest = (torch.arange(len(line))[:, None] - index[None]).abs().argmin(1)
     return line[index[nearest]]
-
-
-def _wrap(angle: Tensor) -> Tensor:
-    return (angle + math.pi).remainder(2 * math.pi) - math.pi

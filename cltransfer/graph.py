@@ -9,9 +9,7 @@ import torch
 
 from .errors import UsageError
 from .features import Features
-from .plan import CLIP_SOURCE, Family, Plan, Step, make_plan
-
-__all__ = ["CLIP_SOURCE", "Family", "Plan", "Step", "make_plan", "run", "run_clip"]
+from .plan import CLIP_SOURCE, Plan, Step
 
 CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB as float
 Load = Callable[[int, int], Features]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -37,3 +39,12 @@ def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Te
 def unit(vector: Tensor) -> Tensor:
     """``vector`` (..., 3) at length 1; NaN where its length is 0."""
     return vector / torch.linalg.vector_norm(vector, dim=-1, keepdim=True)
+
+
+def wrap(angle: Tensor) -> Tensor:
+    """Angle [rad] brought into (-pi, pi].
+
+    >>> wrap(torch.tensor([-math.pi, 0.5, 2 * math.pi + 0.5]))
+    tensor([3.1416, 0.5000, 0.5000])
+    """
+    return math.pi - torch.remainder(math.pi - angle, 2 * math.pi)

@@ -91,11 +91,6 @@ class Plan:
             n for step in self.steps for n in (*step.extractor.requires, *getattr(step.extractor, "uses", ()))
         )
 
-    @property
-    def needs_before(self) -> bool:
-        """Whether a step compares with the frame before."""
-        return any(getattr(step.extractor, "needs_before", False) for step in self.steps)
-
 
 def make_plan(
     wanted: frozenset[str],

@@ -23,9 +23,9 @@ from .driver.journal import Journal
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Stage
 from .features import Features
-from .graph import Family
 from .objective import Objective
 from .onnx import model_content
+from .plan import Family
 from .progress import Progress
 from .readback import check_frames
 from .reference import Reading, Reference, is_scene, read_reference

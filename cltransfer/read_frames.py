@@ -13,8 +13,9 @@ from torch import Tensor
 from .camera import Camera
 from .errors import UsageError
 from .features import Features
-from .graph import CHUNK, Plan, run_clip
+from .graph import CHUNK, run_clip
 from .persons import Who, join
+from .plan import Plan
 from .progress import Progress, silent
 from .scenes.find_people import Found, boxes_of
 from .subject import Subject

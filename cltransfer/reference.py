@@ -18,8 +18,9 @@ from .errors import InputError
 from .feature_file import FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
-from .graph import Family, Plan, run_clip
+from .graph import run_clip
 from .onnx import reading
+from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import read_frames
 

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from .features import Features
+from .orientation import wrap
 from .placement import frame_joints, visible_joints
 from .skeleton import JOINTS
 
@@ -92,7 +93,7 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
         costs = costs + CONTRADICTED * (-facing[known, None].to(yaw) * both.cos().sign()).clamp_min(0)
     pay, back = costs[0], []
     for (before, now), cost in zip(pairwise(both), costs[1:]):
-        turn = _wrap(now[:, None] - before[None]).abs()  # (now, before)
+        turn = wrap(now[:, None] - before[None]).abs()  # (now, before)
         best = (pay[None] + turn).min(1)
         back.append(best.indices)
         pay = best.values + cost
@@ -102,7 +103,7 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
         state = int(step[state])
         states.append(state)
     repaired = yaw.clone()
-    repaired[known] = _wrap(both[torch.arange(len(known)), torch.tensor(states[::-1])])
+    repaired[known] = wrap(both[torch.arange(len(known)), torch.tensor(states[::-1])])
     return repaired
 
 
@@ -127,7 +128,7 @@ def _steady_angles(angles: Tensor, frames: float) -> Tensor:
         return angles
     unwrapped = _unwrap(angles[known])
     steady = angles.clone()
-    steady[known] = _wrap(along(running_median(unwrapped), frames))
+    steady[known] = wrap(along(running_median(unwrapped), frames))
     return steady
 
 
@@ -139,13 +140,8 @@ def running_median(x: Tensor) -> Tensor:
 
 
 def _unwrap(angles: Tensor) -> Tensor:
-    steps = _wrap(angles[1:] - angles[:-1])
+    steps = wrap(angles[1:] - angles[:-1])
     return torch.cat([angles[:1], angles[:1] + steps.cumsum(0)])
-
-
-def _wrap(angle: Tensor) -> Tensor:
-    """To [-pi, pi)."""
-    return (angle + math.pi).remainder(2 * math.pi) - math.pi
 
 
 def _stretches(visible: Tensor) -> list[tuple[int, int]]:

@@ -70,7 +70,7 @@ class Result:
         schedule: how frames were searched.
         note: why there were fewer rounds than the config asks for, empty where there were not.
         noise: total that cannot be told apart, because networks read both sides; 0 where geometry did.
-        read_by: image (networks on both sides) or geometry (a scene taught a scene).
+        read_by: image (networks read the result too) or geometry (a scene taught a scene, or ``extract.verify=false``).
         spent: what it cost.
         seconds: by step.
         alignment: of the depth network, where the scene told it.

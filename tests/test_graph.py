@@ -9,7 +9,8 @@ import torch
 
 from cltransfer.errors import UsageError
 from cltransfer.features import Features
-from cltransfer.graph import make_plan, run, run_clip
+from cltransfer.graph import run, run_clip
+from cltransfer.plan import make_plan
 
 
 @dataclass(frozen=True)

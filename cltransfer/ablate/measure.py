@@ -12,8 +12,8 @@ from ..components import Components
 from ..config import RunConfig
 from ..driver.stage import Stage
 from ..features import Features
-from ..graph import Family
 from ..objective import Objective
+from ..plan import Family
 from ..read_frames import render_features
 from ..readback import read_path
 from ..reference import Reading, Reference, read_reference

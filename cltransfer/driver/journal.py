@@ -58,11 +58,6 @@ class Journal:
         if end == 0:
             self._append(json.dumps(header, sort_keys=True).encode())
 
-    @property
-    def recorded(self) -> int:
-        """Answers taken up from an earlier run."""
-        return len(self._recorded)
-
     def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         """Values (B, C) float64 for B cameras: recorded if this question was asked before, else computed and recorded.
 

@@ -27,7 +27,7 @@ class Schedule:
         budget: of CMA-ES, each frame.
         refinement: of least squares, each frame.
         adam: of gradient descent, each frame.
-        sigma: first step size of CMA-ES from the initial view, as a share of the half-range.
+        sigma: first step size of CMA-ES from the initial view, in the units of x.
         warm_sigma: the same from the frames before.
         warm: start from the frames before; otherwise every frame starts from the initial view.
         basin: total of the first frame above which CMA-ES looks for a better basin from there.

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
-from ..graph import Plan, run
+from ..graph import run
 from ..objective import Objective
+from ..plan import Plan
 from ..scenes import Scene
 from ..skeleton import VISIBLE
 from .guard import HIDDEN, SCENE_DEPTH, Guard
@@ -28,10 +29,6 @@ class Spent:
     renders: int = 0
     network_passes: int = 0
     generations: int = 0
-
-    def __add__(self, other: Spent) -> Spent:
-        """Both together."""
-        return Spent(*(a + b for a, b in zip(vars(self).values(), vars(other).values())))
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-import torch
 from torch import Tensor
 
 from ..features import Features
+from ..orientation import wrap
 from ..registry import LOSSES
-
-
-def wrap(angle: Tensor) -> Tensor:
-    """Angle [rad] brought into (-pi, pi].
-
-    >>> wrap(torch.tensor([-math.pi, 0.5, 2 * math.pi + 0.5]))
-    tensor([3.1416, 0.5000, 0.5000])
-    """
-    return math.pi - torch.remainder(math.pi - angle, 2 * math.pi)
 
 
 def camera_angle_loss(reference: Tensor, rendered: Tensor, wrapped: bool = False) -> Tensor:

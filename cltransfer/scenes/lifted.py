@@ -17,8 +17,9 @@ from ..camera import Camera
 from ..errors import InputError
 from ..features import Features
 from ..files import atomic, cache_dir
-from ..graph import CLIP_SOURCE, Plan, make_plan, run
+from ..graph import run
 from ..onnx import reading
+from ..plan import CLIP_SOURCE, Plan, make_plan
 from ..subject import Subject
 from . import Scene
 from .find_people import Boxes

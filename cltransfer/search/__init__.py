@@ -24,7 +24,7 @@ class Search(Protocol):
     """Whether it is centred on a lifted subject."""
 
     def bounds(self) -> tuple[Tensor, Tensor]:
-        """Lowest and highest x, (D,) each, in units of the half-range: a step of 1 is a large move."""
+        """Lowest and highest x, (D,) each, in units of which a step of 1 is a large move."""
         ...
 
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:

@@ -14,9 +14,10 @@ from cltransfer.extractors.depth_sfm import DepthSfm
 from cltransfer.extractors.layers import Layers
 from cltransfer.extractors.scene_subject import SceneSubject
 from cltransfer.features import Features
-from cltransfer.graph import make_plan, run, run_clip
+from cltransfer.graph import run, run_clip
 from cltransfer.losses.filmic_space import FilmicSpace, layer_depths
 from cltransfer.objective import Objective
+from cltransfer.plan import make_plan
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.scores import score

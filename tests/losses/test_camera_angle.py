@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from cltransfer.features import Features
-from cltransfer.losses.camera_angle import CameraAngle, camera_angle_loss, wrap
+from cltransfer.losses.camera_angle import CameraAngle, camera_angle_loss
+from cltransfer.orientation import wrap
 from cltransfer.testing import sample_features
 
 
