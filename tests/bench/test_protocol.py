@@ -6,7 +6,7 @@ import pytest
 
 from cltransfer.bench.measures import is_self
 from cltransfer.bench.methods import METHODS, config_of, renderer_override
-from cltransfer.bench.protocol import CROSS, FIRST_HELD_OUT, SELF, STARTS, TIERS, Trial, drawn_start
+from cltransfer.bench.protocol import CROSS, FIRST_SEED, SELF, STARTS, TIERS, Trial, drawn_start
 from cltransfer.errors import UsageError
 from cltransfer.shots import SHOTS
 
@@ -33,7 +33,7 @@ def test_the_standard_tier_has_every_shot_and_every_pair_of_scenes():
     assert {shot for shot, *_ in clips} == set(SHOTS)
     pairs = {(teacher.split("-")[0], pupil.split("-")[0]) for _, teacher, pupil, _ in clips}
     assert pairs == set(CROSS + SELF)
-    assert all(seed >= FIRST_HELD_OUT for *_, seed in clips)
+    assert all(seed >= FIRST_SEED for *_, seed in clips)
 
 
 def test_reference_and_target_have_other_people_except_in_a_self_transfer():
