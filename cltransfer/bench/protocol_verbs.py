@@ -16,7 +16,7 @@ Tier = Annotated[
 ]
 Seeds = Annotated[
     list[int] | None,
-    typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of those from 1000 on, which were seen while methods changed."),
+    typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of those from 1000 on, which have been seen."),
 ]
 Jobs = Annotated[int, typer.Option(min=1, help="Trials at a time, one thread each.")]
 Rows = Annotated[Path, typer.Option(help="Folder of rows, tables and found paths; what is there is not run again.")]

@@ -15,7 +15,7 @@ def bench_stress(
     method: Annotated[list[str] | None, typer.Option(help="Methods to compare (repeatable).")] = None,
     stressor: Annotated[list[str] | None, typer.Option(help="Stressors; all of the tier where none is named.")] = None,
     seed: Annotated[
-        list[int] | None, typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of those of the tier, which were seen.")
+        list[int] | None, typer.Option("--seed", "--seeds", help="Seeds (repeatable) instead of the tier's.")
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Trials at a time, one thread each.")] = 1,
     rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
