@@ -12,7 +12,7 @@ from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .problem import Problem
-from .refine import Refined, Refinement, refine
+from .refine import Refined, refine
 from .renewal import TRIAL, WORSE, Renewal, helped
 from .schedule import Schedule
 
@@ -118,53 +118,88 @@ def _by_adam(
 def _by_refinement(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
-    objective = problem.stage.objective
-    groups, rows = objective.groups, objective.rows(problem.defined)
-    if groups is None:
-        raise ValueError("refinement needs residuals of every loss; use engine=cma")
-    known = torch.zeros_like(rows) if memory.known is None else memory.known
-    kept, renewal = memory.jacobian, memory.renewal.next()
-
-    def refined(
-        x: Tensor, jacobian: Tensor | None, residuals: Tensor | None = None, options: Refinement = schedule.refinement
-    ) -> Refined:
-        return refine(problem.residuals, x, groups, options, jacobian, problem.bounds, residuals)
-
-    if kept is None or not memory.placed(objective):  # a first frame: every start may lie in another basin
-        found, renewal = min((refined(x, None) for x in starts), key=lambda r: r.total), Renewal()
+    frame = _Refining(problem, memory, schedule)
+    if memory.jacobian is None or not memory.placed(problem.stage.objective):
+        found, renewal = frame.first(starts), Renewal()
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
     else:
-        residuals, usual = problem.residuals(starts), float(np.median(memory.totals))
-        best = int(group_norms(residuals, groups).sum(1).argmin())
-        if memory.nothing_new(residuals[best]):
-            total = float(group_norms(residuals[best : best + 1], groups).sum())
-            return Solved(starts[best], total, 0, "as before", replace(memory, totals=(*memory.totals, total)))
+        x, residuals = frame.best(starts)
+        if memory.nothing_new(residuals):
+            return frame.as_before(x, residuals)
+        found, renewal = frame.next(x, residuals)
+        limit, sigma, budget = max(schedule.rescue, WORSE * frame.usual), RESCUE_SIGMA, RESCUE
+    if found.total <= limit:
+        return frame.solved(found, renewal, found.stop)
+    wide = minimise(problem.totals, Start(found.x, sigma), problem.bounds, budget, generator)
+    again = frame.refined(wide.x)
+    if again.total < found.total:
+        return frame.solved(again, renewal, f"rescued, {again.stop}", wide.generations)
+    return frame.solved(found, renewal, found.stop, wide.generations)
+
+
+class _Refining:
+    """A frame that is refined: from every start, or from the best one with what the frames before it taught."""
+
+    def __init__(self, problem: Problem, memory: Memory, schedule: Schedule) -> None:
+        objective = problem.stage.objective
+        if objective.groups is None:
+            raise ValueError("refinement needs residuals of every loss; use engine=cma")
+        self.problem, self.memory, self.schedule, self.groups = problem, memory, schedule, objective.groups
+        self.rows = objective.rows(problem.defined)  # (R,)
+        self.known = torch.zeros_like(self.rows) if memory.known is None else memory.known  # (R,)
+
+    @property
+    def usual(self) -> float:
+        """Total that the frames so far ended at."""
+        return float(np.median(self.memory.totals))
+
+    def refined(
+        self, x: Tensor, jacobian: Tensor | None = None, residuals: Tensor | None = None, steps: int | None = None
+    ) -> Refined:
+        """The minimum from x (D,); what is None is measured, or as the schedule has it."""
+        options = self.schedule.refinement if steps is None else replace(self.schedule.refinement, steps=steps)
+        return refine(self.problem.residuals, x, self.groups, options, jacobian, self.problem.bounds, residuals)
+
+    def first(self, starts: Tensor) -> Refined:
+        """A first frame: every start (S, D) may lie in another basin."""
+        return min((self.refined(x) for x in starts), key=lambda found: found.total)
+
+    def best(self, starts: Tensor) -> tuple[Tensor, Tensor]:
+        """The best of ``starts`` (S, D) and its residuals, (D,) and (R,)."""
+        residuals = self.problem.residuals(starts)
+        best = int(group_norms(residuals, self.groups).sum(1).argmin())
+        return starts[best], residuals[best]
+
+    def next(self, x: Tensor, residuals: Tensor) -> tuple[Refined, Renewal]:
+        """A frame after others: from x (D,), which has ``residuals``, by their Jacobian where that does still."""
+        assert self.memory.jacobian is not None
         # of flow Broyden's updates are enough, measured afresh it misleads
-        new = bool((rows & ~known & ~objective.paired).any())
+        new = bool((self.rows & ~self.known & ~self.problem.stage.objective.paired).any())
+        renewal = self.memory.renewal.next()
         renewal = renewal.measured() if new else renewal
-        found = refined(starts[best], None if new else kept * rows[:, None], residuals[best])
-        if schedule.renewed and renewal.due(found.total, usual):
-            before = found.total
-            found = refined(found.x, None, found.residuals, replace(schedule.refinement, steps=TRIAL))
-            if helped(before, found.total):
-                found = refined(found.x, found.jacobian, found.residuals)
-            renewal = renewal.done(before, found.total)
-        limit, sigma, budget = max(schedule.rescue, WORSE * usual), RESCUE_SIGMA, RESCUE
-    stop, generations = found.stop, 0
-    if found.total > limit:
-        wide = minimise(problem.totals, Start(found.x, sigma), problem.bounds, budget, generator)
-        again = refined(wide.x, None)
-        generations = wide.generations
-        if again.total < found.total:
-            found, stop = again, f"rescued, {again.stop}"
-    totals = (*memory.totals, found.total)
-    if not schedule.warm:
-        return Solved(found.x, found.total, generations, stop, Memory(totals=totals))
-    jacobian = found.jacobian if kept is None else torch.where(rows[:, None], found.jacobian, kept)
-    settled = found.residuals if found.stop == "worth" else None
-    return Solved(
-        found.x, found.total, generations, stop, Memory(None, jacobian, known | rows, totals, renewal, settled)
-    )
+        found = self.refined(x, None if new else self.memory.jacobian * self.rows[:, None], residuals)
+        if not (self.schedule.renewed and renewal.due(found.total, self.usual)):
+            return found, renewal
+        before = found.total
+        found = self.refined(found.x, None, found.residuals, TRIAL)
+        if helped(before, found.total):
+            found = self.refined(found.x, found.jacobian, found.residuals)
+        return found, renewal.done(before, found.total)
+
+    def as_before(self, x: Tensor, residuals: Tensor) -> Solved:
+        """A frame that is not searched, because it begins as the last one ended."""
+        total = float(group_norms(residuals[None], self.groups).sum())
+        return Solved(x, total, 0, "as before", replace(self.memory, totals=(*self.memory.totals, total)))
+
+    def solved(self, found: Refined, renewal: Renewal, stop: str, generations: int = 0) -> Solved:
+        """What was found, and what it teaches the next frame."""
+        totals, kept = (*self.memory.totals, found.total), self.memory.jacobian
+        if not self.schedule.warm:
+            return Solved(found.x, found.total, generations, stop, Memory(totals=totals))
+        jacobian = found.jacobian if kept is None else torch.where(self.rows[:, None], found.jacobian, kept)
+        settled = found.residuals if found.stop == "worth" else None
+        memory = Memory(None, jacobian, self.known | self.rows, totals, renewal, settled)
+        return Solved(found.x, found.total, generations, stop, memory)
 
 
 def distinct(starts: Tensor) -> Tensor:
