@@ -78,9 +78,13 @@ class Features:
     def once(self, key: Hashable, compute: Callable[[], T]) -> T:
         """What ``compute`` makes of these features, kept by ``key``: one reference is compared with many batches.
 
-        Tensors that were changed in place since are other features.
+        Tensors that were changed in place since are other features; of some that ask for a gradient nothing is kept,
+        since each of its users goes back through it.
         """
-        versions = tuple(_version(value) for value in self._batched().values())
+        values = [value for value in self._batched().values() if isinstance(value, Tensor)]
+        if any(value.requires_grad for value in values):
+            return compute()
+        versions = [0 if value.is_inference() else value._version for value in values]
         if key not in self._known or self._known[key][0] != versions:
             self._known[key] = (versions, compute())
         known: T = self._known[key][1]
@@ -140,11 +144,6 @@ class Features:
         new = {n: join(n) for n in first._batched()}
         extras = {n: new.pop(n) for n in first.extras}
         return replace(first, **new, extras=extras)
-
-
-def _version(value: Any) -> int:
-    """How often a tensor was changed in place, as far as torch counts it."""
-    return 0 if not isinstance(value, Tensor) or value.is_inference() else value._version
 
 
 NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))

@@ -16,9 +16,13 @@ from .skeleton import VISIBLE, key_joints
 
 def frame_joints(features: Features, which: Literal["key", "all"] = "key") -> Tensor:
     """The five key joints, or all 14, as x/W, y/H and confidence, (B, J, 3)."""
-    keypoints = features.require("keypoints")
-    joints = key_joints(keypoints) if which == "key" else keypoints
-    return joints / joints.new_tensor([*features.size, 1])
+
+    def read() -> Tensor:
+        keypoints = features.require("keypoints")
+        joints: Tensor = key_joints(keypoints) if which == "key" else keypoints
+        return joints / joints.new_tensor([*features.size, 1])
+
+    return features.once(("joints", which), read)
 
 
 def visible_joints(joints: Tensor) -> Tensor:

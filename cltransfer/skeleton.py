@@ -15,7 +15,7 @@ JOINTS = (
 )  # fmt: skip
 
 # head top, chest, waist, knees, feet: each of one or two parts of JOINTS; two mean their midpoint (paper Sec. 9)
-_KEY_PARTS = ((12, 12), (0, 1), (6, 7), (8, 9), (10, 11))
+_KEY_PARTS = torch.tensor([(12, 12), (0, 1), (6, 7), (8, 9), (10, 11)])  # (5, 2)
 
 # The head top lies beyond the ears, seen from the shoulders: ears 0.935, shoulders 0.815, top 1.0 of body height.
 HEAD_TOP_BEYOND_EARS = 0.55
@@ -32,8 +32,7 @@ def key_joints(keypoints: Tensor) -> Tensor:
     >>> key_joints(joints)[0, 1]
     tensor([1.0000, 2.0000, 0.4000])
     """
-    first = keypoints[..., [a for a, _ in _KEY_PARTS], :]
-    second = keypoints[..., [b for _, b in _KEY_PARTS], :]
+    first, second = (keypoints.index_select(-2, part) for part in _KEY_PARTS.to(keypoints.device).unbind(1))
     confidence = torch.minimum(first[..., -1:], second[..., -1:])
     return torch.cat([(first[..., :-1] + second[..., :-1]) / 2, confidence], dim=-1)
 

@@ -49,3 +49,12 @@ def test_tensors_changed_in_place_are_other_features() -> None:
     mean = frame.once("mean", lambda: float(frame.require("depth").nanmean()))
     depth += 1
     assert frame.once("mean", lambda: float(frame.require("depth").nanmean())) > mean
+
+
+def test_of_what_asks_for_a_gradient_nothing_is_kept() -> None:
+    features = sample_features(0, 2)
+    joints = features.require("keypoints").clone().requires_grad_()
+    features = features.having("keypoints", joints)
+    for _ in range(2):
+        features.once("sum", lambda: features.require("keypoints").nansum()).backward()
+    assert joints.grad is not None
