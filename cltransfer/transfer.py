@@ -116,7 +116,8 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         inputs: scene, reference and initial view.
         config: everything else.
         progress: called with a step, frames done, frames in all.
-        record: where every evaluated batch is kept, so that a run that was killed can go on; None keeps nothing.
+        record: where every batch of candidates for one frame is kept, so that a run that was killed can go on; whole
+            paths are not, a resumed run scores them again. None keeps nothing.
 
     Raises:
         UsageError: the config asks for what the scene or the reference cannot give.

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,11 @@ VERBS = (
     "bench speed",
     "bench grid",
     "bench lod",
+    "bench driver",
+    "bench chart",
+    "bench stress",
+    "bench flow",
+    "bench describe",
     "fit",
     "study",
     "simplify",
@@ -98,10 +104,17 @@ def test_a_run_leaves_what_it_promises(tiny_run: Path) -> None:
     assert metrics["metrics"]["shot_size"]["defined"] == metrics["frames"] == 3
 
 
-def test_the_config_of_a_run_reads_back_and_runs_again(command: Callable[..., Any], tiny_run: Path) -> None:
+def test_the_config_of_a_run_reads_back_and_runs_again(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
     config = load_config(tiny_run / "config.yaml")
     assert (config.frames, config.generations, config.output_side, config.search_side) == (3, 2, 96, 48)
     assert config.to_yaml() == (tiny_run / "config.yaml").read_text()
+    again = tmp_path / "again"
+    answer = command("transfer", "--quiet", "-c", tiny_run / "config.yaml", "--out", again, "frames=1")
+    assert answer.code == 0, answer.err
+    assert load_config(again / "config.yaml") == replace(config, frames=1)
+    assert json.loads((again / "metrics.json").read_text())["frames"] == 1
 
 
 def test_print_config_reads_back_as_itself(command: Callable[..., Any], tmp_path: Path) -> None:

@@ -4,63 +4,105 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-ARGS = ["builtin:courtyard", "builtin:orbit", "frames=6", "search_side=64", "output_side=96", "threads=1", "-q"]
+from cltransfer.driver.journal import _read
+from cltransfer.run_files import DONE, JOURNAL
+
+ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
+ARGS += ("threads=1", "-q")
+SHARES = (0.3, 0.7)  # of the whole run's journal, at which a run is killed
 
 
-def start(out: list[str], tmp_path: Path, *more: str) -> subprocess.Popen[str]:
-    env = {**os.environ, "CLTRANSFER_CACHE": str(tmp_path / "cache")}
-    command = [sys.executable, "-m", "cltransfer", "transfer", *ARGS, *out, *more]
-    return subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def killed_at(size: int, cache: Path, run: Path, *arguments: str) -> None:
+    """Begin ``run``, or go on with it, and kill it as soon as its journal has ``size`` bytes."""
+    folder = "--resume" if run.exists() else "--out"
+    command = [sys.executable, "-m", "cltransfer", "transfer", *arguments, folder, str(run)]
+    env, journal = {**os.environ, "CLTRANSFER_CACHE": str(cache)}, run / JOURNAL
+    process = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 200
+        while process.poll() is None and time.monotonic() < deadline:
+            if journal.exists() and journal.stat().st_size >= size:
+                break
+            time.sleep(0.002)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait(30) == -signal.SIGKILL
+
+
+def answers(journal: Path) -> int:
+    """Whole answers in a journal; its header is none."""
+    return len(_read(journal)[0]) - 1
+
+
+@pytest.fixture
+def synced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The inode of the file of every fsync from now on."""
+    files, sync = list[int](), os.fsync
+
+    def listed(descriptor: int) -> None:
+        files.append(os.fstat(descriptor).st_ino)
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", listed)
+    return files
+
+
+def spent(run: Path) -> dict[str, Any]:
+    """What a run says that it cost, without its seconds."""
+    said = json.loads((run / "metrics.json").read_text())["spent"]
+    return {what: cost for what, cost in said.items() if not what.startswith("seconds")}
 
 
 @pytest.mark.parametrize("engine", ["refine", "cma"])
-def test_a_killed_run_is_resumed_to_the_same_bits(tmp_path: Path, engine: str) -> None:
-    more = (f"engine={engine}", "generations=6")
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert start(["--out", str(whole)], tmp_path, *more).wait(120) == 0
-    journal = killed / "journal.bin"
-    for size in (20_000, 60_000):
-        folder = ["--resume", str(killed)] if killed.exists() else ["--out", str(killed)]
-        process = start(folder, tmp_path, *more)
-        deadline = time.monotonic() + 100
-        while process.poll() is None and time.monotonic() < deadline:
-            if journal.exists() and journal.stat().st_size > size * (1 if engine == "refine" else 0.2):
-                process.send_signal(signal.SIGKILL)
-            time.sleep(0.005)
-        process.wait(30)
-    before = journal.stat().st_size
-    assert before > 0
-    last = start(["--resume", str(killed)], tmp_path, *more)
-    assert last.wait(120) == 0, last.communicate()[1]
-    assert (killed / "trajectory.json").read_bytes() == (whole / "trajectory.json").read_bytes()
-    assert (killed / "metrics.csv").read_bytes() == (whole / "metrics.csv").read_bytes()
-    assert journal.read_bytes() == (whole / "journal.bin").read_bytes()
-    spent = [json.loads((run / "metrics.json").read_text())["spent"] for run in (killed, whole)]
-    for what in ("evaluations", "renders", "network_passes"):
-        assert spent[0][what] == spent[1][what] > (0 if what != "network_passes" else -1)
+def test_a_run_that_was_killed_twice_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
+    command: Callable[..., Any], cache: Path, tmp_path: Path, synced: list[int], engine: str
+) -> None:
+    arguments, whole, run = (*ARGS, f"engine={engine}"), tmp_path / "whole", tmp_path / "killed"
+    assert command("transfer", *arguments, "--out", whole).code == 0
+    complete, kept = (whole / JOURNAL).read_bytes(), 0
+    for share in SHARES:
+        killed_at(int(share * len(complete)), cache, run, *arguments)
+        left = (run / JOURNAL).read_bytes()
+        assert complete.startswith(left)
+        assert not (run / DONE).exists()
+        assert kept < (kept := answers(run / JOURNAL))
+    synced.clear()
+    resumed = command("transfer", *arguments, "--resume", run)
+    assert resumed.code == 0, resumed.err
+    computed = synced.count((run / JOURNAL).stat().st_ino)
+    assert computed == answers(whole / JOURNAL) - kept > 0
+    for name in ("trajectory.json", "metrics.csv", JOURNAL):
+        assert (run / name).read_bytes() == (whole / name).read_bytes()
+    assert spent(run) == spent(whole)
+    assert min(spent(run)[what] for what in ("evaluations", "renders")) > answers(whole / JOURNAL)
 
 
-def test_a_resumed_run_from_another_view_is_refused(tmp_path: Path) -> None:
-    assert start(["--out", str(tmp_path / "run")], tmp_path).wait(120) == 0
-    view = str(tmp_path / "run" / "trajectory.json")
-    process = start(["--resume", str(tmp_path / "run")], tmp_path, "--init", view)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 3
-    assert "init: the run was begun with 'auto'" in errors
-
-
-def test_a_resumed_run_with_another_seed_is_refused_by_name(tmp_path: Path) -> None:
-    assert start(["--out", str(tmp_path / "run")], tmp_path).wait(120) == 0
-    process = start(["--resume", str(tmp_path / "run")], tmp_path, "seed=5")
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 3
-    assert "config.seed: the run was begun with 0, this is 5" in errors
-    assert errors.count("\n") == 1
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        (("--init", "RUN/trajectory.json"), "init: the run was begun with 'auto', this is "),
+        (("seed=5",), "config.seed: the run was begun with 0, this is 5"),
+    ],
+)
+def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, changed: tuple[str, ...], reason: str
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    words = (word.replace("RUN", str(run)) for word in changed)
+    refused = command("transfer", "-c", run / "config.yaml", "-q", "--resume", run, *words)
+    assert refused.code == 3
+    assert reason in refused.err
+    assert refused.err.count("\n") == 1
+    assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}

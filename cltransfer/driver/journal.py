@@ -1,8 +1,12 @@
-"""The journal: every evaluated batch, appended and synced, so that a run that was killed goes on where it was.
+"""The journal: every batch of candidates for one frame, appended and synced, so that a run that was killed goes on.
 
 A run is deterministic, so nothing but the answers has to be kept: a resumed run asks the same questions in the same
 order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
 version or thread count; it is refused.
+
+What the initial views, the closed form and the search of each frame ask is kept. What is scored of a path as a whole
+and its differences (:mod:`.whole_clip`) count as evaluations too but are not kept: a resumed run renders them again,
+like each frame as it was found and what is read back.
 
 Record: length, crc32, then crc32 of the cameras asked, rows, columns, float64 answers. The first record is the header.
 """

@@ -44,7 +44,8 @@ class Stage:
         spent: the counter.
         working: what ``scene`` is merged from, where it is merged.
         guard: views that the search may not take, None where it may take all.
-        journal: answers kept on disk and taken from there, None where a run is not to be gone on with.
+        journal: answers of ``terms`` and ``residuals`` kept on disk and taken from there, None where a run is not to be
+            gone on with; paths are not kept.
     """
 
     scene: Scene

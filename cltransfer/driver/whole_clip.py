@@ -1,4 +1,7 @@
-"""A clip as a whole: paths scored, and what the losses make of them."""
+"""A clip as a whole: paths scored, and what the losses make of them.
+
+All of it counts as evaluations; none of it is in the journal, so a run that is resumed renders it again.
+"""
 
 from __future__ import annotations
 

@@ -1,10 +1,12 @@
 """The chart: fronts and curves by their definitions, and drawn from trials that were run."""
 
+import shlex
 from xml.etree import ElementTree
 
 import pytest
 
-from cltransfer.bench.chart import SETTINGS, Setting, chart_trials, hits, pareto, points, points_csv
+from cltransfer.bench import chart
+from cltransfer.bench.chart import CHART_TIERS, SETTINGS, Setting, chart_trials, hits, pareto, points, points_csv
 from cltransfer.bench.chart_svg import write_chart
 from cltransfer.bench.protocol import Tier
 from cltransfer.bench.rows import Bench, run_trials
@@ -45,10 +47,17 @@ def test_settings_are_told_apart_by_name_within_their_family():
     }
 
 
-def test_the_chart_is_drawn_from_trials(tmp_path):
+def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
     settings = (Setting("presets", "fast", "fast"), Setting("resolution", "64 px", "fast", ("search_side=64",)))
     tier = Tier(("pan",), (("room", "room"),), 1, 1, 4)
-    rows = run_trials(chart_trials(settings, tier), Bench(tmp_path / "rows"))
+    rows = run_trials(chart_trials(settings, tier, (7,)), Bench(tmp_path / "rows"))
+    monkeypatch.setitem(CHART_TIERS, "smoke", tier)
+    monkeypatch.setattr(chart, "SMOKE_SETTINGS", settings)
+    words = ("bench", "chart", "--tier", "smoke", "--seed", 7, "--rows", tmp_path / "rows")
+    said = command(*words, "--out", tmp_path / "verb" / "page.md")
+    assert (said.code, said.err) == (0, "2 trials, 2 of them done before\n")
+    assert said.out == points_csv(points(settings, rows))
+    assert f"`cltransfer {shlex.join(map(str, words))} --out" in (tmp_path / "verb" / "page.md").read_text()
     settings = (*settings, Setting("a ladder", "its base", "fast"))  # lies where the preset lies
     found = points(settings, rows)
     assert [p.clips for p in found] == [1, 1, 1]

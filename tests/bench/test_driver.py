@@ -1,14 +1,18 @@
 """The driver bench: which seeds are meant, what its table says of planted clips, and one clip end to end."""
 
 import math
+import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltransfer.bench.driver import HEADER, Bench, Clip, clips_of, run_driver, seed_range, summary, write_driver
 from cltransfer.bench.driver_chart import write_driver_chart
 from cltransfer.bench.rows import FILE
+from cltransfer.bench.section import table
 from cltransfer.errors import UsageError
 
 CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, *[float("nan")] * 3, 0.1, 0.2, 0.02)
@@ -43,7 +47,7 @@ def test_the_paper_takes_its_turn_at_every_shot_across_scenes() -> None:
     assert len({run.key for run in runs}) == len(runs) == 3 * 3 * 2 * 2 + 6
 
 
-def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path) -> None:
+def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path, command: Callable[..., Any]) -> None:
     page = tmp_path / "benchmarks.md"
     page.write_text("# Benchmarks\n")
     bench, told = Bench(seeds=(3,), presets=("fast",), shots=("static",), frames=3), list[str]()
@@ -64,6 +68,13 @@ def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path) ->
     assert drawn.startswith("<?xml")
     assert "mathdefault" not in drawn
     assert len((tmp_path / "driver.csv").read_text().splitlines()) == 3
+    words = ("bench", "driver", "--preset", "fast", "--shot", "static", "--frames", 3, "--rows", tmp_path / "rows")
+    for seeds in (("--seed", 3), ("seeds=3:4",)):
+        said = command(*words, *seeds, "--out", tmp_path / "verb.md")
+        assert (said.code, said.err) == (0, "2 trials, 2 of them done before\n")
+        assert said.out == "\n".join(table(HEADER, summary(clips_of(again)))) + "\n"
+        made = f"Made by `cltransfer {shlex.join(map(str, (*words, *seeds)))} --out"
+        assert made in (tmp_path / "verb.md").read_text()
 
 
 def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:

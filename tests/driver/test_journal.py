@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from cltransfer.errors import InputError
 from cltransfer.testing.samples import sample_cameras
 
 HEADER = {"seed": 0, "scene": "abc"}
+RECORD = 8 + 12 + 3 * 3 * 8  # bytes: frame, shape and question, the answers to three cameras
 
 
 def questions() -> list[Camera]:
@@ -65,28 +67,60 @@ def test_without_resume_the_answers_are_discarded(tmp_path: Path) -> None:
     assert ask_all(tmp_path / "j", False)[1] == 5
 
 
-def test_cut_at_every_byte_at_most_one_batch_is_computed_again(tmp_path: Path) -> None:
+def test_cut_at_every_byte_of_the_last_records_at_most_one_batch_is_computed_again(tmp_path: Path) -> None:
     whole, _ = ask_all(tmp_path / "j", False)
     data = (tmp_path / "j").read_bytes()
-    record = 8 + 12 + 3 * 3 * 8
-    head = len(data) - 5 * record
-    for size in range(0, len(data) + 1, 7):
+    head = len(data) - 5 * RECORD
+    sizes = {*range(0, head + 2 * RECORD, 7), *range(head + 2 * RECORD, len(data) + 1)}
+    for size in sorted(sizes):
         (tmp_path / "cut").write_bytes(data[:size])
         answers, computed = ask_all(tmp_path / "cut", True)
         assert same(whole, answers)
-        assert computed == 5 - max(0, size - head) // record
+        assert computed == 5 - max(0, size - head) // RECORD
         assert (tmp_path / "cut").read_bytes() == data
 
 
-@pytest.mark.parametrize("at", [-3, -100, -200, 60])
-def test_a_flipped_bit_costs_what_follows_it_and_nothing_else(tmp_path: Path, at: int) -> None:
+@pytest.mark.parametrize("from_end", [1, 3, RECORD, RECORD + 1, 2 * RECORD - 7, 3 * RECORD - 20, 5 * RECORD])
+def test_a_flipped_bit_costs_its_record_and_what_follows_and_nothing_else(tmp_path: Path, from_end: int) -> None:
     whole, _ = ask_all(tmp_path / "j", False)
-    data = bytearray((tmp_path / "j").read_bytes())
-    data[at] ^= 4
-    (tmp_path / "j").write_bytes(bytes(data))
+    data = (tmp_path / "j").read_bytes()
+    flipped = bytearray(data)
+    flipped[-from_end] ^= 4
+    (tmp_path / "j").write_bytes(flipped)
     answers, computed = ask_all(tmp_path / "j", True)
     assert same(whole, answers)
-    assert computed >= 1
+    assert computed == (from_end + RECORD - 1) // RECORD
+    assert (tmp_path / "j").read_bytes() == data
+
+
+def test_a_flipped_bit_in_the_header_is_no_journal(tmp_path: Path) -> None:
+    ask_all(tmp_path / "j", False)
+    data = bytearray((tmp_path / "j").read_bytes())
+    data[20] ^= 4
+    (tmp_path / "j").write_bytes(data)
+    with pytest.raises(InputError, match="not a journal"):
+        ask_all(tmp_path / "j", True)
+    assert (tmp_path / "j").read_bytes() == data
+
+
+def test_every_answer_is_on_the_disk_before_it_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced, sync = list[int](), os.fsync
+
+    def measured(descriptor: int) -> None:
+        sync(descriptor)
+        synced.append(os.fstat(descriptor).st_size)
+
+    monkeypatch.setattr(os, "fsync", measured)
+    journal = Journal(tmp_path / "j", HEADER, False)
+    head = (tmp_path / "j").stat().st_size
+    assert synced == [head] != [0]
+    for given, cameras in enumerate(questions(), 1):
+        answer = journal.answer(cameras, lambda cameras=cameras: values(cameras))
+        assert synced == [head + i * RECORD for i in range(given + 1)]
+        stored = (tmp_path / "j").read_bytes()[-answer.numel() * 8 :]
+        assert stored == answer.numpy().tobytes()
+    ask_all(tmp_path / "j", True)
+    assert len(synced) == 6  # what is answered from the disk is not written again
 
 
 def test_a_tail_of_zeros_is_cut_off(tmp_path: Path) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cltransfer.bench.section import table
 from cltransfer.bench.stress.bench import TIERS, StressBench, run_bench, write_stress
 from cltransfer.bench.stress.case import Film
 from cltransfer.bench.stress.filming import faster
 from cltransfer.bench.stress.trial import STRESSORS, StressTrial, run_stress
-from cltransfer.bench.stress.verdicts import breakdown_point, stricter, summary, verdicts
+from cltransfer.bench.stress.verdicts import HEADER, breakdown_point, stricter, summary, verdicts
 from cltransfer.errors import UsageError
 
 CLIP = ("push_in", "plaza-2", "room-3", 1)
@@ -124,8 +127,8 @@ def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it() 
     assert found["total"] < 0.5 * found["random_total"]
 
 
-def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path) -> None:
-    bench = StressBench(("replay",), ("moved_view",), seeds=(1,), frames=2)
+def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command: Callable[..., Any]) -> None:
+    bench = replace(TIERS["smoke"], methods=("replay",), stressors=("moved_view",), seeds=(1,))
     first = run_bench(bench, tmp_path)
     told: list[str] = []
     again = run_bench(bench, tmp_path, told=told.append)
@@ -139,6 +142,13 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path) -> None:
     assert "| moved_view | replay |" in page.read_text()
     write_stress(again, page, "cltransfer bench stress")
     assert [chart.read_bytes() for chart in charts] == drawn
+    words = ("bench", "stress", "--tier", "smoke", "--method", "replay", "--stressor", "moved_view", "--seed", 1)
+    said = command(*words, "--rows", tmp_path, "--out", tmp_path / "verb.md")
+    assert (said.code, said.err) == (0, told[0] + "\n")
+    assert said.out == "\n".join(table(HEADER, summary(verdicts(first)))) + "\n"
+    made = (tmp_path / "verb.md").read_text()
+    assert "Made by `cltransfer bench stress --tier smoke " in made
+    assert made.partition(" --tier")[0] == page.read_text().partition("`.")[0]
 
 
 def test_tiers_say_what_they_run() -> None:

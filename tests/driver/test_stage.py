@@ -1,0 +1,54 @@
+"""What a stage counts: an answer from the journal as much as one that was computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import torch
+
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.journal import Journal
+from cltransfer.driver.stage import Spent, Stage
+from cltransfer.features import Features
+from cltransfer.objective import Objective
+from cltransfer.plan import Step
+from cltransfer.readback import read_path
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import shot
+
+SIZE = (64, 36)
+
+
+@dataclass(frozen=True)
+class TwoPasses:
+    """A network that is asked twice a frame, and leaves the depth as it is."""
+
+    requires: ClassVar[tuple[str, ...]] = ("depth",)
+    provides: ClassVar[tuple[str, ...]] = ("depth",)
+    passes: ClassVar[int] = 2
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        return now
+
+
+def test_a_replayed_answer_counts_its_renders_and_network_passes_like_a_computed_one(tmp_path: Path) -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts, cameras = Components.build(load_config()), shot("push_in", scene.subject, SIZE, 3).camera
+    plan = parts.plan("scene")
+    plan = replace(plan, steps=(*plan.steps, Step("two_passes", TwoPasses())))
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), SIZE)
+    reference = read_path(stage, cameras)[:1]
+    defined, terms, spent = stage.objective.defined(reference)[0], [], []
+    for resume in (False, True):
+        journal = Journal(tmp_path / "j", {}, resume)
+        asked = replace(stage, spent=Spent(), journal=journal)
+        terms.append(asked.terms(reference, cameras, None))
+        asked.residuals(reference, cameras[:2], None, defined)
+        spent.append(asked.spent)
+        assert journal.replayed == (2 if resume else 0)
+    assert spent == [Spent(evaluations=5, renders=5, network_passes=10)] * 2
+    assert torch.equal(terms[0].view(torch.int64), terms[1].view(torch.int64))
