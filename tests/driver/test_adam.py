@@ -115,7 +115,7 @@ def test_a_descent_never_ends_above_its_start(solved: Callable[..., Result], pre
         assert frame.total >= 0
         assert frame.total == pytest.approx(float(found.searched.totals[i]), rel=1e-4, abs=1e-6)
     later = found.searched.totals[1:].mean()
-    assert float(later) < float(found.held.totals[1:].mean())
+    assert float(later) < 0.985 * float(found.held.totals[1:].mean())  # uphill, the first frame alone gains 0.2 %
 
 
 def test_two_runs_give_the_same_bits(solved: Callable[..., Result]) -> None:
