@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+import torch
 
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
 from cltransfer.scenes.load import load_scene
-from cltransfer.transfer import Inputs, transfer
+from cltransfer.transfer import Inputs, Result, transfer
 
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
 
@@ -23,3 +26,59 @@ def test_other_people_in_the_scene_are_told(tmp_path: Path, people: int | None) 
     inputs = Inputs("builtin:plaza", "builtin:push_in", subject=tmp_path / "subject.json")
     told = [flag.reason for flag in run_flags(transfer(inputs, load_config(overrides=TINY)))]
     assert any("3 people in the scene, one is filmed" in reason for reason in told) == (people == 3)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Result:
+    """A push in into the plaza, its frames as they were found: nothing is wrong with it."""
+    return transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "path=exact"]))
+
+
+def kept(result: Result, **changes: Any) -> Result:
+    attempts = list(result.attempts)
+    attempts[result.best] = replace(result.kept, **changes)
+    return replace(result, attempts=tuple(attempts))
+
+
+def blocked(result: Result) -> Result:
+    return kept(result, blocked={**result.kept.blocked, "the person is hidden": torch.tensor([False, True])})
+
+
+def on_bound(result: Result) -> Result:
+    x = result.kept.found.x.clone()
+    x[1, 3] = result.search.bounds()[1][3]
+    return kept(result, found=replace(result.kept.found, x=x))
+
+
+def undetermined(result: Result) -> Result:
+    local = result.kept.found.local
+    assert local is not None
+    jacobian = local.jacobian.clone()
+    jacobian[1, :, 2] = 0
+    return kept(result, found=replace(result.kept.found, local=replace(local, jacobian=jacobian)))
+
+
+def undefined(result: Result) -> Result:
+    shown = result.kept.shown
+    values = {term.name: term.values.clone() for term in shown.scores.terms}
+    values["framing"][1] = values["camera_movement"][0] = torch.nan  # the first frame never has flow
+    terms = tuple(replace(term, values=values[term.name]) for term in shown.scores.terms)
+    return kept(result, shown=replace(shown, scores=replace(shown.scores, terms=terms)))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (blocked, "the person is hidden"),
+        (on_bound, "distance at its bound"),
+        (undetermined, "degenerate: some change of the camera costs nothing, it is not determined"),
+        (undefined, "framing undefined"),
+    ],
+)
+def test_what_is_doubtful_in_a_frame_is_told_of_that_frame_alone(
+    plain: Result, change: Callable[[Result], Result], reason: str
+) -> None:
+    before = [(flag.frame, flag.reason) for flag in run_flags(plain)]
+    after = [(flag.frame, flag.reason) for flag in run_flags(change(plain))]
+    assert all(frame is None for frame, _ in before)
+    assert after == [*before, (1, reason)]

@@ -9,10 +9,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.summary import summarise
+from cltransfer.ablate.trial import Job, run_trial, trials
+
+DEADLINE = 120  # seconds for a line in the ledger
 ROWS = "{full: {}, no framing: {losses: {framing: null}}, no size: {losses: {shot_size: null}}}"
+TINIER = ("references=['drawn:push_in']", "frames=1", "search_side=32", "output_side=32")
 SweepFile = Callable[..., Path]
 
 
@@ -28,8 +36,40 @@ def begun(arguments: list[str], cache: Path) -> subprocess.Popen[str]:
     )
 
 
+def lines(folder: Path) -> list[dict[str, Any]]:
+    """Whole lines of the ledger, which may not be there yet or be written to just now."""
+    path = folder / "trials.jsonl"
+    whole, end, _ = (path.read_text() if path.exists() else "").rpartition("\n")
+    return [json.loads(line) for line in (whole + end).splitlines()]
+
+
 def keys(folder: Path) -> list[str]:
-    return [json.loads(line)["key"] for line in (folder / "trials.jsonl").read_text().splitlines()]
+    return [line["key"] for line in lines(folder)]
+
+
+def stopped(arguments: list[str], cache: Path, out: Path, sent: signal.Signals) -> tuple[int, str, str]:
+    """Exit status and words of the command, sent a signal once it has put another line into the ledger."""
+    before, process, deadline = len(keys(out)), begun(arguments, cache), time.monotonic() + DEADLINE
+    try:
+        while process.poll() is None and len(keys(out)) == before:
+            assert time.monotonic() < deadline, f"no trial ended in {DEADLINE} s"
+            time.sleep(0.01)
+        os.killpg(process.pid, sent)
+        out_text, err_text = process.communicate(timeout=60)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return process.returncode, out_text, err_text
+
+
+def timeless(values: dict[str, Any]) -> dict[str, Any]:
+    """What a trial or a row came to, whenever and from whatever commit it was run."""
+    return {**values, "seconds": 0, "commit": ""}
+
+
+def values_of(metrics: dict[str, Any]) -> dict[str, tuple[float | None, int]]:
+    return {name: (metric["mean"], metric["defined"]) for name, metric in metrics.items()}
 
 
 def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
@@ -41,13 +81,7 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
         (signal.SIGKILL, -signal.SIGKILL, ""),
         (signal.SIGINT, 130, f"error: interrupted (the same command goes on from here: {out})\n"),
     ):
-        before = len(keys(out)) if out.exists() else 0
-        process = begun([*command, "--quiet"], cache)
-        while process.poll() is None and not ((out / "trials.jsonl").exists() and len(keys(out)) > before):
-            time.sleep(0.01)
-        os.killpg(process.pid, sent)
-        assert process.communicate(timeout=60) == ("", says)
-        assert process.returncode == code
+        assert stopped([*command, "--quiet"], cache, out, sent) == (code, "", says)
     interrupted = keys(out)
     assert 2 <= len(interrupted) < 4
     done = fresh("ablate", *command)
@@ -59,6 +93,11 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     assert [row["metrics"]["framing"]["value"]["count"] for row in found["rows"]] == [1, 1, 1]  # left out, yet measured
     assert {"table.csv", "table.md", "table.tex", "summary.json", "ablation.yaml"} <= {p.name for p in out.iterdir()}
     assert "| no framing | 1 | 0 |" in (out / "table.md").read_text()
+    sweep = read_sweep(str(file), ["engine.workers=1"])
+    unbroken = [run_trial(trial, Job()) for trial in trials(sweep, {})]
+    assert [timeless(line) for line in lines(out)] == [timeless(asdict(outcome)) for outcome in unbroken]
+    rows = summarise(["full", "no framing", "no size"], unbroken)
+    assert [timeless(row) for row in found["rows"]] == [timeless(asdict(row)) for row in rows]
 
 
 def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
@@ -85,13 +124,18 @@ def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
 ) -> None:
     file = sweep_file("{full: {}}", "seeds: [0, 1]")
     out = tmp_path / "out"
-    answer = command("ablate", file, "--out", out, "--keep-runs", "-q", "references=['drawn:push_in']", "frames=1")
+    answer = command("ablate", file, "--out", out, "--keep-runs", "-q", *TINIER)
     assert answer.code == 0, answer.err
     drawn = [json.loads((out / "references" / f"push_in-{seed}.json").read_text()) for seed in (0, 1)]
     assert drawn[0] != drawn[1]
-    for key in keys(out):
-        assert (out / "runs" / key / "DONE").is_file()
-        assert (out / "runs" / key / "video" / "render.mp4").is_file()
+    assert len(lines(out)) == 2
+    for line in lines(out):
+        run = out / "runs" / line["key"]
+        assert (run / "DONE").is_file()
+        assert (run / "video" / "render.mp4").is_file()
+        told = json.loads((run / "metrics.json").read_text())["metrics"]
+        assert line["metrics"]["framing"]["mean"] > 0
+        assert values_of(line["metrics"]) == values_of(told)
 
 
 def test_what_cannot_be_run_is_refused_before_anything_is_written(

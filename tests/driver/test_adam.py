@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import pytest
 import torch
@@ -20,12 +21,13 @@ SMALL = ("search_side=48", "output_side=96", "frames=2", "threads=1")
 
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Result]:
-    """A transfer of a push in into the courtyard, from a given view, so that no evaluation goes into finding one."""
+    """A push in transferred to the courtyard, each way once, from a given view: no evaluation goes into finding one."""
     subject = builtin_scene("courtyard").subject
     assert subject is not None
     view = tmp_path_factory.mktemp("view") / "view.json"
     shot("push_in", subject, (96, 54), 1).save(view)
 
+    @cache
     def solve(preset: str, *overrides: str) -> Result:
         config = load_config(overrides=[f"preset={preset}", *SMALL, *overrides])
         return transfer(Inputs("builtin:courtyard", "builtin:push_in", init=str(view)), config)
@@ -108,16 +110,17 @@ def test_every_evaluation_is_counted(solved: Callable[..., Result], preset: str,
 
 @pytest.mark.parametrize("preset", ["jaws_clean", "jaws_code", "five_adam"])
 def test_a_descent_never_ends_above_its_start(solved: Callable[..., Result], preset: str) -> None:
-    found = solved(preset, "adam.iterations=12", "frames=3")
+    found = solved(preset, "adam.iterations=4")
     for i, frame in enumerate(found.kept.found.frames):
         assert frame.total >= 0
         assert frame.total == pytest.approx(float(found.searched.totals[i]), rel=1e-4, abs=1e-6)
     later = found.searched.totals[1:].mean()
-    assert float(later) < float(found.held.totals[1:].mean())
+    assert float(later) < 0.985 * float(found.held.totals[1:].mean())  # uphill, the first frame alone gains 0.2 %
 
 
 def test_two_runs_give_the_same_bits(solved: Callable[..., Result]) -> None:
-    first, second = (solved("jaws_clean", "adam.iterations=3") for _ in range(2))
+    first, second = solved("jaws_clean", "adam.iterations=4"), solved("jaws_clean", "adam.iterations=4", "seed=0")
+    assert first is not second  # the same in other words, so it was run again
     assert torch.equal(first.trajectory.camera.w2c, second.trajectory.camera.w2c)
 
 

@@ -10,7 +10,9 @@ import torch
 from cltransfer.camera import Camera, concatenate
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.guard import Guard
+from cltransfer.driver.follow import follow
+from cltransfer.driver.guard import READ, Guard
+from cltransfer.driver.schedule import make_schedule
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
@@ -20,9 +22,11 @@ from cltransfer.preparation import Clock, Inputs, prepare
 from cltransfer.progress import silent
 from cltransfer.readback import read_path
 from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.scenes.splats import Splats
 from cltransfer.search.subject_orbit import SubjectOrbit
-from cltransfer.shots import SHOTS, shot
+from cltransfer.shots import SHOTS, Setup, shot
 
 H, W = 9, 16
 
@@ -109,6 +113,62 @@ def test_a_path_of_blocked_views_pays_even_where_a_loss_has_no_residuals(mean_fl
     )
     assert free < 0.01
     assert blocked > 10
+
+
+def test_a_blocked_view_has_no_term_and_pays_every_penalty() -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts, camera = Components.build(load_config()), shot("push_in", scene.subject, (96, 54), 2).camera
+    free = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    reference = read_path(free, camera)[0]
+    defined = free.objective.defined(reference)[0]
+    assert bool(free.terms(reference, camera, None)[:, defined].isfinite().all())
+    stage = replace(free, guard=Thick(scene.subject.height))
+    assert bool(stage.terms(reference, camera, None).isnan().all())
+    lost = stage.objective.lost_residuals(defined)
+    assert float(lost.max()) > 1
+    assert torch.equal(stage.residuals(reference, camera, None, defined), lost.expand(2, -1))
+    assert bool((free.residuals(reference, camera, None, defined) < lost.max()).all())
+
+
+def walled(scene: Scene, camera: Camera) -> Scene:
+    """``scene`` with a wall of 1 m by 1 m, 0.22 m before ``camera`` (1)."""
+    across = torch.linspace(-0.5, 0.5, 41, dtype=torch.float64)
+    x, y = torch.meshgrid(across, across, indexing="xy")
+    wall = torch.stack([x.flatten(), y.flatten(), torch.full((len(across) ** 2,), 0.22)], dim=1)
+    means = wall @ camera.c2w[0, :3, :3].T + camera.center[0]
+    splats, n = scene.geometry, len(means)
+    more = {
+        "means": means.float(),
+        "scales": torch.full((n, 3), 0.02),
+        "quats": torch.eye(4)[:1].expand(n, 4),
+        "opacity": torch.full((n,), 0.99),
+        "sh": torch.zeros(n, *splats.sh.shape[1:]),
+        "label": torch.zeros(n),
+    }
+    both = {name: torch.cat([getattr(splats, name), part]) for name, part in more.items()}
+    return replace(scene, geometry=Splats(**both), digest="walled")
+
+
+def test_no_frame_is_taken_from_inside_a_wall_though_the_losses_like_it_there() -> None:
+    by_joints = ["preset=fast", "losses.filmic_space=null", "losses.camera_movement=null"]  # they see through a wall
+    config, scene, size = load_config(overrides=by_joints), builtin_scene("plaza"), (96, 54)
+    assert scene.subject is not None
+    parts, search, guard = Components.build(config), SubjectOrbit(), Guard(scene.subject.height)
+    true = shot("static", scene.subject, size, 2).camera
+    plan = parts.plan("scene", also=READ)
+    stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), size)
+    reference = read_path(stage, true)
+    schedule = make_schedule(config, search, stage.objective, reference)
+    home = shot("static", scene.subject, size, 1, setup=Setup(azimuth=math.radians(60))).camera
+    inside = replace(stage, scene=walled(scene, true[0]))
+    assert not bool(guard.blocked(read_path(inside, home)).any())
+    blocked = [
+        guard.blocked(read_path(inside, follow(replace(inside, guard=by), search, reference, home, schedule).camera))
+        for by in (None, guard)
+    ]
+    assert bool(blocked[0].all())
+    assert not bool(blocked[1].any())
 
 
 class Thick(Guard):

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.flags import run_flags
 from cltransfer.losses.shot_size import degenerate
 
 
@@ -38,6 +39,10 @@ def test_a_close_up_with_less_than_two_joints_is_flagged(
     sound(found)
     assert bool(degenerate(found.reference.features).all())
     assert torch.isfinite(found.verified.term("shot_size").values).all()  # by the mask
+    few = "fewer than two key joints in the reference: the size is that of the mask, and not certain"
+    told = [(flag.frame, flag.reason) for flag in run_flags(found)]
+    assert {(0, few), (1, few)} <= set(told)
+    assert any(reason.startswith("degenerate: ") for _, reason in told)
 
 
 def test_a_close_up_has_no_size_in_the_words_of_the_paper(

@@ -1,0 +1,67 @@
+"""Which way a result errs: the signs say of the render what they are named after."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.ablate.measure import directions
+from cltransfer.config import load_config
+from cltransfer.features import Features
+from cltransfer.objective import Objective
+from cltransfer.skeleton import key_joints
+
+W, H = 160, 90
+SIGNS = ("larger", "further right", "further down", "background farther", "foreground farther")
+
+
+def filmed(tall: float = 40.0, at: tuple[float, float] = (80.0, 45.0), background: float = 8.0) -> Features:
+    """Two frames of a person at 4 m whose key joints are ``tall`` pixels tall about ``at``; the ground at 2 m."""
+    joints = torch.ones(2, 14, 3, dtype=torch.float64)
+    joints[..., 1] = torch.linspace(0, 1, 14)
+    key = key_joints(joints)[0, :, 1]
+    joints[..., 0], joints[..., 1] = at[0], at[1] + tall * (joints[..., 1] - key.mean()) / (key.max() - key.min())
+    layers = torch.zeros(2, 3, H, W, dtype=torch.bool)
+    depth = torch.full((2, H, W), math.nan)
+    for k, (rows, far) in enumerate(((slice(0, 30), 2.0), (slice(30, 60), 4.0), (slice(60, 90), background))):
+        layers[:, k, rows], depth[:, rows] = True, far
+    return Features((W, H), keypoints=joints, subject=layers[:, 1], depth=depth, layers=layers)
+
+
+def ways(rendered: Features, *overrides: str) -> dict[str, tuple[float, str]]:
+    return dict(directions(Objective(load_config(overrides=overrides).build("losses")), filmed(), rendered))
+
+
+@pytest.mark.parametrize(
+    ("rendered", "expected"),
+    [
+        (filmed(), {}),
+        (filmed(tall=58.0), {"larger": 0.2}),
+        (filmed(at=(96.0, 45.0)), {"further right": 0.1}),
+        (filmed(at=(80.0, 54.0)), {"further down": 0.1}),
+        (filmed(background=16.0), {"background farther": math.log(2)}),
+    ],
+    ids=["as it is", *SIGNS[:4]],
+)
+def test_a_direction_is_positive_where_the_render_is_what_it_says(
+    rendered: Features, expected: dict[str, float]
+) -> None:
+    found = ways(rendered)
+    assert tuple(found) == SIGNS
+    for sign, (mean, _) in found.items():
+        assert mean == pytest.approx(expected.get(sign, 0.0), abs=1e-3), sign
+    assert [unit for _, unit in found.values()] == ["frame"] * 3 + ["log ratio"] * 2
+
+
+def test_a_direction_is_the_mean_of_the_frames_that_have_it() -> None:
+    rendered = filmed(at=(96.0, 45.0))
+    rendered.require("keypoints")[1] = torch.nan
+    assert ways(rendered)["further right"][0] == pytest.approx(0.1)
+    rendered.require("keypoints")[0] = torch.nan
+    assert math.isnan(ways(rendered)["further right"][0])
+
+
+def test_a_loss_left_out_names_no_direction() -> None:
+    assert tuple(ways(filmed(), "losses.framing=null")) == ("larger", *SIGNS[3:])
