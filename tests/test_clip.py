@@ -47,10 +47,10 @@ def encode(path, image, codec="libx264", pix_fmt="yuv444p", change=lambda stream
 
 
 def refused(path, field, match=None):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(InputError, match=match) as caught:
         read_clip(path)
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
     assert "\n" not in str(caught.value)
     assert caught.value.field == field
     return caught.value

@@ -42,10 +42,10 @@ def values(rows=4):
 
 
 def refused(net, field, match):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ModelError, match=match) as caught:
         net({"x": values()})
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
     assert caught.value.exit_code == 4
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
