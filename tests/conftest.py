@@ -15,13 +15,16 @@ from typing import Any, ClassVar
 import pytest
 from torch import Tensor
 
+from cltransfer import threads
 from cltransfer.cli import main
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES
 
 STANDARD = "import asyncio, http.client, unittest.mock, xml.dom.minidom, email.mime.text, multiprocessing.pool"
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 USUAL = 0.1  # [s] of processor time that such a process is taken to need on a quiet machine
 
+VARIABLES = ("CLTRANSFER_CACHE", "CLTRANSFER_MODELS", "CLTRANSFER_CATALOGUE", "CLTRANSFER_THREADS")
 SHIPPED = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 TINY = ("frames=3", "generations=2", "output_side=96", "search_side=48")
 
@@ -39,9 +42,51 @@ class Answer:
 Command = Callable[..., Answer]
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test that needs real data which is not here, naming it, before its fixtures are made."""
+    for mark in item.iter_markers("needs"):
+        for path in mark.args:
+            if not (DATA / path).exists():
+                pytest.skip(f"needs {DATA / path}")
+
+
 @pytest.fixture(scope="session")
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(autouse=True)
+def apart(cache: Path) -> Iterator[None]:
+    """A test's process as if it were the first: no networks or catalogue of the caller, one cache for the session.
+
+    Afterwards environment and threads are what they were. What a test does not import is not imported for it.
+    """
+    environment, written = dict(os.environ), threads._set
+    before = {name: get() for name, (get, _) in _thread_counts().items()}
+    for name in ("CLTRANSFER_MODELS", "CLTRANSFER_CATALOGUE"):
+        os.environ.pop(name, None)
+    os.environ["CLTRANSFER_CACHE"] = str(cache)
+    yield
+    threads._set = written
+    for name, (get, put) in _thread_counts().items():
+        if get() != before.get(name, 0):
+            put(before.get(name, -1))  # OpenCV's word for its own choice, where the test imported it
+    for name in VARIABLES:
+        if name in environment:
+            os.environ[name] = environment[name]
+        else:
+            os.environ.pop(name, None)
+
+
+def _thread_counts() -> dict[str, tuple[Callable[[], int], Callable[[int], None]]]:
+    """How to read and write the threads of every library that is imported by now."""
+    counts: dict[str, tuple[Callable[[], int], Callable[[int], None]]] = {}
+    if "torch" in sys.modules:
+        counts["torch"] = (sys.modules["torch"].get_num_threads, sys.modules["torch"].set_num_threads)
+    if "cv2" in sys.modules:
+        counts["cv2"] = (sys.modules["cv2"].getNumThreads, sys.modules["cv2"].setNumThreads)
+    return counts
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def test_every_entry_can_be_pulled_or_says_how_it_is_made():
             assert entry.sha256 or kind == "model", entry.name
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the shared data are not here")
+@pytest.mark.needs("models/yolox_nano.onnx", "mesh", "splat", "video")
 def test_hashes_and_sizes_are_those_of_the_shared_files():
     shared = {path.name: path for path in DATA.rglob("*") if path.is_file()}
     checked = 0

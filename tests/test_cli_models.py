@@ -123,7 +123,9 @@ def test_offline_the_one_line_names_file_address_hash_and_folder(command: Comman
         assert part in answer.err
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the shared data are not here")
+@pytest.mark.needs(
+    "models/yolox_nano.onnx", "models/mp_pose_landmark_lite.onnx", "models/mp_selfie_segmentation_landscape.onnx"
+)
 def test_the_shared_networks_are_ok(command: Command, monkeypatch) -> None:
     monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
     checked = command("models", "check")

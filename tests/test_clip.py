@@ -47,10 +47,10 @@ def encode(path, image, codec="libx264", pix_fmt="yuv444p", change=lambda stream
 
 
 def refused(path, field, match=None):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(InputError, match=match) as caught:
         read_clip(path)
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
     assert "\n" not in str(caught.value)
     assert caught.value.field == field
     return caught.value
@@ -325,7 +325,7 @@ def test_pair_by_time_finds_the_nearest_frame():
         pair_by_time(seconds(0, 1), seconds(2, 3))
 
 
-@pytest.mark.skipif(not VIDEOS.exists(), reason="the shared video data are not here")
+@pytest.mark.needs("video/lp_s20.mp4", "video/intel_asl_walk.mkv", "video/sintel_alley")
 def test_real_clips_are_read_whole():
     counts = {"lp_s20.mp4": 297, "intel_asl_walk.mkv": 89, "sintel_alley": 6}
     for name, count in counts.items():

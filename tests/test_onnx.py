@@ -42,10 +42,10 @@ def values(rows=4):
 
 
 def refused(net, field, match):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ModelError, match=match) as caught:
         net({"x": values()})
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
     assert caught.value.exit_code == 4
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
@@ -146,8 +146,14 @@ def test_a_missing_model_says_what_to_get_and_where_to_put_it(tmp_path, monkeypa
         assert part in str(caught.value)
 
 
-@pytest.mark.skipif(not MODELS.exists(), reason="the shared networks are not here")
-@pytest.mark.parametrize("name", sorted(name for name, entry in KNOWN.items() if entry.sha256))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.needs(f"models/{entry.file}"))
+        for name, entry in sorted(KNOWN.items())
+        if entry.sha256
+    ],
+)
 def test_the_shared_networks_are_the_known_ones(name):
     assert content_hash(MODELS / KNOWN[name].file) == KNOWN[name].sha256
     assert (MODELS / KNOWN[name].file).stat().st_size == KNOWN[name].size

@@ -81,7 +81,7 @@ def test_every_cut_is_found() -> None:
     assert find_cuts(small(torch.cat([scenery(s, 8) for s in range(4)]))) == [8, 16, 24]
 
 
-@pytest.mark.skipif(not VIDEOS.exists(), reason="the shared video data are not here")
+@pytest.mark.needs("video/sintel_alley", "video/intel_asl_walk.mkv")
 def test_a_real_shot_has_no_cut_and_two_joined_have_one() -> None:
     first, second = (small_pictures(VIDEOS / name)[1] for name in ("sintel_alley", "intel_asl_walk.mkv"))
     assert find_cuts(first) == find_cuts(second) == []

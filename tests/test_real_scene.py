@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,16 +27,29 @@ DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SCENE, CLIP = DATA / "splat" / "biker_on_lawn.ply", DATA / "video" / "lp_s20.mp4"
 MAN = 152_746  # the scene's first Gaussians are the man
 
-pytestmark = pytest.mark.skipif(not SCENE.is_file(), reason=f"no real data at {DATA}")
+NETWORKS = ("models/yolox_nano.onnx", "models/mp_pose_landmark_lite.onnx")
+
+pytestmark = pytest.mark.needs("splat/biker_on_lawn.ply", "video/lp_s20.mp4", *NETWORKS)
 
 
 @pytest.fixture(scope="module")
-def config(tmp_path_factory: pytest.TempPathFactory) -> RunConfig:
-    patch = pytest.MonkeyPatch()
-    patch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
-    patch.setenv("CLTRANSFER_CACHE", str(tmp_path_factory.mktemp("cache")))
-    yield load_config(overrides=["frames=5", "generations=5", "output_side=320"])
-    patch.undo()
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def config(own_cache: Path) -> Iterator[RunConfig]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+        patch.setenv("CLTRANSFER_CACHE", str(own_cache))
+        yield load_config(overrides=["frames=5", "generations=5", "output_side=320"])
+
+
+@pytest.fixture(autouse=True)
+def real_networks(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For the tests themselves what ``config`` sets for the module's fixtures."""
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(own_cache))
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,10 @@
 import os
+from pathlib import Path
 
 import pytest
+import torch
 
+from cltransfer import threads
 from cltransfer.errors import UsageError
 from cltransfer.threads import default_count, set_threads, thread_count
 
@@ -52,3 +55,18 @@ def test_the_count_of_one_run_is_not_that_of_the_next(monkeypatch):
         assert (thread_count(), default_count()) == (count, 2)
     monkeypatch.setenv("CLTRANSFER_THREADS", "1")  # asked for anew
     assert default_count() == 1
+
+
+@pytest.mark.parametrize("turn", ["first", "second"])
+def test_what_a_test_leaves_behind_is_gone_for_the_next(turn: str, cache: Path) -> None:
+    """Either turn finds nothing of the other; pytest runs them one after the other."""
+    import cv2
+
+    assert os.environ["CLTRANSFER_CACHE"] == str(cache)
+    assert "CLTRANSFER_MODELS" not in os.environ
+    assert threads._set != ("7", 7)
+    assert 7 not in (torch.get_num_threads(), cv2.getNumThreads())
+    assert os.environ.get(threads.VARIABLE) != "7"
+    os.environ["CLTRANSFER_CACHE"] = os.environ["CLTRANSFER_MODELS"] = "left behind"
+    os.environ[threads.VARIABLE] = "7"
+    threads.set_threads(7, tensors=7)

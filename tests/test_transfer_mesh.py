@@ -25,13 +25,14 @@ parts:
   - {file: pc_vr-gallery.glb, label: scene}
   - {file: cesium_man.glb, label: subject, translate: [0.0, 0.0, 1.9], rotate_deg: [0, 20, 0], time: 1.0}
 """
+NETWORKS = ("models/yolox_nano.onnx", "models/mp_pose_landmark_lite.onnx")
 SMALL = ("frames=3", "output_side=160", "search_side=96", "threads=1")
+
+pytestmark = pytest.mark.needs("mesh/pc_vr-gallery.glb", "mesh/cesium_man.glb")
 
 
 @pytest.fixture(autouse=True)
 def assets(monkeypatch: pytest.MonkeyPatch) -> None:
-    if not DATA.is_dir():
-        pytest.skip("needs the meshes of shared/data")
     monkeypatch.setenv("CLTRANSFER_ASSETS", str(DATA))
 
 
@@ -50,6 +51,7 @@ def test_the_five_metrics_of_a_transfer_into_a_mesh_come_near_the_reference(tmp_
     assert not torch.equal(result.image[0], result.image[2])
 
 
+@pytest.mark.needs(*NETWORKS)
 def test_of_two_men_in_a_render_the_subject_is_read_not_the_nearer_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,6 +81,7 @@ def test_the_wrong_renderer_names_the_right_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.needs(*NETWORKS)
 def test_networks_read_the_man_of_the_gallery_from_nearly_all_sides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA.parent / "models"))
     parts = Components.build(load_config(None, ["renderer.mesh={samples: 2}"]))

@@ -91,7 +91,7 @@ def test_options_and_missing_models_are_refused(monkeypatch, tmp_path):
         DetectYolox(model="none.onnx")(Features((8, 8), image=torch.zeros(1, 3, 8, 8)))
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the shared data are not here")
+@pytest.mark.needs("models/yolox_nano.onnx", "video/lp_s20.mp4", "video/intel_one_by_one_person.mp4")
 class TestRealWeights:
     def boxes(self, monkeypatch, name, frames):
         monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))

@@ -207,7 +207,9 @@ def test_options_out_of_range_are_refused():
         PoseBlazepose(min_presence=-0.1)
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the shared data are not here")
+@pytest.mark.needs(
+    "models/yolox_nano.onnx", "models/mp_pose_landmark_lite.onnx", "video/lp_s20.mp4", "video/sav_05_juggle.mp4"
+)
 class TestRealWeights:
     def read(self, monkeypatch, name, frames):
         monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))

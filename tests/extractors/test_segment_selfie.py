@@ -53,7 +53,12 @@ class TestContract(ExtractorCase):
         self.component = planted()
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the shared data are not here")
+@pytest.mark.needs(
+    "models/yolox_nano.onnx",
+    "models/mp_pose_landmark_lite.onnx",
+    "models/mp_selfie_segmentation_landscape.onnx",
+    "video/lp_s32.mp4",
+)
 def test_real_weights_agree_with_blazepose_on_a_medium_shot(monkeypatch):
     monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
     clip = read_clip(DATA / "video" / "lp_s32.mp4", frames=3, max_side=640).features()

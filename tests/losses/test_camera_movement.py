@@ -195,7 +195,7 @@ def test_options_out_of_range_are_refused() -> None:
         CameraMovement(min_share=2)
 
 
-def test_fit_takes_less_than_a_millisecond_a_frame() -> None:
+def test_fit_takes_less_than_a_millisecond_a_frame(slowness: float) -> None:
     flow = torch.randn(10, 2, 90, 160, generator=torch.Generator().manual_seed(0))
     layers = torch.stack([flow[:, 0] < -0.5, flow[:, 0].abs() <= 0.5, flow[:, 0] > 0.5], dim=1)
     fit_affine_flow(flow, layers, 160)
@@ -204,7 +204,7 @@ def test_fit_takes_less_than_a_millisecond_a_frame() -> None:
         start = time.thread_time()
         fit_affine_flow(flow, layers, 160)
         seconds.append(time.thread_time() - start)
-    assert min(seconds) / 10 < 1e-3
+    assert min(seconds) / 10 < 1e-3 * slowness
 
 
 @pytest.mark.parametrize("mode", ["robust", "faithful"])

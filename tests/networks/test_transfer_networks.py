@@ -1,0 +1,108 @@
+"""Transfers whose frames are read by networks: rounds of correction, networks in the search, what both of them cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.onnx import Network
+from cltransfer.transfer import UNBIASED, Inputs, Result, transfer
+
+SMALL = ("search_side=96", "output_side=240", "threads=1")
+PASSES = 3  # of YOLOX one, of BlazePose two
+SHIPPED = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+
+Transfer = Callable[..., Result]
+
+
+@pytest.fixture
+def transferred(
+    networks: tuple[str, ...],
+    scene_file: Path,
+    film: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Transfer:
+    """Transfer a film of the painted stage back into it."""
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+
+    def run(frames: int, *overrides: str, shot: str = "push_in") -> Result:
+        inputs = Inputs(str(scene_file), str(film(shot, frames)), subject=scene_file.with_name("subject.json"))
+        return transfer(inputs, load_config(overrides=[*networks, *SMALL, *overrides]))
+
+    return run
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many images were run through a network, run by run; they are run all the same."""
+    counts: list[int] = []
+    run = Network.__call__
+
+    def counted(self: Network, inputs: Any) -> Any:
+        counts.append(len(next(iter(inputs.values()))))
+        return run(self, inputs)
+
+    monkeypatch.setattr(Network, "__call__", counted)
+    return counts
+
+
+def means(result: Result) -> list[float]:
+    return [float(attempt.shown.scores.totals.mean()) for attempt in result.attempts]
+
+
+def test_a_known_bias_is_aimed_off_once_and_the_networks_read_less_of_it(transferred: Transfer) -> None:
+    result = transferred(5, "preset=fast", "extract.corrections=1")
+    first, second = means(result)
+    assert second < 0.8 * first
+    assert (result.best, result.note, result.read_by) == (1, "", "image")
+    assert float(result.verified.totals.mean()) == second
+    assert torch.equal(result.image, result.attempts[1].shown.image)
+    assert not torch.equal(result.image, result.attempts[0].shown.image)
+    assert torch.equal(result.trajectory.camera.w2c, result.attempts[1].cameras.w2c)
+
+
+def test_of_too_few_frames_no_bias_is_known_and_every_look_is_counted(transferred: Transfer, looks: list[int]) -> None:
+    result = transferred(3, "preset=fast", "extract.corrections=1")
+    assert (len(result.attempts), result.best, result.note) == (1, 0, UNBIASED)
+    assert result.spent.network_passes == 3 * PASSES + 2 * PASSES  # the result, and its first view held still
+    assert sum(looks) == 3 * PASSES + result.spent.network_passes  # the reference is read beside it
+
+
+def test_the_round_that_reads_best_is_kept_whichever_it_is(transferred: Transfer) -> None:
+    """Each frame's own bias needs no neighbours, and of a zoom it is too rough to be aimed off twice."""
+    result = transferred(3, "preset=fast", "extract.corrections=2", "extract.bias=frame", shot="zoom")
+    first, second, third = means(result)
+    assert second < first
+    assert second < third
+    assert (result.best, result.note) == (1, "")
+    assert result.verified is result.attempts[result.best].shown.scores
+    assert result.spent.network_passes == 3 * 3 * PASSES + 2 * PASSES
+
+
+def test_the_papers_setting_has_every_candidate_read_by_networks(transferred: Transfer, looks: list[int]) -> None:
+    result = transferred(2, "preset=paper", "search_side=96", "generations=2", "popsize=4", "extract.corrections=1")
+    spent = result.spent
+    assert spent.generations == 2 * 2
+    assert spent.evaluations >= 2 * 2 * 4
+    assert spent.network_passes == PASSES * spent.renders + 2 * PASSES
+    assert spent.network_passes > PASSES * spent.evaluations
+    assert spent.evaluations < sum(looks) <= spent.network_passes + 2 * PASSES  # no pose where nobody is found
+    assert (len(result.attempts), result.note, result.read_by) == (1, "", "image")  # no bias between two networks
+    assert all(term.defined for term in result.verified.terms if term.name != "filmic_space")
+
+
+@pytest.mark.parametrize(("preset", "losses"), [("max", SHIPPED), ("jaws_losses_cma", ("jaws_pose", "jaws_flow"))])
+def test_presets_that_no_other_test_runs_come_nearer_than_standing_still(preset: str, losses: tuple[str, ...]) -> None:
+    tiny = ("generations=2", "frames=2", "search_side=48", "output_side=96", "threads=1")
+    result = transfer(Inputs("builtin:room", "builtin:push_in"), load_config(overrides=[f"preset={preset}", *tiny]))
+    assert tuple(term.name for term in result.verified.terms) == losses
+    assert all(term.defined for term in result.verified.terms)
+    assert float(result.verified.totals.mean()) < float(result.held.totals.mean())
+    assert result.spent.generations > 0
+    assert (result.spent.network_passes, len(result.attempts), result.read_by) == (0, 1, "geometry")
