@@ -144,7 +144,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         clock.lap("lift")
     watched = READ if config.guard and family == "scene" else frozenset()
     plan = parts.plan(family, reference.features.names(), watched)
-    small, output = (fit(reference.features.size, side) for side in (config.search_side, config.output_side))
+    small, output = (fitted_size(reference.features.size, side) for side in (config.search_side, config.output_side))
     check_frames(len(reference), output)  # rather than after the search
     journal = None
     if record is not None:
@@ -201,10 +201,10 @@ def noise_floor(objective: Objective, read: Features, wanted: Features) -> float
     return float(objective.totals(terms, defined).mean())
 
 
-def fit(size: tuple[int, int], side: int) -> tuple[int, int]:
+def fitted_size(size: tuple[int, int], side: int) -> tuple[int, int]:
     """(W, H) of the same shape whose longer side is ``side`` [px].
 
-    >>> fit((1920, 1080), 160)
+    >>> fitted_size((1920, 1080), 160)
     (160, 90)
     """
     scale = side / max(size)

@@ -25,7 +25,7 @@ from .export.nerfstudio import write_camera_path
 from .files import read_json, write_json, write_text
 from .flags import run_flags
 from .named_scenes import recall, remember
-from .preparation import Inputs, fit
+from .preparation import Inputs, fitted_size
 from .progress import Progress
 from .readback import render_frames
 from .report.data import ReportData
@@ -196,7 +196,7 @@ def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path
     if loaded.digest != digest:
         raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
     trajectory = Trajectory.load(run / "trajectory.json")
-    cameras = resized(trajectory.camera, fit(trajectory.camera.size, config.output_side))
+    cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
     image = render_frames(loaded, parts, cameras, progress)
     target = out or run / VIDEO
     write_video(target, image, trajectory.times)

@@ -14,7 +14,7 @@ from .correct import LEAST, corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow
 from .driver.frame import Solved
-from .driver.joint import Budget
+from .driver.joint import Effort
 from .driver.path_order import LeastPath, least_path
 from .driver.schedule import Schedule
 from .driver.stage import Spent, Stage
@@ -153,7 +153,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
 
 
 def _attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
-    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
+    """Effort of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
     target, homes, guide, attempts = job.wanted, job.homes, job.guide, list[Attempt]()
@@ -194,7 +194,7 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     local = found.local
     if local is not None and config.lod > 0:  # merged, the scene has other residuals
         local = replace(local, residuals=clip.residuals(found.x))
-    return least_path(clip, found.x, local, job.noise, Budget(config.joint, config.joint_steps), guide)
+    return least_path(clip, found.x, local, job.noise, Effort(config.joint, config.joint_steps), guide)
 
 
 def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:

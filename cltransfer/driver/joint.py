@@ -25,7 +25,7 @@ BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by 
 
 
 @dataclass(frozen=True)
-class Budget:
+class Effort:
     """How far a path is refined.
 
     Args:
@@ -66,7 +66,7 @@ class _At:
         return _At(x, replace(self.local, residuals=residuals, jacobian=broyden(self.local, x - self.x, residuals)))
 
 
-def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, budget: Budget) -> tuple[Tensor, Tensor]:
+def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, effort: Effort) -> tuple[Tensor, Tensor]:
     """The path moved to where it costs less, and its residuals.
 
     The differences of a round take D / :data:`SHARED` evaluations a frame, each of its steps one more.
@@ -76,11 +76,11 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, bud
         x: the path, (N, D).
         residuals: of it, (N, R).
         moves: that may be made.
-        budget: of rounds and steps.
+        effort: rounds and steps.
     """
-    for i in range(budget.rounds):
+    for i in range(effort.rounds):
         begun = _At(x, clip.local(x, residuals, WIDE / 2**i, SHARED, i))
-        at = _round(clip, begun, moves, budget.steps)
+        at = _round(clip, begun, moves, effort.steps)
         x, residuals = at.x, at.local.residuals
         if at.local.total > begun.local.total - PROMISE:
             break

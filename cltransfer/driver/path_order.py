@@ -14,7 +14,7 @@ from itertools import product
 from torch import Tensor
 
 from ..tracks import along
-from .joint import Budget, Moves, refine_path
+from .joint import Effort, Moves, refine_path
 from .spline import Local, fit
 from .whole_clip import WholeClip
 
@@ -84,7 +84,7 @@ def least_path(
     x: Tensor,
     local: Local | None,
     noise: float,
-    budget: Budget,
+    effort: Effort,
     guide: Tensor | None = None,
 ) -> LeastPath:
     """The least order that stays within the noise floor of the path as it was found.
@@ -94,7 +94,7 @@ def least_path(
         x: the path as it was found, (N, D).
         local: what the losses make of it, as its frames ended; None where they were not refined by residuals.
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
-        budget: of refining the path as a whole, where the loss is not small already.
+        effort: of refining the path as a whole, where the loss is not small already.
         guide: a path (N, D) that moves as the reference does, None where there is none.
     """
     free, residuals = (local.total, local.residuals) if local is not None else clip.scored(x)
@@ -102,23 +102,23 @@ def least_path(
     if len(x) == 1:
         return path
     if residuals is None or clip.stage.plan.passes or free <= TRUSTED:
-        budget = Budget(0, 0)  # differences taken through noisy networks mislead
-    if budget.rounds and local is None and residuals is not None:
+        effort = Effort(0, 0)  # differences taken through noisy networks mislead
+    if effort.rounds and local is None and residuals is not None:
         local = clip.local(x, residuals)
     limit = free + path.floor
-    tries = min(TRIED, budget.rounds or TRIED)
+    tries = min(TRIED, effort.rounds or TRIED)
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
-    return _filtered(clip, path, guide, limit, budget) if spline is None else _refined(clip, spline, budget)
+    return _filtered(clip, path, guide, limit, effort) if spline is None else _refined(clip, spline, effort)
 
 
-def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, budget: Budget) -> LeastPath:
+def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, effort: Effort) -> LeastPath:
     """Where no spline is near enough: the losses jump, and so would the camera.
 
     What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
     to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
     """
     accepted = max(limit, JUMPS * free.free)
-    enough, best = HOPE * limit if budget.rounds else accepted, None
+    enough, best = HOPE * limit if effort.rounds else accepted, None
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
         total, residuals = clip.scored(x)
@@ -127,18 +127,18 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
         if path.total <= enough:
             break
     assert best is not None
-    path = _refined(clip, best, budget)
+    path = _refined(clip, best, effort)
     return path if path.total <= accepted else free
 
 
-def _refined(clip: WholeClip, path: LeastPath, budget: Budget) -> LeastPath:
+def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
     """The path moved as a whole to where it costs less; one that is static or linear stays so."""
-    if not budget.rounds or path.residuals is None:
+    if not effort.rounds or path.residuals is None:
         return path
     plain = path.knots is not None and path.knots <= PLAIN
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
     knots = path.knots if plain and path.knots is not None else min(MOVES, len(path.x))
-    x, residuals = refine_path(clip, path.x, path.residuals, Moves(knots, way, fade=not plain), budget)
+    x, residuals = refine_path(clip, path.x, path.residuals, Moves(knots, way, fade=not plain), effort)
     total = clip.mean_total(residuals)
     return replace(path, x=x, residuals=residuals, total=total, refined=True) if total < path.total else path
 

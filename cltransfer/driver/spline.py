@@ -107,19 +107,19 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
 
     design, path = _design(x, knots, fixed), x.numpy().ravel()
     if local is None:
-        moved = design @ spsolve((design.T @ design).tocsc(), design.T @ path)
-        return Fitted(torch.from_numpy(moved).reshape(x.shape), None)
+        best = design @ spsolve((design.T @ design).tocsc(), design.T @ path)
+        return Fitted(torch.from_numpy(best).reshape(x.shape), None)
     r, slope = local.residuals.numpy().ravel(), local.slope
     along, offset = (slope @ design).tocsr(), slope @ path - r
-    norms, moved = group_norms(local.residuals, local.groups), path
+    norms, best = group_norms(local.residuals, local.groups), path
     for floor in FLOORS:
         weight = (1 / norms.clamp_min(floor))[:, local.groups].numpy().ravel()
         weighted = along.T @ sparse.diags_array(weight)
         normal = (weighted @ along + RIDGE * (design.T @ design)).tocsc()
-        moved = design @ spsolve(normal, weighted @ offset + RIDGE * (design.T @ path))
-        predicted = torch.from_numpy(r + slope @ (moved - path)).reshape(local.residuals.shape)
+        best = design @ spsolve(normal, weighted @ offset + RIDGE * (design.T @ path))
+        predicted = torch.from_numpy(r + slope @ (best - path)).reshape(local.residuals.shape)
         norms = group_norms(predicted, local.groups)
-    return Fitted(torch.from_numpy(moved).reshape(x.shape), float(norms.sum(1).mean()))
+    return Fitted(torch.from_numpy(best).reshape(x.shape), float(norms.sum(1).mean()))
 
 
 def moved(x: Tensor, local: Local, knots: int, damping: float, fixed: Tensor | None = None) -> Fitted:

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.joint import Budget, Moves, broyden, refine_path
+from cltransfer.driver.joint import Effort, Moves, broyden, refine_path
 from cltransfer.driver.spline import Local
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
@@ -33,7 +33,7 @@ def clip_of(name: str) -> tuple[WholeClip, Tensor]:
 
 def refined(clip: WholeClip, x: Tensor, moves: Moves, rounds: int) -> tuple[Tensor, float]:
     """The path refined, and its mean total."""
-    x, residuals = refine_path(clip, x, clip.residuals(x), moves, Budget(rounds, 4))
+    x, residuals = refine_path(clip, x, clip.residuals(x), moves, Effort(rounds, 4))
     return x, clip.mean_total(residuals)
 
 

@@ -9,7 +9,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.joint import Budget
+from cltransfer.driver.joint import Effort
 from cltransfer.driver.path_order import LeastPath, least_path
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
@@ -110,7 +110,7 @@ def test_no_differences_are_taken_through_networks() -> None:
         stage = Stage(scene, parts.renderer, plan, Objective(parts.losses), (96, 54))
         clip = WholeClip(stage, search, read_path(stage, path.camera), path.camera[0])
         x = search.vector(path.camera, path.camera[0], scene.subject) + 0.05
-        least_path(clip, x, None, 0.0, Budget(2, 4))
+        least_path(clip, x, None, 0.0, Effort(2, 4))
         spent.append(stage.spent.evaluations)
     assert spent[1] < 5 * 8 < spent[0]  # differences take 8 evaluations a frame
 
@@ -132,6 +132,6 @@ def test_a_jump_stays_only_where_frames_fit_well(beside: float, jumps: bool) -> 
     clip = WholeClip(stage, search, read_path(stage, search.cameras(true, held[0], scene.subject)), held[0])
     x = true.clone()
     x[:, 3] += beside  # too far away
-    path = least_path(clip, x, None, 0.0, Budget(0, 4))
+    path = least_path(clip, x, None, 0.0, Effort(0, 4))
     assert (path.name == "every frame") == jumps
     assert path.total - path.free == pytest.approx(0.0 if jumps else 0.59, abs=0.05)
