@@ -1,7 +1,8 @@
 """A path refined as a whole: all of its frames at once, by smooth moves alone, so that it stays as steady as it was.
 
 What is filtered ends beside the minima of its frames, and a frame cannot go back to its own without a jump. So the
-moves are splines of few knots, found by damped least squares from what the losses make of every frame.
+moves are splines, found by damped least squares from what the losses make of every frame and from what the path bends
+by them: no loss sees that it shakes.
 """
 
 from __future__ import annotations
@@ -13,14 +14,14 @@ from torch import Tensor
 
 from ..objective import group_norms
 from ..tracks import along
-from .spline import Local, moved
+from .spline import Local, bending, moved
 from .whole_clip import WholeClip
 
 WIDE = 0.1  # step of the differences, in the units of x: depths jump, and narrow ones only tell how they creep
 SHARED = 7  # frames that measure all directions together: moves are smooth, and so is what they need
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
 SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
-PROMISE = 0.002  # total that the linear model has to promise
+PROMISE = 0.002  # total, and bends, that the linear model has to promise
 BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by it
 
 
@@ -45,17 +46,24 @@ class Moves:
         knots: a dimension.
         fixed: direction (D,) of x along which nothing changes but for all frames alike; None leaves all free.
         fade: whether a move may fade out towards frames that lose by it; a static or linear path would not stay one.
+        about: path (N, D) whose own bends cost nothing, because the reference makes them; None is a straight one.
     """
 
     knots: int
     fixed: Tensor | None
     fade: bool
+    about: Tensor | None = None
 
 
 @dataclass(frozen=True)
 class _At:
     x: Tensor  # (N, D)
     local: Local
+    about: Tensor | None  # (N, D)
+
+    @property
+    def cost(self) -> float:
+        return self.local.total + bending(self.x, self.about)
 
     @property
     def totals(self) -> Tensor:
@@ -63,7 +71,8 @@ class _At:
 
     def reached(self, x: Tensor, residuals: Tensor) -> _At:
         """At x (N, D), with the Jacobians corrected by what that step has shown."""
-        return _At(x, replace(self.local, residuals=residuals, jacobian=broyden(self.local, x - self.x, residuals)))
+        jacobian = broyden(self.local, x - self.x, residuals)
+        return replace(self, x=x, local=replace(self.local, residuals=residuals, jacobian=jacobian))
 
 
 def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, effort: Effort) -> tuple[Tensor, Tensor]:
@@ -79,10 +88,10 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
         effort: rounds and steps.
     """
     for i in range(effort.rounds):
-        begun = _At(x, clip.local(x, residuals, WIDE / 2**i, SHARED, i))
+        begun = _At(x, clip.local(x, residuals, WIDE / 2**i, SHARED, i), moves.about)
         at = _round(clip, begun, moves, effort.steps)
         x, residuals = at.x, at.local.residuals
-        if at.local.total > begun.local.total - PROMISE:
+        if at.cost > begun.cost - PROMISE:
             break
     return x, residuals
 
@@ -90,8 +99,9 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
 def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
     damping = DAMPING
     while left and damping <= MOST_DAMPING:
-        promised = moved(at.x, at.local, moves.knots, damping, moves.fixed)
-        if promised.predicted is None or promised.predicted > at.local.total - PROMISE:
+        promised = moved(at.x, at.local, moves.knots, damping, moves.fixed, moves.about)
+        assert promised.predicted is not None
+        if promised.predicted + bending(promised.x, moves.about) > at.cost - PROMISE:
             break
         there = at.reached(promised.x, clip.residuals(promised.x))
         left -= 1
@@ -101,8 +111,8 @@ def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
             x = at.x + share * (there.x - at.x)
             faded = at.reached(x, clip.residuals(x))
             left -= 1
-            best = min(there, faded, key=lambda a: a.local.total)
-        if best.local.total < at.local.total:
+            best = min(there, faded, key=lambda a: a.cost)
+        if best.cost < at.cost:
             at, damping = best, max(SOFTER * damping, LEAST_DAMPING)
         else:
             at, damping = replace(at, local=replace(at.local, jacobian=there.local.jacobian)), HARDER * damping

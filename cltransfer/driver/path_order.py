@@ -25,7 +25,7 @@ JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cos
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; one a round of refining
 PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined
-MOVES = 8  # knots of what moves any other path
+MOVES = 12  # knots of what moves any other path; what it bends costs, so they may be many
 CLEARLY = 0.9  # of the total that the last one promised
 HOPE = 1.3  # times the total allowed, from where refining brings a filtered path there
 FAR = 3.0  # times the total allowed; above it the linear model does not hold
@@ -45,6 +45,7 @@ class LeastPath:
         free: the same of the frames as they were found.
         floor: how much more than that it may cost.
         residuals: weighted, (N, R); None where a loss has none, and of frames as they were found.
+        about: path (N, D) that moves as the reference does, where what was added to it was filtered.
     """
 
     x: Tensor  # (N, D)
@@ -56,6 +57,7 @@ class LeastPath:
     floor: float
     refined: bool = False
     residuals: Tensor | None = None
+    about: Tensor | None = None
 
     @property
     def name(self) -> str:
@@ -122,7 +124,7 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
         total, residuals = clip.scored(x)
-        path = replace(free, x=x, filtered=frames, total=total, residuals=residuals)
+        path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
         best = path if best is None or path.total < best.total else best
         if path.total <= enough:
             break
@@ -138,9 +140,11 @@ def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
     plain = path.knots is not None and path.knots <= PLAIN
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
     knots = path.knots if plain and path.knots is not None else min(MOVES, len(path.x))
-    x, residuals = refine_path(clip, path.x, path.residuals, Moves(knots, way, fade=not plain), effort)
-    total = clip.mean_total(residuals)
-    return replace(path, x=x, residuals=residuals, total=total, refined=True) if total < path.total else path
+    moves = Moves(knots, way, fade=not plain, about=path.about)
+    x, residuals = refine_path(clip, path.x, path.residuals, moves, effort)
+    if x is path.x:
+        return path
+    return replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), refined=True)
 
 
 def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
 RIDGE = 1e-3  # of the distance to the path, for what no residual determines
 DEGREE = 3
+STIFFNESS = 300.0  # total that a third difference of x costs, squared and halved: 0.06 where it is 0.02 in the mean
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,19 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
     return Fitted(torch.from_numpy(best).reshape(x.shape), float(norms.sum(1).mean()))
 
 
-def moved(x: Tensor, local: Local, knots: int, damping: float, fixed: Tensor | None = None) -> Fitted:
-    """The path moved by the spline of ``knots`` coefficients a dimension that lowers its total most, by the model.
+def bending(x: Tensor, about: Tensor | None = None) -> float:
+    """Total that the bends of a path x (N, D) are worth, those of ``about`` (N, D) apart; 0 below four frames."""
+    return STIFFNESS / 2 * float((_added(x, about).diff(n=3, dim=0) ** 2).sum()) / len(x)
+
+
+def _added(x: Tensor, about: Tensor | None) -> Tensor:
+    return x if about is None else x - about
+
+
+def moved(
+    x: Tensor, local: Local, knots: int, damping: float, fixed: Tensor | None = None, about: Tensor | None = None
+) -> Fitted:
+    """The path moved by the spline of ``knots`` coefficients a dimension that costs least, by the model.
 
     Args:
         x: the path, (N, D) float64.
@@ -131,24 +143,38 @@ def moved(x: Tensor, local: Local, knots: int, damping: float, fixed: Tensor | N
         knots: at least 1, at most N.
         damping: of the step, relative to the curvature in each coefficient (Levenberg-Marquardt).
         fixed: direction (D,) along which all frames move alike; None leaves all free.
+        about: path (N, D) whose own bends cost nothing; None is a straight one.
     """
     from scipy import sparse
     from scipy.sparse.linalg import spsolve
 
     design, r = _design(x, knots, fixed), local.residuals.numpy().ravel()
     along = (local.slope @ design).tocsr()
+    bends = _third_differences(*x.shape)
+    stiff, bent = bends @ design, bends @ _added(x, about).numpy().ravel()
     norms = group_norms(local.residuals, local.groups)
     for floor in FLOORS[1:]:
         weight = (1 / norms.clamp_min(floor))[:, local.groups].numpy().ravel()
         weighted = along.T @ sparse.diags_array(weight)
-        curvature = weighted @ along
+        curvature = weighted @ along + STIFFNESS * (stiff.T @ stiff)
         scale = curvature.diagonal()
         scale = np.maximum(scale, 1e-5 * scale.mean() + 1e-9)
-        step = spsolve((curvature + damping * sparse.diags_array(scale)).tocsc(), -(weighted @ r))
+        downhill = -(weighted @ r + STIFFNESS * (stiff.T @ bent))
+        step = spsolve((curvature + damping * sparse.diags_array(scale)).tocsc(), downhill)
         change = torch.from_numpy(along @ step).reshape(local.residuals.shape)
         norms = group_norms(local.residuals + change, local.groups)
     move = torch.from_numpy(design @ step).reshape(x.shape)
     return Fitted(x + move * min(1.0, LONGEST / max(float(move.abs().max()), 1e-12)), float(norms.sum(1).mean()))
+
+
+def _third_differences(frames: int, dimensions: int) -> sparse.csr_array:
+    """A path laid out frame by frame to its third differences, (max(N - 3, 0) D, N D)."""
+    from scipy import sparse
+
+    if frames < 4:
+        return sparse.csr_array((0, frames * dimensions))
+    across = sparse.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(frames - 3, frames))
+    return sparse.kron(across, np.eye(dimensions), format="csr")
 
 
 def _design(x: Tensor, knots: int, fixed: Tensor | None) -> sparse.csr_array:

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.driver.spline import Local, basis, fit, moved
+from cltransfer.driver.spline import STIFFNESS, Local, basis, bending, fit, moved
 
 
 def local(x: Tensor, wanted: Tensor, paired: bool = False) -> Local:
@@ -93,3 +93,24 @@ def test_a_move_is_as_smooth_as_its_knots_and_never_longer_than_allowed() -> Non
     move = moved(shaken, local(shaken, wanted), 2, 1e-6).x - shaken
     assert float(move.diff(n=2, dim=0).abs().max()) < 1e-9
     assert float((moved(wanted + 9, local(wanted + 9, wanted), 2, 1e-6).x - wanted - 9).abs().max()) <= 0.5 + 1e-12
+
+
+def test_a_move_bends_less_than_its_frames_ask_for_but_as_the_reference_does() -> None:
+    waves = ramp(24) + 0.05 * torch.sin(torch.linspace(0, 20, 24, dtype=torch.float64))[:, None]
+    asked = local(ramp(24), waves)
+    plain, about = moved(ramp(24), asked, 12, 1e-6).x, moved(ramp(24), asked, 12, 1e-6, about=waves).x
+    assert bending(plain) < 0.5 * bending(waves)
+    assert float((about - waves).abs().max()) < 0.4 * float((plain - waves).abs().max())
+
+
+def test_bends_cost_their_mean_square_and_a_steady_path_nothing() -> None:
+    cubic = torch.linspace(0, 7, 8, dtype=torch.float64)[:, None] ** 3  # third difference 6
+    assert bending(cubic) == pytest.approx(STIFFNESS / 2 * 36 * 5 / 8)
+    assert bending(ramp(24)) == pytest.approx(0.0, abs=1e-20)
+    assert bending(cubic[:3]) == 0.0
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_a_path_too_short_to_bend_is_moved_too(frames: int) -> None:
+    found = moved(ramp(frames) + 0.1, local(ramp(frames) + 0.1, ramp(frames)), frames, 1e-6)
+    torch.testing.assert_close(found.x, ramp(frames), atol=1e-3, rtol=0)
