@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..shots import SHOTS, Setup, own_setup
-from .methods import config_of, judge_config
+from .methods import config_text, judge_config
 
 PROTOCOL = 1  # raise it when the same trial means something else: rows of older protocols are then measured anew
 SCENES = ("room", "stage", "path", "plaza")  # two indoors, two outdoors
@@ -70,7 +70,7 @@ class Trial:
 
         A row that is read by ``networks`` too is another one.
         """
-        config = config_of(self.method, self.pupil, self.seed, self.options).to_yaml()
+        config = config_text(self.method, self.pupil, self.seed, self.options)
         judge = judge_config(self.pupil)
         told = [PROTOCOL, asdict(self), config, judge.extractors, judge.losses, *(["networks"] if networks else [])]
         text = json.dumps(told, sort_keys=True)

@@ -37,7 +37,7 @@ from ...trajectory import Trajectory
 from ...transfer import Inputs, transfer
 from ..failure import Shown, failed_clip, failed_frames, pinned_frames
 from ..judge import Reader, Verdict, judge, random_total
-from ..methods import config_of, method
+from ..methods import config_of, config_text, method
 from ..protocol import FPS, SIZE, drawn_start
 from ..replay import replayed
 from ..trial import Row, person
@@ -90,10 +90,15 @@ class StressTrial:
     @property
     def key(self) -> str:
         """Digest of the trial, the stress it is put under, the config it comes to, and what it is judged by."""
-        config = config_of(self.method, self.pupil, self.seed, self.options).to_yaml()
+        config = config_text(self.method, self.pupil, self.seed, self.options)
         value = STRESSORS[self.stressor].levels[self.level - 1] if self.stressor else 0.0
-        text = json.dumps([VERSION, asdict(self), value, config, load_config().to_yaml()], sort_keys=True)
+        text = json.dumps([VERSION, asdict(self), value, config, _judge_text()], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@lru_cache(maxsize=1)
+def _judge_text() -> str:
+    return load_config().to_yaml()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from cltransfer.bench.methods import config_text
 from cltransfer.bench.section import table
 from cltransfer.bench.stress.bench import TIERS, StressBench, run_bench, write_stress
 from cltransfer.bench.stress.case import Film
@@ -149,6 +150,13 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     made = (tmp_path / "verb.md").read_text()
     assert "Made by `cltransfer bench stress --tier smoke " in made
     assert made.partition(" --tier")[0] == page.read_text().partition("`.")[0]
+
+
+def test_the_config_of_many_trials_is_composed_once_a_clip() -> None:
+    config_text.cache_clear()
+    bench = replace(TIERS["standard"], methods=("replay",), seeds=(1, 2))
+    assert len({trial.key for trial in bench.trials()}) == len(bench.trials()) > 100
+    assert config_text.cache_info().misses == 2
 
 
 def test_tiers_say_what_they_run() -> None:
