@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST = 1000  # characters; a name or a value in somebody's file may have any number of them
@@ -56,3 +58,25 @@ class StoppedError(CltransferError):
     """Stopped by the user; the line says how to go on."""
 
     exit_code = 130
+
+
+@contextmanager
+def named(who: str, expected: str) -> Iterator[None]:
+    """Anybody's code may run within: what it raises is told in one line, with its name and what was ``expected``.
+
+    >>> with named("extractor mine", "expected features"):
+    ...     [][0]
+    Traceback (most recent call last):
+    cltransfer.errors.ModelError: extractor mine: expected features, it raised IndexError: list index out of range \
+(CLTRANSFER_DEBUG=1 shows where)
+
+    Raises:
+        ModelError: anything but an error of this module or a lack of memory was raised.
+    """
+    try:
+        yield
+    except (CltransferError, MemoryError):
+        raise
+    except Exception as error:
+        came = f"it raised {type(error).__name__}: {' '.join(str(error).split())}"
+        raise ModelError("", who, f"{expected}, {came}", "CLTRANSFER_DEBUG=1 shows where") from error

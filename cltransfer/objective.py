@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .errors import CltransferError, ModelError
+from .errors import ModelError, named
 from .features import Features
 
 
@@ -142,13 +142,8 @@ def _answer(call: Callable[..., Any], features: tuple[Features, Features], shape
         ModelError: it fails, or says anything else.
     """
     expected = f"expected values of shape {shape}"
-    try:
+    with named(who, expected):
         value = call(*features)
-    except (CltransferError, MemoryError):
-        raise
-    except Exception as error:  # a loss may be anybody's code
-        came = f"it raised {type(error).__name__}: {' '.join(str(error).split())}"
-        raise ModelError("", who, f"{expected}, {came}", "CLTRANSFER_DEBUG=1 shows where") from error
     if not isinstance(value, Tensor) or tuple(value.shape) != shape:
         came = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
         raise ModelError("", who, f"{expected}, got {came}", "return a tensor with one row a frame")

@@ -8,10 +8,11 @@ and buffers with it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from .errors import UsageError
+from .errors import UsageError, named
 from .features import Features
 
 Family = Literal["image", "scene"]
@@ -28,13 +29,19 @@ class Step:
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with what this extractor provides."""
-        got: Features = self.extractor(now.only(now.names() - set(self.hidden)), before)
+        with self.named:
+            got: Features = self.extractor(now.only(now.names() - set(self.hidden)), before)
         missing = [name for name in self.extractor.provides if not got.has(name)]
         if missing:
             raise UsageError("", f"extractor {self.name}", f"promised {missing[0]!r} and did not provide it")
         for name in self.hidden:
             got = got.having(name, now.require(name) if now.has(name) else None)
         return got
+
+    @property
+    def named(self) -> AbstractContextManager[None]:
+        """Runs the extractor's code: whatever it raises is told with its name."""
+        return named(f"extractor {self.name}", f"expected {', '.join(self.extractor.provides)}")
 
     @property
     def whole_clip(self) -> bool:

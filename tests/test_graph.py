@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 
-from cltransfer.errors import UsageError
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
-from cltransfer.graph import run, run_clip
+from cltransfer.graph import Load, run, run_clip
 from cltransfer.plan import make_plan
 
 
@@ -239,3 +239,24 @@ def test_an_extractor_that_breaks_its_promise_is_named() -> None:
     made = plan({"box"}, {"idle": Idle(("box",))})
     with pytest.raises(UsageError, match="extractor idle: promised 'box'"):
         run(made, Features((2, 2), image=torch.zeros(1, 3, 2, 2)), None)
+
+
+def test_an_extractor_that_fails_is_named_and_what_it_raised_is_kept() -> None:
+    @dataclass(frozen=True)
+    class Broken(Making):
+        def __call__(self, now: Features, before: Features | None) -> Features:
+            raise IndexError("no  such\nframe")
+
+    made = plan({"box"}, {"broken": Broken(("box",))})
+    with pytest.raises(ModelError, match="extractor broken: expected box, it raised IndexError: no such frame") as told:
+        run(made, Features((2, 2), image=torch.zeros(1, 3, 2, 2)), None)
+    assert isinstance(told.value.__cause__, IndexError)
+
+
+def test_an_extractor_of_whole_clips_that_fails_is_named() -> None:
+    class Broken(Whole):
+        def read_clip(self, found: Features, load: Load) -> Features:
+            raise ValueError("torn")
+
+    with pytest.raises(ModelError, match="extractor whole: expected depth, trust, it raised ValueError: torn"):
+        along_clip(Broken(), {"depth"})
