@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..errors import named
 from ..features import Features
 from ..graph import run
 from ..objective import Objective
@@ -79,7 +80,8 @@ class Stage:
     def features(self, cameras: Camera, before: Features | None) -> Features:
         """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame."""
         buffers = self.plan.buffers - {"camera", "person"} | ({"depth"} if self.guard else set())
-        rendered = self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
+        with named(f"renderer {type(self.renderer).__name__}", f"expected {', '.join(sorted(buffers))}"):
+            rendered = self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
         self.spent.renders += len(cameras)
         self.spent.network_passes += len(cameras) * self.plan.passes
         seen = run(self.plan, rendered, before)

@@ -6,16 +6,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.journal import Journal
 from cltransfer.driver.stage import Spent, Stage
+from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.plan import Step
 from cltransfer.readback import read_path
+from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot
 
@@ -52,3 +56,16 @@ def test_a_replayed_answer_counts_its_renders_and_network_passes_like_a_computed
         assert journal.replayed == (2 if resume else 0)
     assert spent == [Spent(evaluations=5, renders=5, network_passes=10)] * 2
     assert torch.equal(terms[0].view(torch.int64), terms[1].view(torch.int64))
+
+
+def test_a_renderer_that_fails_is_named() -> None:
+    @dataclass(frozen=True)
+    class Brush:
+        def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+            raise RuntimeError("no paint")
+
+    scene, parts = builtin_scene("courtyard"), Components.build(load_config())
+    assert scene.subject is not None
+    stage = Stage(scene, Brush(), parts.plan("scene"), Objective(parts.losses), SIZE)
+    with pytest.raises(ModelError, match="renderer Brush: expected depth, label, it raised RuntimeError: no paint"):
+        stage.features(shot("static", scene.subject, SIZE, 1).camera, None)
