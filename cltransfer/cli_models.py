@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .cli_shared import Json, Quiet, show
+from .cli_shared import Allow, Json, Quiet, show
 from .errors import UsageError
 
 if TYPE_CHECKING:
@@ -83,12 +83,16 @@ def models_align(
         list[str], typer.Argument(metavar="KEY=VALUE...", help="The config; it must have extractors.depth_onnx.")
     ],
     views: Annotated[int, typer.Option(help="How many, all around the subject.")] = 8,
+    allow_plugin: Allow = None,
     as_json: Json = False,
 ) -> None:
     """Read a depth network's scale and shift off SCENE, and print the overrides that treat a clip the same way.
 
     The policy is the config's: extractors.depth_onnx.align=shift or metric.
     """
+    from .plugins import allow
+
+    allow(allow_plugin or [])
     from .config import load_config
     from .depth_alignment import align_config
     from .threads import set_threads, thread_count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 import torch
@@ -22,6 +23,8 @@ from cltransfer.registry import EXTRACTORS
 from cltransfer.run_folder import write_run
 from cltransfer.scenes.load import load_scene
 from cltransfer.transfer import transfer
+
+PLUGIN = Path(__file__).parents[1] / "plugins" / "rule_of_thirds.py"
 
 
 def depths(seed=0, views=5):
@@ -96,6 +99,15 @@ def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(blue):
     assert found["affine"][0] == 1
     assert found["error"][1] < found["error"][0]
     assert found["spread"] > 0.1
+
+
+def test_the_verb_takes_a_config_with_a_plugin(blue, fresh):
+    words = ("models", "align", "builtin:plaza", blue, "losses.rule_of_thirds={}", "--views", "4", "--json")
+    refused = fresh(*words)
+    assert (refused.code, "--allow-plugin" in refused.err) == (2, True)
+    told = fresh(*words, "--allow-plugin", PLUGIN)
+    assert (told.code, told.err) == (0, "")
+    assert json.loads(told.out)["align"] == "shift"
 
 
 def test_a_transfer_reads_the_shift_off_its_scene_and_keeps_it_in_the_run(blue, tmp_path):
