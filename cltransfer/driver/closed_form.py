@@ -24,6 +24,7 @@ from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
+AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
@@ -45,7 +46,8 @@ def closed_form(
     if not isinstance(search, SubjectOrbit) or not (reference.has("orientation") and reference.has("keypoints")):
         return None
     stands = _stands(reference.require("orientation").double())
-    if stands is None or not bool(visible_joints(frame_joints(reference)).any()):
+    aimed_at = visible_joints(frame_joints(reference, "all")).sum(1) >= AIMED_AT  # (N,)
+    if stands is None or not bool(aimed_at.any()):
         return None
     x = search.vector(home, home, stage.scene.subject)[:, : 7 if free_lens else 6].repeat(len(reference), 1)
     x[:, :3] = stands / SCALE[:3]
@@ -56,7 +58,7 @@ def closed_form(
         x[:, 3] = found
     subject = stage.scene.subject
     x = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
-    x[:, 3:] = _bridged(x[:, 3:], visible_joints(frame_joints(reference)).any(1))
+    x[:, 3:] = _bridged(x[:, 3:], aimed_at)
     return x
 
 

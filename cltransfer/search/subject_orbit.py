@@ -96,17 +96,20 @@ class SubjectOrbit:
         """The x (B, D) moved so that the subject appears where and as large as in ``reference``, one frame.
 
         A fixed point on projected joints, nothing is rendered: screen x and y follow the centroid, and the lens (or,
-        where x has none, the distance) follows the size. Fewer than two key joints tell no size; then all 14 joints
-        do, as far as they are seen. Unchanged where the reference shows no key joint.
+        where x has none, the distance) follows the size. Fewer than two key joints tell no size, and none no place;
+        then all 14 joints do, as far as they are seen. A single joint tells no size; without any x is unchanged.
         """
         subject = _required(subject)
         joints = sized_by = subject.key_joints
         place = extent = _seen(reference, joints, "key")
-        if not bool(place[..., 2].any()):
-            return x
         if int(place[..., 2].sum()) < 2:
             sized_by = torch.cat([subject.joints, subject.confidence[:, None]], dim=1)
             extent = _seen(reference, sized_by, "all")
+            if not bool(place[..., 2].any()):
+                joints, place = sized_by, extent
+        if not bool(place[..., 2].any()):
+            return x
+        sized = int(extent[..., 2].sum()) > 1
         x = x.double().clone()
         size, sign = (6, 1.0) if x.shape[1] == self.dimensions else (3, -1.0)
         for _ in range(AIM_STEPS):
@@ -115,7 +118,7 @@ class SubjectOrbit:
             d_ref, d_S = key_joint_extents(extent, _as_seen(sized_by, cameras, extent))
             growth = torch.nan_to_num(torch.log(d_ref / d_S.clamp_min(1e-3))).clamp(-0.7, 0.7)
             x[:, 4:6] -= offset / SCALE[4:6]
-            x[:, size] += sign * growth / SCALE[size]
+            x[:, size] += sized * sign * growth / SCALE[size]
         return x
 
     def turned(self, x: Tensor, to: Tensor) -> Tensor:

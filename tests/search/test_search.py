@@ -135,18 +135,42 @@ def test_a_close_up_of_the_face_lies_within_the_orbit_s_bounds() -> None:
     assert bool(((x > low) & (x < high)).all())
 
 
+def seen_from(at: Camera, subject: Subject, seen: list[int]) -> Features:
+    """A frame that shows the joints ``seen`` of the 14, and no others."""
+    confidence = torch.zeros(1, 14, 1, dtype=torch.float64)
+    confidence[:, seen] = 1.0
+    return Features(size=SIZE, keypoints=torch.cat([at.project(subject.joints)[0], confidence], dim=-1))
+
+
 @pytest.mark.parametrize("seen", [[12, 13, 0], [0, 12, 2, 4, 6]])
 def test_joints_of_one_side_tell_the_size_where_fewer_than_two_key_joints_are_seen(seen: list[int]) -> None:
     subject, search = person(), SubjectOrbit()
     at = home(subject)
     true = search.vector(at, at, subject)
-    pixels = at.project(subject.joints)[0]
-    confidence = torch.zeros(1, 14, 1, dtype=torch.float64)
-    confidence[:, seen] = 1.0
-    reference = Features(size=SIZE, keypoints=torch.cat([pixels, confidence], dim=-1))
     wrong = true.clone()
     wrong[:, 6] += 0.7
-    torch.testing.assert_close(search.aimed(wrong, at, subject, reference), true, atol=2e-2, rtol=0)
+    found = search.aimed(wrong, at, subject, seen_from(at, subject, seen))
+    torch.testing.assert_close(found, true, atol=2e-2, rtol=0)
+
+
+def test_joints_of_one_side_tell_the_place_too_where_no_key_joint_is_seen() -> None:
+    subject, search = person(), SubjectOrbit()
+    at = home(subject)
+    true = search.vector(at, at, subject)
+    wrong = true + torch.tensor([0, 0, 0, 0, 0.3, -0.2, 0.7], dtype=torch.float64)
+    found = search.aimed(wrong, at, subject, seen_from(at, subject, [1, 9, 11]))
+    torch.testing.assert_close(found, true, atol=2e-2, rtol=0)
+
+
+def test_a_single_joint_tells_the_place_and_no_size() -> None:
+    subject, search = person(), SubjectOrbit()
+    at = home(subject)
+    wrong = search.vector(at, at, subject) + torch.tensor([0, 0, 0, 0, 0.3, -0.2, 0.7], dtype=torch.float64)
+    found = search.aimed(wrong, at, subject, seen_from(at, subject, [9]))
+    assert float(found[0, 6]) == float(wrong[0, 6])
+    knee = [camera.project(subject.joints[9:10])[0][0, 0] for camera in (at, search.cameras(found, at, subject))]
+    torch.testing.assert_close(knee[1], knee[0], atol=0.5, rtol=0)
+    assert torch.equal(search.aimed(wrong, at, subject, seen_from(at, subject, [])), wrong)
 
 
 def test_whole_turns_bring_an_azimuth_next_to_another() -> None:
