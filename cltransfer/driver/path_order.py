@@ -110,7 +110,10 @@ def least_path(
     limit = free + path.floor
     tries = min(TRIED, effort.rounds or TRIED)
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
-    return _filtered(clip, path, guide, limit, effort) if spline is None else _refined(clip, spline, effort)
+    if spline is None:
+        return _filtered(clip, path, guide, limit, effort)
+    refined = _refined(clip, spline, effort)
+    return refined if refined.total <= limit else spline  # refining trades total for steadiness
 
 
 def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, effort: Effort) -> LeastPath:

@@ -1,5 +1,6 @@
 """The least order: no more knots than the motion needs, no moving lens where it stands, never a path that costs."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -119,6 +120,37 @@ def test_fast_motion_that_the_reference_makes_is_not_filtered_away(taught: Calla
     path = order(taught("crash_zoom", "search_side=160", frames=24))
     assert path.name != "every frame"
     assert path.total < 0.05  # filtered without the guide it costs 0.2 more
+
+
+def waving(period: int) -> tuple[WholeClip, torch.Tensor]:
+    """A clip and its true path, a camera that goes up and down within ``period`` frames."""
+    scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
+    assert scene.subject is not None
+    held = shot("static", scene.subject, (96, 54), 16).camera
+    true = search.vector(held, held[0], scene.subject)
+    true[:, 5] += 0.2 * torch.sin(torch.arange(16) * math.tau / period)
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    clip = WholeClip(stage, search, read_path(stage, search.cameras(true, held[0], scene.subject)), held[0])
+    return clip, true
+
+
+def test_a_path_that_bends_less_never_costs_more_than_is_allowed() -> None:
+    clip, x = waving(period=8)
+    x[:, 3] += 0.05  # too far away
+    path = least_path(clip, x, None, 0.0, Effort(2, 4))
+    assert path.knots is not None
+    assert path.total <= path.free + path.floor
+
+
+def test_the_bends_that_the_reference_makes_are_free_when_a_filtered_path_is_refined() -> None:
+    clip, true = waving(period=3)
+    x = true.clone()
+    x[:, 3] += 0.1
+    x[::2, 4] += 0.03  # shakes
+    path = least_path(clip, x, None, 0.0, Effort(1, 4), guide=true)
+    assert path.filtered
+    assert path.refined
+    assert path.total < 0.1 < path.free  # where its bends cost something no path comes below the free one
 
 
 @pytest.mark.parametrize(("beside", "jumps"), [(0.1, True), (0.8, False)])
