@@ -157,7 +157,9 @@ def transfer(
         raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
     settings = _settings(config, overrides, allow_plugin)
     if print_config:
-        print(settings.to_yaml(), end="")
+        from .config import to_yaml
+
+        print(to_yaml(settings), end="")
         return
     scene, reference = (
         [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]

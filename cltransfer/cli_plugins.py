@@ -15,7 +15,7 @@ app = typer.Typer(help="Components: what there is, and their options.", no_args_
 @app.command("list")
 def plugins_list(allow_plugin: Allow = None, as_json: Json = False) -> None:
     """Every component by kind, those of allowed plugins too, and installed plugins (listed, not imported)."""
-    from .config import SECTIONS
+    from .config_options import SECTIONS
     from .plugins import allow, installed
 
     allow(allow_plugin or [])
@@ -31,7 +31,7 @@ def pluginsshow(
     as_json: Json = False,
 ) -> None:
     """What a component does, requires and provides, and its options with their defaults."""
-    from .config import SECTIONS
+    from .config_options import SECTIONS
     from .plugins import allow
 
     allow(allow_plugin or [])

@@ -44,6 +44,11 @@ def origin(origins: Mapping[str, str], key: str) -> str:
     return origins.get(key, "")
 
 
+def told(error: UsageError, origins: Mapping[str, str]) -> UsageError:
+    """``error`` with where its key was written."""
+    return UsageError(error.where or origin(origins, error.field), error.field, error.reason, error.hint)
+
+
 def _keys(values: Mapping[str, Any], above: str = "") -> Iterator[str]:
     for key, value in values.items():
         yield f"{above}{key}"

@@ -10,7 +10,7 @@ import torch
 from .clip import Clip, pair_by_time
 from .clip_source import ClipSource
 from .components import Components
-from .config import RunConfig
+from .config_options import RunConfig
 from .errors import InputError
 from .image_folder import FOLDER_RATE, TIMES, image_files
 from .objective import Objective

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .config import RunConfig
+from .config_options import RunConfig
 from .errors import InputError
 from .evaluate import evaluate
 from .image_folder import VIDEOS, natural_order

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .camera import Camera, concatenate, resized
 from .components import Components
-from .config import RunConfig
+from .config_options import RunConfig
 from .named_scenes import remember
 from .report.contact_sheet import write_contact_sheet
 from .scenes.find_people import SIZE

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from .camera import Camera, concatenate, resized
 from .components import Components
-from .config import RunConfig
+from .config_options import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
 from .driver.closed_form import closed_form
 from .driver.guard import READ, Guard

@@ -18,7 +18,8 @@ from . import __version__
 from .camera import resized
 from .clip import write_video
 from .components import Components
-from .config import RunConfig, load_config
+from .config import load_config, to_yaml
+from .config_options import RunConfig
 from .doctor import PACKAGES
 from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
@@ -55,7 +56,7 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     """Write everything a run leaves behind; returns what its report shows."""
     clear(folder)
     write_json(folder / MANIFEST, _manifest(result, config, plugins))
-    write_text(folder / CONFIG, _settled(config, result).to_yaml())
+    write_text(folder / CONFIG, to_yaml(_settled(config, result)))
     remember(result.scene.digest, inputs.scene)
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / "trajectory.json")

@@ -9,7 +9,7 @@ from typing import Any
 from torch import Tensor
 
 from .camera import Camera
-from .config import RunConfig
+from .config_options import RunConfig
 from .correct import LEAST, corrected, measure_bias
 from .depth_alignment import DepthAlignment
 from .driver.follow import Path, follow

@@ -17,7 +17,7 @@ import typer
 
 from cltransfer.cli import app
 from cltransfer.clip import read_clip
-from cltransfer.config import load_config
+from cltransfer.config import load_config, to_yaml
 from cltransfer.registry import LOSSES
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -109,7 +109,7 @@ def test_the_config_of_a_run_reads_back_and_runs_again(
 ) -> None:
     config = load_config(tiny_run / "config.yaml")
     assert (config.frames, config.generations, config.output_side, config.search_side) == (3, 2, 96, 48)
-    assert config.to_yaml() == (tiny_run / "config.yaml").read_text()
+    assert to_yaml(config) == (tiny_run / "config.yaml").read_text()
     again = tmp_path / "again"
     answer = command("transfer", "--quiet", "-c", tiny_run / "config.yaml", "--out", again, "frames=1")
     assert answer.code == 0, answer.err

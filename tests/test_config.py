@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.config import RunConfig, load_config, presets
+from cltransfer.config import load_config, presets, to_yaml
+from cltransfer.config_options import RunConfig
 from cltransfer.errors import UsageError
 
 
@@ -68,7 +69,7 @@ def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
 )
 def test_what_is_written_reads_back_without_what_was_removed(tmp_path: Path, removed: list[str]) -> None:
     config = load_config(overrides=["preset=fast", *removed])
-    (tmp_path / "run.yaml").write_text(config.to_yaml())
+    (tmp_path / "run.yaml").write_text(to_yaml(config))
     assert load_config(tmp_path / "run.yaml") == config
 
 
@@ -192,7 +193,7 @@ def test_a_mistake_in_a_file_is_the_files_and_one_on_top_is_the_command_lines(tm
 def test_the_merged_config_reads_back_as_itself(tmp_path: Path) -> None:
     config = load_config(overrides=["frames=5", "losses.framing.weight=3"])
     file = tmp_path / "config.yaml"
-    file.write_text(config.to_yaml())
+    file.write_text(to_yaml(config))
     assert load_config(file) == config
 
 

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from cltransfer.clip import write_video
-from cltransfer.config import RunConfig, load_config
+from cltransfer.config import load_config
+from cltransfer.config_options import RunConfig
 from cltransfer.evaluate import evaluate
 from cltransfer.open_clip import ASSUMED
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..components import Components
-from ..config import RunConfig
+from ..config_options import RunConfig
 from ..driver.stage import Stage
 from ..features import Features
 from ..objective import Objective

@@ -11,8 +11,9 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ..config import COMMAND_LINE, RunConfig, lay_config, layer_of, shipped_configs
+from ..config import COMMAND_LINE, lay_config, layer_of, shipped_configs
 from ..config_layers import Layer, origin, parse_overrides, read_yaml
+from ..config_options import RunConfig
 from ..errors import UsageError
 from ..typed import nearest, typed
 from .sweep import Row, SceneConfig, Sweep, SweepFile

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from ..config import RunConfig
+from ..config_options import RunConfig
 
 
 @dataclass

@@ -15,7 +15,7 @@ from typing import Any
 from torch import Tensor
 
 from .. import __version__
-from ..config import SECTIONS, RunConfig
+from ..config_options import SECTIONS, RunConfig
 from ..errors import CltransferError, InputError
 from ..files import content_hash
 from ..onnx import model_content

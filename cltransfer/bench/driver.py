@@ -22,7 +22,8 @@ import torch
 from kornia.metrics import angle_error_mat
 
 from ..camera import Camera
-from ..config import RunConfig, load_config
+from ..config import load_config, to_yaml
+from ..config_options import RunConfig
 from ..errors import UsageError
 from ..scenes.load import load_scene
 from ..shots import SHOTS, Setup, shot
@@ -70,7 +71,7 @@ class Run:
     @property
     def key(self) -> str:
         """Digest of the run and of the config it comes to."""
-        text = json.dumps([asdict(self), settings(self.preset, self.seed).to_yaml()], sort_keys=True)
+        text = json.dumps([asdict(self), to_yaml(settings(self.preset, self.seed))], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

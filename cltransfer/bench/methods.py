@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from ..config import RunConfig, load_config
+from ..config import load_config, to_yaml
+from ..config_options import RunConfig
 from ..errors import UsageError
 
 # for all: geometric features on both sides, 160 px in the search, one thread, nothing verified by networks
@@ -65,7 +66,7 @@ def config_of(name: str, pupil: str, seed: int, options: tuple[str, ...] = ()) -
 @cache
 def config_text(name: str, pupil: str, seed: int, options: tuple[str, ...]) -> str:
     """:func:`config_of` as YAML, kept: the trials of a bench share it, and composing it takes a tenth of a second."""
-    return config_of(name, pupil, seed, options).to_yaml()
+    return to_yaml(config_of(name, pupil, seed, options))
 
 
 def judge_config(scene: str, overrides: tuple[str, ...] = ()) -> RunConfig:

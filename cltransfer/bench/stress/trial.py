@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ...camera import Camera, resized
 from ...components import Components
-from ...config import load_config
+from ...config import load_config, to_yaml
 from ...driver.stage import Stage
 from ...errors import UsageError
 from ...feature_file import FeatureFile
@@ -98,7 +98,7 @@ class StressTrial:
 
 @lru_cache(maxsize=1)
 def _judge_text() -> str:
-    return load_config().to_yaml()
+    return to_yaml(load_config())
 
 
 @dataclass(frozen=True)
