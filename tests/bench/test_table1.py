@@ -2,6 +2,7 @@
 
 import csv
 import json
+import time
 
 import pytest
 from typer.testing import CliRunner
@@ -10,6 +11,8 @@ from cltransfer.bench.measures import TERMS, failed_frames, paired, term
 from cltransfer.bench.rows import read_rows
 from cltransfer.bench.table1 import duel, latex, markdown
 from cltransfer.bench.verbs import app
+
+SMOKE = 60.0  # seconds of one core that the smoke tier may take on a usual machine
 
 
 def _row(method, value, failed=(), shot="pan", **more):
@@ -66,10 +69,12 @@ def test_an_undefined_frame_of_the_reference_counts_for_nothing():
     assert term(row, "framing") == pytest.approx(1.5)
 
 
-def test_the_smoke_tier_measures_jaws_against_ours(tmp_path):
+def test_the_smoke_tier_measures_jaws_against_ours(tmp_path, slowness):
     folder, page = tmp_path / "rows", tmp_path / "benchmarks.md"
     arguments = ["table1", "--tier", "smoke", "--rows", str(folder), "--out", str(page)]
+    begun = time.process_time()
     ran = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert time.process_time() - begun < SMOKE * slowness
     assert ran.exit_code == 0
     rows = list(read_rows(folder).values())
     assert sorted({(row["method"], row["shot"]) for row in rows}) == [
