@@ -1,8 +1,8 @@
 """A path refined as a whole: all of its frames at once, by smooth moves alone, so that it stays as steady as it was.
 
 What is filtered ends beside the minima of its frames, and a frame cannot go back to its own without a jump. So the
-moves are splines, found by damped least squares from what the losses make of every frame and from what the path bends
-by them: no loss sees that it shakes.
+moves of all frames are found together, by damped least squares from what the losses make of every frame and from what
+the path bends by them: no loss sees that it shakes.
 """
 
 from __future__ import annotations

@@ -24,8 +24,7 @@ TRUSTED = 0.1  # total below which the Jacobians that the frames ended with desc
 JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; one a round of refining
-PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined
-MOVES = 12  # knots of what moves any other path; what it bends costs, so they may be many
+PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined; any other may bend
 CLEARLY = 0.9  # of the total that the last one promised
 HOPE = 1.3  # times the total allowed, from where refining brings a filtered path there
 FAR = 3.0  # times the total allowed; above it the linear model does not hold
@@ -40,7 +39,7 @@ class LeastPath:
         knots: a dimension; None is every frame for itself.
         filtered: standard deviation of the filter along the clip, where there are no knots [frames]; 0 is none.
         lens_kept: whether the focal length stays the same.
-        refined: whether it was then moved as a whole; one of 4 knots and more has more of them since.
+        refined: whether it was then moved as a whole; one of 4 knots and more is no spline any more since.
         total: mean over the frames.
         free: the same of the frames as they were found.
         floor: how much more than that it may cost.
@@ -142,7 +141,7 @@ def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
         return path
     plain = path.knots is not None and path.knots <= PLAIN
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
-    knots = path.knots if plain and path.knots is not None else min(MOVES, len(path.x))
+    knots = path.knots if plain and path.knots is not None else len(path.x)
     moves = Moves(knots, way, fade=not plain, about=path.about)
     x, residuals = refine_path(clip, path.x, path.residuals, moves, effort)
     if x is path.x:
