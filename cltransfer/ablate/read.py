@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..config import COMMAND_LINE, lay_config, layer_of, shipped_configs
-from ..config_layers import Layer, origin, parse_overrides, read_yaml
+from ..config_layers import Layer, merge, origin, parse_overrides, read_yaml
 from ..config_options import RunConfig
 from ..errors import UsageError
 from ..typed import nearest, typed
@@ -48,8 +48,11 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
         if key not in KEYS:
             raise UsageError(path, key, "no such key", nearest(key, KEYS))
     _refuse_cluster(written.get("engine"), path)
-    above = parse_overrides(overrides)
+    overrides = list(overrides)
+    below_engine = [item for item in overrides if item.startswith("engine.")]  # beside engine=cma, which is the runs'
+    above = parse_overrides(item for item in overrides if item not in below_engine)
     said = {key: above.pop(key) for key in list(above) if _of_sweep(key, above[key])}
+    said = merge(said, parse_overrides(below_engine))
     fence = path.resolve().parent
     located = {**_located(written, path, fence), **_located(said, COMMAND_LINE, None)}
     origins = Layer.written(said, COMMAND_LINE).over(Layer.written(written, path)).origins

@@ -86,7 +86,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         known[outcome.key] = outcome = replace(outcome, commit=here)
         append(options.out / LEDGER, outcome)
         progress("trials", done, len(asked))
-    found = tuple(known[trial.key] for trial in asked)
+    found = tuple(replace(known[trial.key], row=trial.row, case=trial.case) for trial in asked)  # renamed since, maybe
     ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found)
     _write(options.out, ablation)
     return ablation

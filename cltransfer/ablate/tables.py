@@ -117,6 +117,7 @@ def to_latex(table: Table) -> list[str]:
 
 
 _TEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "\n": " "}
+_TEX |= {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}  # other signs in TeX's oldest fonts
 _TEX |= {character: f"\\{character}" for character in "&%$#_{}"}
 
 

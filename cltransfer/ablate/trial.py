@@ -7,7 +7,8 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -138,30 +139,41 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
         InputError: a file is missing.
     """
     found = []
-    for scene, reference, seed in _cases(sweep):
-        source = drawn.get((reference, seed), reference)
+    for scene, reference, case in _cases(sweep):
+        source = drawn.get((reference, case.seed), reference)
         for row in sweep.rows:
             used = row.scene or scene
-            config = replace(row.config, seed=seed)
+            config = replace(row.config, seed=case.seed)
             content = [_digest(used.scene), _digest(used.init), _digest(used.subject), used.up, _digest(source)]
             parts = [_parts(config), _parts(sweep.metrics)]
             answers = [__version__, asdict(config), asdict(sweep.metrics), content, parts]
             key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
-            case = Case(_shown(scene.scene), _shown(reference), seed)
             found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
     return found
 
 
-def _cases(sweep: Sweep) -> Iterator[tuple[SceneConfig, str, int]]:
+def _cases(sweep: Sweep) -> Iterator[tuple[SceneConfig, str, Case]]:
+    scenes, references = sweep.file.scenes, sweep.file.references
+    named = list(zip(scenes, _shown([scene.scene for scene in scenes])))
     for seed in sweep.file.seeds:
-        for scene in sweep.file.scenes:
-            for reference in sweep.file.references:
-                yield scene, reference, seed
+        for scene, scene_name in named:
+            for reference, name in zip(references, _shown(references)):
+                yield scene, reference, Case(scene_name, name, seed)
 
 
-def _shown(source: str) -> str:
-    """A name for tables: without the folders."""
-    return "@".join(part if ":" in part else Path(part).name for part in source.split("@"))
+def _shown(sources: Sequence[str]) -> list[str]:
+    """Names for tables: without the folders; numbered where that makes them the same, or one scene has two people.
+
+    >>> _shown(["a/clip.mp4", "b/clip.mp4", "a/other.mp4"])
+    ['clip.mp4 (1)', 'clip.mp4 (2)', 'other.mp4']
+    """
+    names = ["@".join(part if ":" in part else Path(part).name for part in source.split("@")) for source in sources]
+    count = Counter[str]()
+    for i, name in enumerate(list(names)):
+        if names.count(name) > 1 or count[name]:
+            count[name] += 1
+            names[i] = f"{name} ({count[name]})"
+    return names
 
 
 def _parts(config: RunConfig) -> list[list[str]]:
@@ -178,7 +190,9 @@ def _digest(source: str | None) -> str:
     if path.exists():
         return _content(path)
     if "@" in source:
-        return "@".join(_digest(part) for part in source.split("@"))
+        scene, _, trajectory = source.rpartition("@")
+        person = Path(trajectory).with_name(SUBJECT)  # as it is read
+        return "@".join([_digest(scene), _digest(trajectory), *([_content(person)] if person.is_file() else [])])
     if source.startswith("builtin:"):
         return source
     for mark in "#:":  # CLIP#PART, SET:INDEX

@@ -82,9 +82,9 @@ def kept_rows(
     done = read_rows(folder)
     todo = {key: task for key, task in tasks.items() if key not in done}
     told(f"{len(tasks)} trials, {len(tasks) - len(todo)} of them done before")
-    begun = time.perf_counter()
+    begun, here = time.perf_counter(), commit()  # of the code as it was loaded
     for count, row in enumerate(_run(todo, measure, jobs), 1):
-        row["commit"] = commit()
+        row["commit"] = here
         append_row(folder, row)
         done[row["key"]] = row
         left = (time.perf_counter() - begun) / count * (len(todo) - count) / 60

@@ -16,6 +16,7 @@ from .design import QUESTIONS, Study
 
 CONFIDENCE = 0.95
 RESAMPLES = 1999
+FEWEST = 6  # participants of whom resampling says something
 Array = NDArray[np.float64]
 
 
@@ -27,7 +28,8 @@ class Preference:
         question, first, second: what was asked about whom.
         wins, count: answers for ``first``, of how many.
         exact: Clopper-Pearson interval of the share; it takes answers for independent. None without an answer.
-        by_participant: percentile interval of the share over resampled participants; None of fewer than two.
+        by_participant: percentile interval of the share over resampled participants; where all agree, which resampling
+            takes for certain, Clopper-Pearson with a participant as an answer. None of fewer than :data:`FEWEST`.
     """
 
     question: str
@@ -51,7 +53,8 @@ class Strength:
     Args:
         question, method: what was asked about whom.
         value: None where it is not finite.
-        by_participant: percentile interval over resampled participants, None where one resample has no finite value.
+        by_participant: percentile interval over resampled participants, None of fewer than :data:`FEWEST`, or where one
+            resample has no finite value.
         reason: why there is none.
     """
 
@@ -76,22 +79,30 @@ def _preference(asked: Sequence[Choice], question: str, first: str, second: str)
     people = sorted({choice.participant for choice in asked})
     counts = np.array([sum(c.participant == who for c in asked) for who in people])
     wins = np.array([sum(c.participant == who and c.winner == first for c in asked) for who in people])
-    exact = by_participant = None
-    if asked:
-        interval = binomtest(int(wins.sum()), len(asked)).proportion_ci(CONFIDENCE, method="exact")
-        exact = (float(interval.low), float(interval.high))
-    if len(people) > 1:
-        resampled = bootstrap(
-            (wins, counts),
-            lambda won, of, axis: won.sum(axis) / of.sum(axis),
-            paired=True,
-            n_resamples=RESAMPLES,
-            confidence_level=CONFIDENCE,
-            method="percentile",
-            rng=np.random.Generator(np.random.PCG64(0)),
-        ).confidence_interval
-        by_participant = (float(resampled.low), float(resampled.high))
+    exact = _exact(int(wins.sum()), len(asked)) if asked else None
+    by_participant = _over_people(wins, counts) if len(people) >= FEWEST else None
     return Preference(question, first, second, int(wins.sum()), len(asked), exact, by_participant)
+
+
+def _exact(wins: int, count: int) -> tuple[float, float]:
+    interval = binomtest(wins, count).proportion_ci(CONFIDENCE, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def _over_people(wins: Array, counts: Array) -> tuple[float, float]:
+    """Interval of the share by what each of P people answered, (P,) for the first of so many."""
+    if wins.sum() in (0, counts.sum()):
+        return _exact(len(wins) if wins.sum() else 0, len(wins))
+    resampled = bootstrap(
+        (wins, counts),
+        lambda won, of, axis: won.sum(axis) / of.sum(axis),
+        paired=True,
+        n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.Generator(np.random.PCG64(0)),
+    ).confidence_interval
+    return float(resampled.low), float(resampled.high)
 
 
 def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:
@@ -150,7 +161,7 @@ def _wins_by_person(asked: Sequence[Choice], methods: Sequence[str]) -> Array:
 
 def _interval(wins: Array) -> tuple[Array, Array]:
     """Percentile interval of the strengths over resampled participants, (M,) each; NaN where one has none."""
-    if len(wins) < 2:
+    if len(wins) < FEWEST:
         return (np.full(wins.shape[1], np.nan),) * 2
     rng = np.random.Generator(np.random.PCG64(0))
     drawn = [bradley_terry(wins[rng.integers(len(wins), size=len(wins))].sum(0)) for _ in range(RESAMPLES)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,6 +60,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         UsageError: runs, methods and references do not go together, or the folder holds something else.
         InputError: a clip cannot be read, or the runs of a sample have different references.
     """
+    out = out.resolve()  # its name tells the key's, "." has none
     groups = _groups(wanted)
     check_out(out)
     if out.is_dir() and any(out.iterdir()) and not (out / "index.html").is_file():
@@ -74,6 +76,8 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         for method, clip in zip(wanted.methods, clips):
             _write(out / "videos" / f"{token_of[sample, method]}.mp4", clip, height)
         _write(out / "videos" / f"{_reference_token(study, sample)}.mp4", reference, height)
+    for video in (out / "videos").iterdir():
+        os.utime(video, (0, 0))  # the order in which they were written would tell methods apart
     write_text(out / "index.html", page(study))
     write_text(out / "README.txt", _readme(study, out))
     key = out.parent / f"{out.name}.key.json"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import csv_text, write_json, write_text
-from .analysis import CONFIDENCE, Preference, Strength, preferences, strengths
+from .analysis import CONFIDENCE, FEWEST, Preference, Strength, preferences, strengths
 from .answers import Choice, read_answers
 from .design import NO_STUDY, QUESTIONS, Study
 
@@ -80,7 +80,8 @@ def markdown(analysis: Analysis) -> list[str]:
         ]
     lines += [
         "",
-        "The exact interval takes answers for independent; those of one person are not: cite the one by participant.",
+        "The exact interval takes answers for independent; those of one person are not: cite the one by participant",
+        f"({FEWEST} participants or more have one).",
         f"{NO_STUDY} Neither are answers by its authors or by a program.",
     ]
     return lines

@@ -138,6 +138,23 @@ def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
         assert values_of(line["metrics"]) == values_of(told)
 
 
+def test_rows_that_were_renamed_keep_their_own_figures(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    means = []
+    for names in (("one", "other"), ("other", "one"), ("one", "new")):
+        rows = f"{{{names[0]}: {{}}, {names[1]}: {{losses: {{framing: null}}}}}}"
+        answer = command("ablate", sweep_file(rows), "--out", out, "-q", *TINIER)
+        assert answer.code == 0, answer.err
+        found = json.loads((out / "summary.json").read_text())["rows"]
+        assert [row["name"] for row in found] == list(names)
+        means.append([row["metrics"]["framing"]["value"]["mean"] for row in found])
+    assert means[0][0] != means[0][1]
+    assert means[0] == means[1] == means[2]
+    assert len(lines(out)) == 2  # nothing was run again
+
+
 def test_what_cannot_be_run_is_refused_before_anything_is_written(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
 ) -> None:

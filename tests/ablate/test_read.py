@@ -70,6 +70,10 @@ def test_the_engine_of_a_run_and_that_of_the_sweep_are_told_apart(written: Writt
     assert {row.config.engine for row in sweep.rows} == {"refine"}
     assert (sweep.file.engine.backend, sweep.file.engine.address) == ("dask", "tcp://127.0.0.1:8786")
     assert sweep.file.seeds == [3, 4]
+    for words in (["engine=cma", "engine.workers=4"], ["engine.workers=4", "engine=cma"]):
+        sweep = read_sweep(written(ROWS), words)
+        assert {row.config.engine for row in sweep.rows} == {"cma"}
+        assert sweep.file.engine.workers == 4
 
 
 def test_a_cluster_is_the_command_lines_alone(written: Written, tmp_path: Path) -> None:

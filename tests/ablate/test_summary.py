@@ -107,5 +107,5 @@ def test_tables_say_the_same_in_markdown_and_latex_whatever_a_row_is_called() ->
     assert table.bold == {(0, 1)}
     assert to_markdown(table)[2].startswith(r"| 50 % \| a_b & &lt;i> \*x\* | **+1.00 [+1.00, +1.00] n=6** |")
     latex = to_latex(table)
-    assert r"50 \% | a\_b \& <i> *x* & \textbf{+1.00 [+1.00, +1.00] n=6}" in latex[4]
+    assert r"50 \% \textbar{} a\_b \& \textless{}i\textgreater{} *x* & \textbf{+1.00 [+1.00, +1.00] n=6}" in latex[4]
     assert latex[0] == r"\begin{tabular}{lrr}"

@@ -75,3 +75,32 @@ def test_other_labels_are_another_person(tmp_path: Path) -> None:
         _content.cache_clear()
         seen.append(_content(tmp_path / SUBJECT))
     assert len(set(seen)) == 3
+
+
+def test_another_person_beside_a_trajectory_is_another_trial(
+    keys: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "shot.json").write_text("{}")
+    monkeypatch.setattr(f"{__name__}.SWEEP", SWEEP.replace("builtin:orbit", "builtin:plaza@shot.json"))
+    seen = []
+    for person in (None, "{}", "{ }"):
+        if person is not None:
+            (tmp_path / SUBJECT).write_text(person)
+        seen.append(keys("builtin:courtyard"))
+    assert not set(seen[0]) & set(seen[1])
+    assert not set(seen[1]) & set(seen[2])
+
+
+def test_no_two_cases_have_one_name(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "clip.mp4").write_bytes(folder.encode())
+    (tmp_path / "scene.ply").write_bytes(b"")
+    (tmp_path / "sweep.yaml").write_text(
+        "references: [a/clip.mp4, b/clip.mp4, 'builtin:orbit']\n"
+        "scenes: [scene.ply, {scene: scene.ply, up: [0, 1, 0]}]\nrows: {full: {}}\n"
+    )
+    found = trials(read_sweep(str(tmp_path / "sweep.yaml")), {})
+    assert len({trial.case for trial in found}) == len(found) == 6
+    assert {trial.case.reference for trial in found} == {"clip.mp4 (1)", "clip.mp4 (2)", "builtin:orbit"}
+    assert {trial.case.scene for trial in found} == {"scene.ply (1)", "scene.ply (2)"}

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from cltransfer.bench.protocol import Trial
-from cltransfer.bench.rows import FILE, Bench, append_row, read_rows, run_trials
+from cltransfer.bench.rows import FILE, Bench, append_row, kept_rows, read_rows, run_trials
 from cltransfer.errors import InputError
 
 TRIALS = [Trial("fast", shot, "plaza-2000", "plaza-2000", 1000, 4, ("search_side=64",)) for shot in ("pan", "zoom")]
@@ -46,3 +46,10 @@ def test_a_bench_goes_on_where_it_was_stopped(tmp_path):
         assert json.loads((tmp_path / "paths" / f"{row['key']}.json").read_text())["format"] == "cltransfer.trajectory"
     assert both[0]["truth"]["position"] < 0.3
     assert both[0]["random_total"] > 5 * both[0]["total"]
+
+
+def test_rows_tell_the_commit_of_the_code_that_was_loaded(tmp_path, monkeypatch):
+    commits = iter(["first", "second", "third"])
+    monkeypatch.setattr("cltransfer.bench.rows.commit", lambda: next(commits))
+    rows = kept_rows({"a": 1, "b": 2}, lambda key, task: {"value": task}, tmp_path)
+    assert [row["commit"] for row in rows] == ["first", "first"]

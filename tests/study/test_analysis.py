@@ -44,17 +44,25 @@ def test_the_exact_interval_is_that_of_clopper_and_pearson() -> None:
 
 
 def test_the_interval_over_participants_knows_that_one_persons_answers_belong_together() -> None:
-    """Four people of 25 answers each, two all for one, two all for the other: the exact interval is too narrow."""
+    """Six people of 25 answers each, three all for one, three all for the other: the exact interval is too narrow."""
     choices = [
-        Choice(f"p{i}", f"item{k}", "smoothness", *(("ours", "jaws") if i < 2 else ("jaws", "ours")))
-        for i in range(4)
+        Choice(f"p{i}", f"item{k}", "smoothness", *(("ours", "jaws") if i < 3 else ("jaws", "ours")))
+        for i in range(6)
         for k in range(25)
     ]
     found = next(p for p in preferences(choices, TWO) if p.question == "smoothness")
     assert found.exact is not None
     assert found.by_participant is not None
     assert found.exact[1] - found.exact[0] < 0.21
-    assert found.by_participant == (0.0, 1.0)
+    low, high = found.by_participant
+    assert high - low > 0.6
+
+
+@pytest.mark.parametrize(("people", "interval"), [(5, None), (6, (0.025 ** (1 / 6), 1.0))])
+def test_people_who_all_agree_do_not_make_certain(people: int, interval: tuple[float, float] | None) -> None:
+    choices = [Choice(f"p{i}", f"item{k}", "smoothness", "ours", "jaws") for i in range(people) for k in range(9)]
+    found = next(p for p in preferences(choices, TWO) if p.question == "smoothness")
+    assert found.by_participant == (None if interval is None else pytest.approx(interval))
 
 
 def test_nothing_answered_is_null_and_not_half(tmp_path: Path) -> None:

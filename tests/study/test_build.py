@@ -28,7 +28,19 @@ def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path])
         assert not re.search(rb"quetzal|ibex|sample", path.read_bytes()), path
         assert not re.search(r"quetzal|ibex|sample", path.name)
     assert "quetzal" in key.read_text()
-    assert len(list((folder / "videos").iterdir())) == 6
+    videos = list((folder / "videos").iterdir())
+    assert len(videos) == 6
+    assert len({video.stat().st_mtime for video in videos}) == 1  # written method by method
+
+
+def test_the_key_lies_beside_the_page_however_its_folder_is_named(
+    clips: Wanted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "page").mkdir()
+    monkeypatch.chdir(tmp_path / "page")
+    _, key = build_study(clips, Path())
+    assert key == tmp_path / "page.key.json"
+    assert not list((tmp_path / "page").rglob("*.key.json"))
 
 
 def test_the_page_says_that_without_people_it_is_no_study_and_names_no_address(page: tuple[Path, Path]) -> None:
