@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -89,7 +90,7 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
         name, mark, path = (
             argument.partition("=") if not Path(argument).is_dir() else (Path(argument).name, "=", argument)
         )
-        if mark and Path(path).is_dir():
+        if mark and path and not _of_config(name) and Path(path).is_dir():
             if name in methods:
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
             methods[name] = Path(path)
@@ -98,6 +99,13 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
         else:
             rest.append(argument)
     return methods, rest
+
+
+def _of_config(name: str) -> bool:
+    """Whether ``name=`` begins an override, even where a folder is called like its value."""
+    from .config_options import RunConfig
+
+    return name.partition(".")[0] in {field.name for field in fields(RunConfig)}
 
 
 def evaluate_folders(

@@ -25,16 +25,16 @@ class ClipSource:
         span: from when to when, both included [s] after the first frame.
         person: id of the person to follow, 0 the largest; or a place that the person covers, as x and y from the top
             left in [0, 1] of the frame as it is read, and the moment [s] in the part that is read; None is the largest.
-        letterbox: crop black bars, or keep them.
-        cuts: refuse a clip of several shots, or keep it.
+        letterbox: crop black bars, or keep them; None keeps them in a render that is scored, and crops any other clip.
+        cuts: refuse a clip of several shots, or keep it; None keeps a render that is scored, and refuses any other.
         fps: images a second of a folder that has no ``times.json``; None takes 24, which is told.
     """
 
     path: Path
     span: tuple[float, float] = (0.0, math.inf)
     person: int | tuple[float, float, float] | None = None
-    letterbox: str = "crop"
-    cuts: str = "refuse"
+    letterbox: str | None = None
+    cuts: str | None = None
     fps: float | None = None
 
     @classmethod
@@ -62,8 +62,8 @@ class ClipSource:
             Path(name),
             _span(source, values.get("t", "")),
             _person(source, values["person"]) if "person" in values else None,
-            _choice(source, "letterbox", values.get("letterbox", "crop"), ("crop", "keep")),
-            _choice(source, "cuts", values.get("cuts", "refuse"), ("refuse", "keep")),
+            _choice(source, "letterbox", values.get("letterbox"), ("crop", "keep")),
+            _choice(source, "cuts", values.get("cuts"), ("refuse", "keep")),
             _rate(source, values["fps"]) if "fps" in values else None,
         )
 
@@ -135,7 +135,7 @@ def _rate(source: str, text: str) -> float:
     return rate
 
 
-def _choice(source: str, key: str, value: str, known: tuple[str, ...]) -> str:
-    if value not in known:
+def _choice(source: str, key: str, value: str | None, known: tuple[str, ...]) -> str | None:
+    if value is not None and value not in known:
         raise UsageError(source, f"#{key}", f"expected {' or '.join(known)}, got {value!r}")
     return value

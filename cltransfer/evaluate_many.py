@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,6 +30,7 @@ class ClipScore:
         frames: of the clip.
         reason: why there is nothing, where nothing could be scored.
         notes: what a reader should know of it.
+        lacking: why a term has no value, by term.
     """
 
     method: str
@@ -39,6 +40,7 @@ class ClipScore:
     frames: int = 0
     reason: str = ""
     notes: tuple[str, ...] = ()
+    lacking: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Interval:
     Args:
         mean, low, high: None where they cannot be told.
         clips: that have a value, ``of`` how many.
+        defined: frames of these clips that have a value.
         reason: why something is None, or clips are missing.
     """
 
@@ -56,6 +59,7 @@ class Interval:
     high: float | None
     clips: int
     of: int
+    defined: int = 0
     reason: str = ""
 
 
@@ -67,7 +71,7 @@ def clips_in(folder: Path) -> dict[str, Path]:
     """
     found: dict[str, Path] = {}
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
-        if not (entry.suffix.lower() in VIDEOS or (entry.is_dir() and not entry.name.startswith("."))):
+        if entry.name.startswith(".") or not (entry.is_dir() or entry.suffix.lower() in VIDEOS):
             continue
         name = entry.name if entry.is_dir() else entry.stem
         if name in found:
@@ -115,9 +119,10 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
     except InputError as error:
         return ClipScore(method, name, reason=str(error))
     terms = report.scores.terms
-    means = {**{term.name: term.mean for term in terms}, "total": finite(float(report.scores.totals.mean()))}
-    defined = {**{term.name: term.defined for term in terms}, "total": len(report.times)}
-    return ClipScore(method, name, means, defined, len(report.times), notes=report.notes)
+    means = {**{term.name: term.mean for term in terms}, "total": finite(report.scores.total)}
+    defined = {term.name: term.defined for term in terms} | {"total": int(report.scores.totals.isfinite().sum())}
+    lacking = {term.name: term.reason for term in terms if term.reason}
+    return ClipScore(method, name, means, defined, len(report.times), notes=report.notes, lacking=lacking)
 
 
 def notes_of(rows: list[ClipScore]) -> list[str]:
@@ -132,31 +137,43 @@ def notes_of(rows: list[ClipScore]) -> list[str]:
     ]
 
 
-def interval(values: list[float | None], seed: int = 0) -> Interval:
-    """Mean of the clips' values and its percentile bootstrap interval; clips without a value are counted, not used."""
+def interval(values: list[float | None], seed: int = 0, defined: int = 0, reasons: Iterable[str] = ()) -> Interval:
+    """Mean of the clips' values and its percentile bootstrap interval; clips without a value are counted, not used.
+
+    Args:
+        values: of the clips.
+        seed: of the bootstrap.
+        defined: frames that have a value.
+        reasons: why clips have none.
+    """
     from scipy.stats import bootstrap
 
     known = np.array([value for value in values if value is not None])
     lacking = len(values) - len(known)
-    reason = f"{lacking} clips have no value" if lacking else ""
+    said = [f"{lacking} clips have no value", *dict.fromkeys(filter(None, reasons))] if lacking else []
+    reason = "; ".join(said)
     if len(known) == 0:
-        return Interval(None, None, None, 0, len(values), reason)
+        return Interval(None, None, None, 0, len(values), defined, reason)
     if len(known) == 1:
-        alone = "; ".join(filter(None, ["one clip has no interval", reason]))
-        return Interval(float(known[0]), None, None, 1, len(values), alone)
+        alone = "; ".join(["one clip has no interval", *said])
+        return Interval(float(known[0]), None, None, 1, len(values), defined, alone)
     drawn = bootstrap(
         (known,), np.mean, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="percentile",
         rng=np.random.default_rng(seed),
     )  # fmt: skip
     low, high = (float(bound) for bound in drawn.confidence_interval)
-    return Interval(float(known.mean()), low, high, len(known), len(values), reason)
+    return Interval(float(known.mean()), low, high, len(known), len(values), defined, reason)
 
 
 def summarise(rows: list[ClipScore], seed: int = 0) -> dict[str, dict[str, Interval]]:
     """Interval of each term by method, over all clips; a clip that could not be scored counts as one without values."""
     terms = list(dict.fromkeys(name for row in rows for name in row.means))
-    methods = dict.fromkeys(row.method for row in rows)
-    return {
-        method: {t: interval([r.means.get(t) for r in rows if r.method == method], seed) for t in terms}
-        for method in methods
-    }
+    by_method: dict[str, list[ClipScore]] = {}
+    for row in rows:
+        by_method.setdefault(row.method, []).append(row)
+    return {method: {term: _over_clips(found, term, seed) for term in terms} for method, found in by_method.items()}
+
+
+def _over_clips(rows: list[ClipScore], term: str, seed: int) -> Interval:
+    defined = sum(row.defined.get(term, 0) for row in rows)
+    return interval([row.means.get(term) for row in rows], seed, defined, [row.lacking.get(term, "") for row in rows])

@@ -64,31 +64,33 @@ def clips_csv(rows: Sequence[ClipScore]) -> str:
 
 def methods_csv(summary: Summary) -> str:
     """One row a method and term: mean, interval, clips; undefined is an empty cell."""
-    head = ["method", "term", "mean", "low", "high", "clips", "of", "reason"]
+    head = ["method", "term", "mean", "low", "high", "clips", "of", "frames", "reason"]
     return csv_text(
         [head, *([m, t, *asdict(found).values()] for m, terms in summary.items() for t, found in terms.items())]
     )
 
 
 def methods_markdown(summary: Summary) -> str:
-    """A row a method, a column a term: mean [low, high] and the clips that have a value; the best mean is bold."""
-    terms = _terms(summary)
-    best = _best(summary)
+    """A row a method, a column a term: mean [low, high]; the best is bold.
+
+    Clips that have a value are counted where not all have one, frames where another method has more.
+    """
+    terms, best, most = _terms(summary), _best(summary), _most_frames(summary)
     lines = [["method", *terms], ["---", *["--:"] * len(terms)]]
     for method, found in summary.items():
-        cells = [_cell(found[t]) for t in terms]
+        cells = [_cell(found[t], most[t]) for t in terms]
         lines.append([method, *(f"**{c}**" if (method, t) in best else c for t, c in zip(terms, cells))])
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def methods_latex(summary: Summary) -> str:
     """The same table for LaTeX with booktabs."""
-    terms, best = _terms(summary), _best(summary)
+    terms, best, most = _terms(summary), _best(summary), _most_frames(summary)
     lines = [rf"\begin{{tabular}}{{l{'r' * len(terms)}}}", r"\toprule"]
     lines.append(" & ".join(["method", *map(_escaped, terms)]) + r" \\")
     lines.append(r"\midrule")
     for method, found in summary.items():
-        cells = [_escaped(_cell(found[t]).replace("–", "--")) for t in terms]
+        cells = [_escaped(_cell(found[t], most[t]).replace("–", "--")) for t in terms]
         shown = [rf"\textbf{{{c}}}" if (method, t) in best else c for t, c in zip(terms, cells)]
         lines.append(" & ".join([_escaped(method), *shown]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
@@ -98,22 +100,31 @@ def _terms(summary: Summary) -> list[str]:
     return list(dict.fromkeys(term for terms in summary.values() for term in terms))
 
 
+def _most_frames(summary: Summary) -> dict[str, int]:
+    """Frames that have a value in the method that has most, by term."""
+    return {term: max(terms[term].defined for terms in summary.values()) for term in _terms(summary)}
+
+
 def _best(summary: Summary) -> set[tuple[str, str]]:
-    """Method and term of the lowest mean; none where a method lacks a clip, or stands alone."""
+    """Method and term of the lowest mean; none where a method lacks a clip, where another has more frames, or alone."""
     best = set()
-    for term in _terms(summary):
+    for term, most in _most_frames(summary).items():
         found = {method: terms[term] for method, terms in summary.items()}
         means = {method: value.mean for method, value in found.items() if value.mean is not None}
-        if len(found) > 1 and all(value.clips == value.of for value in found.values()):
-            best.add((min(means, key=lambda method: means[method]), term))
+        if len(found) > 1 and means and all(value.clips == value.of for value in found.values()):
+            lowest = min(means, key=lambda method: means[method])
+            if found[lowest].defined == most:
+                best.add((lowest, term))
     return best
 
 
-def _cell(found: Interval) -> str:
+def _cell(found: Interval, most: int) -> str:
     text = number(found.mean)
     if found.low is not None and found.high is not None:
         text += f" [{number(found.low)}, {number(found.high)}]"
-    return text if found.clips == found.of else f"{text} ({found.clips}/{found.of})"
+    if found.clips < found.of:
+        return f"{text} ({found.clips}/{found.of})"
+    return text if found.defined == most else f"{text} ({found.defined}/{most} frames)"
 
 
 def _escaped(text: str) -> str:

@@ -71,7 +71,12 @@ class FeatureFile:
 
 def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
     times = tensors.get("times")
-    if times is None or times.dim() != 1 or len(times) == 0 or not bool((times[1:] > times[:-1]).all()):
+    if (
+        times is None
+        or times.dim() != 1
+        or len(times) == 0
+        or not bool((times.diff() > 0).all() and times.isfinite().all())
+    ):
         raise InputError(path, "times", "expected a list of increasing times")
     return times.double()
 
@@ -80,11 +85,14 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
     count = len(_times(path, tensors))
     try:
         width, height = (int(v) for v in json.loads(meta["size"]))
-    except (KeyError, ValueError, TypeError):
-        raise InputError(path, "size", "expected [width, height]") from None
+    except (KeyError, ValueError, TypeError, OverflowError):
+        width = height = 0
+    if width < 1 or height < 1:
+        raise InputError(path, "size", "expected [width, height]")
     for name, value in tensors.items():
-        if len(value) != count:
-            raise InputError(path, name, f"expected {count} frames, got {len(value)}")
+        if value.dim() == 0 or len(value) != count:
+            got = "a single value" if value.dim() == 0 else len(value)
+            raise InputError(path, name, f"expected {count} frames, got {got}")
         shape = _SHAPES.get(name)
         if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")

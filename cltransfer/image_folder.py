@@ -31,12 +31,16 @@ def image_files(folder: Path) -> list[Path]:
     """PNG and JPEG files of ``folder`` as people count.
 
     Raises:
-        InputError: there are none.
+        InputError: there are none, or one is a link that leads out of the folder.
     """
     files = [f for f in folder.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS]
     files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise InputError(folder, "images", "expected PNG or JPEG files, found none")
+    here = folder.resolve()
+    for file in files:
+        if file.is_symlink() and not file.resolve().is_relative_to(here):
+            raise InputError(file, "", "is a link that leads out of its folder", "put the image itself there")
     return files
 
 
@@ -61,7 +65,7 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
     given = read_json(folder / TIMES)
     try:
         times = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         times = np.empty(0)
     if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise InputError(folder / TIMES, "", f"expected {len(files)} increasing seconds, one per image")

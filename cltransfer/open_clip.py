@@ -25,7 +25,7 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
         UsageError: images a second are named for what has times of its own.
     """
     clip = read_clip(where.path, frames, span=where.span, fps=where.fps)
-    if where.cuts == "refuse":
+    if where.cuts != "keep":
         check_one_shot(where)
     flags = (*([ASSUMED] if rate_assumed(where) else []), *_sparse(clip))
     if where.letterbox == "keep":

@@ -8,6 +8,7 @@ and buffers with it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -74,6 +75,14 @@ class Plan:
         """The same where what ``extractor`` provides is given."""
         steps = tuple(step for step in self.steps if step.extractor is not extractor)
         return replace(self, steps=steps, wanted=self.wanted | set(extractor.provides))
+
+    def hiding(self, names: AbstractSet[str]) -> Plan:
+        """The same where no step sees any of ``names`` that it can do without."""
+        steps = []
+        for step in self.steps:
+            more = [name for name in getattr(step.extractor, "uses", ()) if name in names and name not in step.hidden]
+            steps.append(replace(step, hidden=(*step.hidden, *more)))
+        return replace(self, steps=tuple(steps))
 
     def load_networks(self) -> None:
         """Load every network now, so that a missing one is told before any frame is read or rendered.

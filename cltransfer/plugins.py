@@ -6,6 +6,7 @@ A plugin in a file or folder is named by its path. Listing never imports.
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import os
 import sys
@@ -17,6 +18,7 @@ from pathlib import Path
 from .errors import ModelError
 
 GROUP = "cltransfer.plugins"
+NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside plugins in their folder
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def allow(names: Iterable[str | Path]) -> list[str]:
     """Import the named plugins so that their decorators register them; returns what was imported.
 
     Args:
-        names: an installed plugin's name, a Python file, or a folder whose Python files are plugins.
+        names: an installed plugin's name, a Python file, or a folder whose Python files are plugins, but for tests.
 
     Raises:
         ModelError: there is no such plugin, or its code fails.
@@ -51,23 +53,24 @@ def allow(names: Iterable[str | Path]) -> list[str]:
     if asked and os.environ.get("CLTRANSFER_DISABLE_PLUGINS") == "1":
         raise ModelError("", "--allow-plugin", "plugins are switched off", "unset CLTRANSFER_DISABLE_PLUGINS")
     points = {point.name: point for point in entry_points(group=GROUP)}
-    imported = []
+    imported: list[str] = []
+    files: list[Path] = []
     for name in asked:
         path = Path(name)
         if name in points:
             _import_point(points[name])
             imported.append(name)
         elif path.is_dir():
-            members = sorted(p for p in path.glob("*.py") if not p.name.startswith("_"))
+            members = sorted(p for p in path.glob("*.py") if not p.name.startswith(NO_PLUGINS))
             if not members:
                 raise ModelError(path, "--allow-plugin", "no Python file in this folder")
-            imported += [_import_file(member) for member in members]
+            files += members
         elif path.is_file() and path.suffix == ".py":
-            imported.append(_import_file(path))
+            files.append(path)
         else:
             known = ", ".join(sorted(points)) or "none installed"
             raise ModelError(name, "--allow-plugin", "no such plugin, file or folder", f"installed: {known}")
-    return imported
+    return imported + [_import_file(path) for path in {path.resolve(): path for path in files}.values()]
 
 
 def _import_point(point: EntryPoint) -> None:
@@ -80,7 +83,8 @@ def _import_point(point: EntryPoint) -> None:
 
 
 def _import_file(path: Path) -> str:
-    name = f"cltransfer_plugin_{path.stem}"
+    place = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]  # another file may have the same name
+    name = f"cltransfer_plugin_{path.stem}_{place}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
@@ -89,7 +93,9 @@ def _import_file(path: Path) -> str:
     try:
         spec.loader.exec_module(module)
     except ModelError:
+        del sys.modules[name]
         raise
     except (Exception, SystemExit) as error:
+        del sys.modules[name]
         raise ModelError(path, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
     return str(path)

@@ -94,11 +94,11 @@ def report_data(folder: Path, result: Result, inputs: Inputs, plugins: Sequence[
     spent["stopped by"] = ", ".join(f"{reason} {count}" for reason, count in sorted(stops.items()))
     spent["engine"] = result.schedule.engine
     spent["path"] = "every frame" if result.kept.path is None else result.kept.path.name
-    totals = [round(float(attempt.shown.scores.totals.mean()), 4) for attempt in result.attempts]
+    totals = [round(attempt.shown.scores.total, 4) for attempt in result.attempts]
     spent["noise floor"] = round(result.noise, 4)
     spent["total by round"] = ", ".join(map(str, totals)) + (f" (kept {result.best + 1})" if len(totals) > 1 else "")
     spent["read by"] = "networks" if result.read_by == "image" else "geometry"
-    spent["total in the search"] = round(float(result.searched.totals.mean()), 4)
+    spent["total in the search"] = round(result.searched.total, 4)
     return ReportData(
         title=f"{result.reference.name} in {result.scene.name}",
         times=result.trajectory.times,

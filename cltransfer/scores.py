@@ -48,7 +48,8 @@ class Scores:
 
     Args:
         terms: in the order of the config, of N frames each.
-        totals: weighted sum of Eq. 15 per frame, (N,), with what the objective charges for undefined terms.
+        totals: weighted sum of Eq. 15 per frame, (N,), with what the objective charges for undefined terms; NaN where
+            the reference has no term at all.
     """
 
     terms: tuple[Term, ...]
@@ -58,6 +59,11 @@ class Scores:
         for term in self.terms:
             if term.values.shape != self.totals.shape:
                 raise ValueError(f"{term.name} must be {tuple(self.totals.shape)}, got {tuple(term.values.shape)}")
+
+    @property
+    def total(self) -> float:
+        """Mean total over the frames that have one; NaN where none has."""
+        return float(self.totals.nanmean())
 
     def term(self, name: str) -> Term | None:
         """The term called ``name``."""
@@ -69,22 +75,37 @@ def score(objective: Objective, reference: Features, rendered: Features, missing
 
     ``missing`` says why the reference lacks a feature, by feature.
     """
-    return tabulate(objective, reference, objective.terms(reference, rendered), missing)
+    return tabulate(objective, reference, objective.terms(reference, rendered), missing, rendered)
 
 
-def tabulate(objective: Objective, reference: Features, values: Tensor, missing: Mapping[str, str]) -> Scores:
-    """Scores of raw terms (N, L) that were measured against ``reference``."""
+def tabulate(
+    objective: Objective,
+    reference: Features,
+    values: Tensor,
+    missing: Mapping[str, str],
+    rendered: Features | None = None,
+) -> Scores:
+    """Scores of raw terms (N, L) that were measured against ``reference``, of ``rendered`` where that is at hand."""
     defined = objective.defined(reference)
     terms = []
     for i, (name, loss) in enumerate(objective.losses.items()):
-        reason = _reason(loss, reference, bool(defined[:, i].any()), missing)
+        reason = _lacking(loss, reference, missing, "the reference")
+        if not reason and not defined[:, i].any():
+            reason = "undefined on every frame of the reference"
+        if not reason and not torch.isfinite(values[:, i]).any():
+            reason = "" if rendered is None else _lacking(loss, rendered, {}, "the render")
+            reason = reason or "undefined on every frame of the render"
         terms.append(Term(name, loss.unit, loss.weight, values[:, i], reason))
-    return Scores(tuple(terms), objective.totals(values, defined))
+    totals = objective.totals(values, defined).masked_fill(~defined.any(1), torch.nan)
+    return Scores(tuple(terms), totals)
 
 
-def _reason(loss: object, reference: Features, defined: bool, missing: Mapping[str, str]) -> str:
-    lacking = [name for name in loss.requires if not reference.has(name)]  # type: ignore[attr-defined]
-    if lacking:
-        told = {**missing, **reference.reasons}
-        return told.get(lacking[0], f"the reference has no {lacking[0]!r}")
-    return "" if defined else "undefined on every frame of the reference"
+def _lacking(loss: object, side: Features, missing: Mapping[str, str], whose: str) -> str:
+    """Why ``side`` has not all that ``loss`` requires; empty if it has."""
+    lacking = [name for name in loss.requires if not side.has(name)]  # type: ignore[attr-defined]
+    if not lacking:
+        return ""
+    told = {**missing, **side.reasons}.get(lacking[0])
+    if told is None:
+        return f"{whose} has no {lacking[0]!r}"
+    return told if lacking[0] in missing else f"{whose} has no {lacking[0]!r}: {told}"

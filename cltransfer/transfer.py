@@ -127,7 +127,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
     clock = Clock()
     job = prepare(inputs, config, clock, progress, record)
     attempts, note = _attempts(job, config, clock, progress)
-    kept = min(range(len(attempts)), key=lambda i: float(attempts[i].shown.scores.totals.mean()))
+    kept = min(range(len(attempts)), key=lambda i: attempts[i].shown.scores.total)
     best, stage, reference = attempts[kept], job.stage, job.reference
     terms = stage.path_terms(job.wanted, best.cameras)
     held = read_held(stage, job.parts, reference, best.shown, best.cameras)

@@ -274,9 +274,10 @@ def test_times_json_sets_the_times_of_a_folder(folder):
     times = [5.0, *np.linspace(5.1, 6, 11).tolist()]
     (folder / "times.json").write_text(json.dumps(times))
     torch.testing.assert_close(read_clip(folder).times, torch.tensor(times, dtype=torch.float64) - 5)
-    (folder / "times.json").write_text("[0, 1]")
-    with pytest.raises(InputError, match="expected 12 increasing seconds"):
-        read_clip(folder)
+    for foreign in ("[0, 1]", f"[{', '.join(['9' * 400] * 12)}]"):
+        (folder / "times.json").write_text(foreign)
+        with pytest.raises(InputError, match="expected 12 increasing seconds"):
+            read_clip(folder)
 
 
 def test_fps_sets_the_times_of_a_folder_and_of_nothing_that_has_its_own(folder, tmp_path_factory):
@@ -302,6 +303,16 @@ def test_a_folder_with_a_gap_a_foreign_size_or_a_broken_image_names_the_file(fol
     assert refused(folder, "size", "expected").where.endswith("f7.png")
     (folder / "f7.png").unlink()
     assert refused(folder, "number").where.endswith("f8.png")
+
+
+def test_a_link_out_of_the_folder_is_not_followed(folder, tmp_path_factory):
+    private = tmp_path_factory.mktemp("private") / "me.png"
+    (folder / "f7.png").rename(private)
+    (folder / "f7.png").symlink_to(private)
+    assert refused(folder, "", "leads out of its folder").where.endswith("f7.png")
+    (folder / "f7.png").unlink()
+    (folder / "f7.png").symlink_to("f8.png")
+    assert len(read_clip(folder)) == 12
 
 
 def test_a_jpeg_that_ends_early_is_refused(tmp_path):

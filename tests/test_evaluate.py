@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,10 @@ from cltransfer.clip import write_video
 from cltransfer.config import load_config
 from cltransfer.config_options import RunConfig
 from cltransfer.evaluate import evaluate
+from cltransfer.features import Features
 from cltransfer.open_clip import ASSUMED
+from cltransfer.registry import EXTRACTORS
+from cltransfer.report.metrics import metrics_json
 
 
 def pan() -> Tensor:
@@ -50,14 +54,15 @@ def test_the_images_of_a_clip_at_its_rate_score_zero(clip: Path, config: RunConf
     folder = clip.with_name("frames")
     for pair in ((clip, f"{folder}#fps=30"), (f"{folder}#fps=30", clip)):
         report = evaluate(*map(str, pair), config)
-        assert report.scores.totals.tolist() == [0.0] * 10
+        assert report.scores.totals.isnan().tolist() == [True] + [False] * 9  # a first frame has no flow
+        assert report.scores.totals[1:].tolist() == [0.0] * 9
         assert report.notes == ()
 
 
 def test_images_whose_rate_nothing_says_are_told(clip: Path, config: RunConfig) -> None:
     folder = str(clip.with_name("frames"))
     report = evaluate(str(clip), folder, config)
-    assert float(report.scores.totals.sum()) > 0  # 24 images a second are other moments
+    assert report.scores.total > 0  # 24 images a second are other moments
     assert f"render: {ASSUMED}" in report.notes
     assert f"reference: {ASSUMED}" in evaluate(folder, str(clip), config).notes
 
@@ -103,3 +108,122 @@ def test_notes_are_printed_and_kept(command: Any, mean_flow: tuple[str, ...], cl
     assert f"\nnote: render: {ASSUMED}\n" in answer.out
     flags = json.loads((tmp_path / "out" / "metrics.json").read_text())["flags"]
     assert {"frame": None, "reason": f"render: {ASSUMED}"} in flags
+
+
+def steady(path: Path, rate: float, seconds: float, speed: float = 36.0) -> str:
+    """A video of a camera that pans by ``speed`` pixels a second over a blotchy wall."""
+    coarse = torch.rand(1, 3, 9, 80, generator=torch.Generator().manual_seed(1))
+    wall = torch.nn.functional.interpolate(coarse, (48, 1600), mode="bicubic")[0].clamp(0, 1)  # a quarter pixel wide
+    times = torch.arange(round(rate * seconds) + 1).double() / rate
+    at = [round(float(t) * speed * 4) for t in times]
+    image = torch.stack([wall[:, :, x : x + 256].reshape(3, 48, 64, 4).mean(3) for x in at])
+    write_video(path, image.mul(255).byte(), times, lossless=True)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("rate", "seconds", "scored"), [(48, 1, 25), (25, 1, 25), (30, 1, 25), (24, 3, 25), (12, 1, 13)]
+)
+def test_the_same_movement_scores_alike_at_any_rate(
+    tmp_path: Path, config: RunConfig, rate: float, seconds: float, scored: int
+) -> None:
+    reference = steady(tmp_path / "reference.mkv", 24, 1)
+    still = evaluate(reference, steady(tmp_path / "still.mkv", 24, 1, speed=0), config)
+    report = evaluate(reference, steady(tmp_path / "render.mkv", rate, seconds), config)
+    assert len(report.times) == scored
+    assert report.scores.total < 0.06 * still.scores.total
+    told = [note for note in report.notes if note.startswith(f"render: {scored} of ")]
+    assert len(told) == (round(rate * seconds) + 1 > scored)
+
+
+def test_a_render_that_ends_early_is_told(tmp_path: Path, config: RunConfig) -> None:
+    reference, short = steady(tmp_path / "reference.mkv", 24, 2), steady(tmp_path / "render.mkv", 24, 1)
+    (note,) = evaluate(reference, short, config).notes
+    assert note == "render: ends at 1.00 s, the reference at 2.00 s: what comes after is not scored"
+
+
+@dataclass(frozen=True)
+class SomeDepth:
+    """Depth of a whole clip, if it begins bright."""
+
+    requires: tuple[str, ...] = ("flow",)
+    provides: tuple[str, ...] = ("depth",)
+    family: str = "image"
+    whole_clip: bool = True
+
+    def read_clip(self, found: Features, load: Callable[[int, int], Features]) -> Features:
+        first = load(0, 1).require("image")
+        if float(first.mean()) < 0.5:
+            return replace(found, reasons={**found.reasons, "depth": "it is too dark"})
+        depth = torch.linspace(1, 5, first.shape[2])[:, None].expand(first.shape[2:])
+        return replace(found, depth=depth.repeat(len(found), 1, 1))
+
+
+@dataclass(frozen=True)
+class SomeLayers:
+    """Three stripes of the frame, others where there is depth."""
+
+    requires: tuple[str, ...] = ("image",)
+    uses: tuple[str, ...] = ("depth",)
+    provides: tuple[str, ...] = ("layers",)
+    family: str = "image"
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        layers = torch.zeros(len(now), 3, *now.require("image").shape[2:], dtype=torch.bool)
+        for i, row in enumerate((0, 24, 36) if now.has("depth") else (0, 8, 16)):
+            layers[:, i, row : row + 8] = True
+        return replace(now, layers=layers)
+
+
+@pytest.fixture
+def with_depth() -> Iterator[RunConfig]:
+    """Movement by layers, which use a depth that not every clip has, and filmic space, which requires it."""
+    EXTRACTORS.register("some_depth")(SomeDepth)
+    EXTRACTORS.register("some_layers")(SomeLayers)
+    others = [f"extractors.{name}=null" for name in load_config().extractors if name != "flow_dis"]
+    losses = [f"losses.{name}=null" for name in ("shot_size", "framing", "camera_angle")]
+    yield load_config(overrides=[*others, *losses, "extractors.some_depth={}", "extractors.some_layers={}"])
+    for name in ("some_depth", "some_layers"):
+        EXTRACTORS._classes.pop(name)
+
+
+def test_what_only_one_clip_has_helps_neither_to_read_the_rest(tmp_path: Path, with_depth: RunConfig) -> None:
+    dark = pan().float().mul(0.4).byte()
+    bright = 255 - dark
+    for name, image in (("dark", dark), ("bright", bright)):
+        write_video(tmp_path / f"{name}.mkv", image, torch.arange(10).double() / 24, lossless=True)
+    found = []
+    for reference, render in (("bright", "dark"), ("dark", "bright"), ("dark", "dark")):
+        report = evaluate(str(tmp_path / f"{reference}.mkv"), str(tmp_path / f"{render}.mkv"), with_depth)
+        space, movement = (report.scores.term(name) for name in ("filmic_space", "camera_movement"))
+        assert space is not None
+        assert movement is not None
+        whose = "the render" if reference == "bright" else "the reference"
+        assert space.reason == f"{whose} has no 'depth': it is too dark"
+        found.append(movement.mean)
+    assert found[2] == 0.0
+    assert max(found[:2]) < 0.002  # other stripes differ by more
+
+
+def test_two_clips_of_which_nothing_can_be_measured_have_no_total(tmp_path: Path, with_depth: RunConfig) -> None:
+    alone = replace(with_depth, losses={"filmic_space": with_depth.losses["filmic_space"]})
+    for name, seed in (("a", 0.3), ("b", 0.4)):
+        write_video(
+            tmp_path / f"{name}.mkv", pan().float().mul(seed).byte(), torch.arange(10).double() / 24, lossless=True
+        )
+    report = evaluate(str(tmp_path / "a.mkv"), str(tmp_path / "b.mkv"), alone)
+    total = metrics_json(report)["metrics"]["total"]
+    assert (total["mean"], total["defined"], total["frames"]) == (None, 0, 10)
+    assert total["reason"] == "no term is defined on any frame of the reference"
+
+
+def test_bars_of_a_render_are_cropped_only_when_asked(tmp_path: Path, config: RunConfig) -> None:
+    image = pan() // 2 + 60
+    image[:, :, :6] = image[:, :, 42:] = 0
+    for name in ("reference", "render"):
+        write_video(tmp_path / f"{name}.mkv", image, torch.arange(10).double() / 24, lossless=True)
+    reference, render = str(tmp_path / "reference.mkv"), str(tmp_path / "render.mkv")
+    assert evaluate(f"{reference}#letterbox=keep", render, config).render_frames.shape[2] == 48
+    cropped = evaluate(reference, f"{render}#letterbox=crop", config)
+    assert cropped.render_frames.shape[2] == 36
+    assert cropped.scores.total == 0.0

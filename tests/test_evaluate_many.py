@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from cltransfer.open_clip import ASSUMED
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
-    ClipScore("ours", "b", {"shot_size": 0.3, "filmic_space": None}, {"shot_size": 3, "filmic_space": 0}, 4),
+    ClipScore("ours", "b", {"shot_size": 0.3, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
     ClipScore("old_way", "a", {"shot_size": 0.4, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
     ClipScore("old_way", "b", {"shot_size": 0.6, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
 ]
@@ -68,6 +69,19 @@ def test_the_best_is_bold_only_where_both_have_the_same_clips() -> None:
     assert "**0.200" in methods_markdown(summarise(ROWS))
     assert "**" not in methods_markdown(summarise([*ROWS, MISSING]))
     assert "(2/3)" in methods_markdown(summarise([*ROWS, MISSING]))
+
+
+def test_a_few_frames_that_survived_are_never_the_best() -> None:
+    few = replace(ROWS[0], means={"shot_size": 0.01}, defined={"shot_size": 1})
+    table = methods_markdown(summarise([few, *ROWS[1:]]))
+    assert "**" not in table
+    assert "(5/8 frames)" in table
+    assert methods_csv(summarise([few, *ROWS[1:]])).splitlines()[0].endswith("clips,of,frames,reason")
+
+
+def test_why_a_term_has_no_value_is_told_once() -> None:
+    rows = [replace(row, lacking={"filmic_space": "no depth"}) for row in ROWS]
+    assert summarise(rows)["ours"]["filmic_space"].reason == "2 clips have no value; no depth"
 
 
 def test_latex_escapes_names() -> None:
@@ -183,3 +197,19 @@ def test_one_clip_against_a_folder_of_clips_is_a_usage_error(command: Any, tmp_p
     references = folder_of(tmp_path / "references", a=wall(0, 2))
     said = command("evaluate", references, references / "a.mkv")
     assert (said.code, said.err.count("\n")) == (2, 1)
+
+
+def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
+    mean_flow: tuple[str, ...], command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder_of(tmp_path / "references", a=wall(0, 2))
+    folder_of(tmp_path / "ours", a=wall(0, 2))
+    (tmp_path / "3").mkdir()
+    (tmp_path / "references" / "._a.mkv").write_bytes(b"a Mac has been here")
+    monkeypatch.chdir(tmp_path)
+    words = ("frames=3", "losses.filmic_space=", "--json")
+    said = command("evaluate", "references", "ours", *mean_flow, *words)
+    assert said.code == 0, said.err
+    value = json.loads(said.out)
+    assert list(value["methods"]) == ["ours"]
+    assert [(clip["clip"], clip["frames"]) for clip in value["clips"]] == [("a", 3)]

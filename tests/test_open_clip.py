@@ -141,7 +141,7 @@ def test_a_rate_that_nothing_says_is_told(tmp_path: Path) -> None:
 
 def test_a_source_names_its_part(tmp_path: Path) -> None:
     assert ClipSource.parse("a.mp4#t=,4&person=2&letterbox=keep") == ClipSource(
-        Path("a.mp4"), (0.0, 4.0), 2, "keep", "refuse"
+        Path("a.mp4"), (0.0, 4.0), 2, "keep", None
     )
     assert ClipSource.parse("frames#fps=29.97&t=1,2&person=1") == ClipSource(Path("frames"), (1.0, 2.0), 1, fps=29.97)
     (tmp_path / "b#t=1.mp4").touch()

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from cltransfer.errors import ModelError
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.plugins import allow
-from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
+from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry, code_of
 
 
 def method(*arguments: object) -> None:
@@ -35,7 +35,8 @@ def forgotten() -> Iterator[None]:
     """What a test registers is forgotten after it."""
     yield
     for registry, _ in GOOD.values():
-        registry._classes.pop("mine", None)
+        for name in ("mine", "first", "second"):
+            registry._classes.pop(name, None)
 
 
 def register(kind: str, **changes: Any) -> None:
@@ -102,3 +103,25 @@ def test_a_plugin_that_is_no_component_is_refused_when_it_is_allowed(tmp_path: P
     )
     with pytest.raises(ModelError, match=r"has no option weight, expected .* \(write weight: float = 1.0 in the class"):
         allow([tmp_path / "mine.py"])
+
+
+def test_plugins_of_one_file_name_are_told_apart_and_tests_beside_them_are_none(tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "loss.py").write_text(
+            "from __future__ import annotations\n"
+            "from dataclasses import dataclass\nfrom typing import Literal as Only\n"
+            "from cltransfer.registry import LOSSES\n"
+            f'@LOSSES.register("{name}")\n@dataclass(frozen=True)\n'
+            f'class Mine:\n    """A loss."""\n    kind: Only["{name}"] = "{name}"\n    weight: float = 1.0\n'
+            '    requires, unit, penalty = ("depth",), "m", 1.0\n'
+            "    def __call__(self, reference, rendered):\n        return rendered.depth.mean((1, 2))\n"
+        )
+    for beside in ("test_loss.py", "conftest.py"):
+        (tmp_path / "first" / beside).write_text("raise RuntimeError('a test is no plugin')\n")
+    both = [tmp_path / name / "loss.py" for name in ("first", "second")]
+    assert len(allow([tmp_path / "first", *both])) == 2  # the first by its folder and by its name
+    assert [LOSSES.build(name).kind for name in ("first", "second")] == ["first", "second"]
+    assert code_of(LOSSES.build("first")) != code_of(LOSSES.build("second"))
+    with pytest.raises(UsageError, match="first"):
+        LOSSES.build("first", {"kind": "second"})

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from cltransfer.camera import Camera
 from cltransfer.errors import InputError
-from cltransfer.feature_file import FeatureFile
+from cltransfer.feature_file import FORMAT, FeatureFile
 from cltransfer.features import Features
 from cltransfer.skeleton import HEAD_TOP_BEYOND_EARS, JOINTS, from_blazepose, from_coco, key_joints
 from cltransfer.subject import Subject
@@ -139,3 +140,22 @@ def test_a_feature_file_of_unequal_lengths_is_refused_by_tensor(tmp_path: Path) 
     FeatureFile(Features((8, 4), keypoints=torch.rand(3, 14, 3)), times, "").save(path)
     with pytest.raises(InputError, match="keypoints: expected 2 frames, got 3"):
         FeatureFile.load(path)
+
+
+@pytest.mark.parametrize(
+    ("tensors", "size", "field"),
+    [
+        ({"times": torch.tensor([0.0, torch.nan])}, "[8, 8]", "times"),
+        ({"times": torch.tensor([0.0, 1.0]), "depth": torch.tensor(1.0)}, "[8, 8]", "depth"),
+        ({"times": torch.tensor([0.0, 1.0])}, "[1e999, 1]", "size"),
+        ({"times": torch.tensor([0.0, 1.0])}, "[0, -4]", "size"),
+    ],
+)
+def test_a_feature_file_that_no_clip_can_have_is_refused_by_field(
+    tmp_path: Path, tensors: dict[str, torch.Tensor], size: str, field: str
+) -> None:
+    path = tmp_path / "clip.safetensors"
+    save_file(tensors, path, metadata={"format": FORMAT, "size": size})
+    with pytest.raises(InputError) as caught:
+        FeatureFile.load(path)
+    assert caught.value.field == field

@@ -243,7 +243,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
         term.name: Metric(_number(found.priced[:, i].nanmean()), term.unit, term.defined, term.reason)
         for i, term in enumerate(scores.terms)
     }
-    metrics["total"] = Metric(float(scores.totals.mean()), "", len(scores.totals), "")
+    metrics["total"] = Metric(_number(scores.total), "", int(scores.totals.isfinite().sum()), "")
     ways = {
         name: Metric(_number(mean), unit, len(scores.totals), "") for name, (mean, unit) in found.directions.items()
     }

@@ -212,7 +212,7 @@ def _clip(run: Run, result: Result, true: Trajectory, subject: Subject) -> Clip:
         position, rotation, focal = pose_errors(result.trajectory.camera, true.camera, subject.height)
     evaluations = result.spent.evaluations / len(result.trajectory)
     seconds = result.seconds["search"] + result.seconds["initial view"]
-    total = float(result.searched.totals.mean())
+    total = result.searched.total
     kept = result.kept
     height = subject.height if result.scene.subject is None else result.scene.subject.height
     extra = 0.0 if kept.path is None else kept.path.total - kept.path.free

@@ -68,7 +68,8 @@ def rows(report: ReportData) -> tuple[Row, ...]:
     found = [_row(term, report.baseline) for term in report.scores.terms]
     total = Term("total", "", 1.0, report.scores.totals)
     against = None if report.baseline is None else Term("total", "", 1.0, report.baseline.totals).mean
-    return (*found, Row("total", "", total.mean, total.mean, total.defined, len(total.values), against, ""))
+    why = "" if total.defined else "no term is defined on any frame of the reference"
+    return (*found, Row("total", "", total.mean, total.mean, total.defined, len(total.values), against, why))
 
 
 def _row(term: Term, baseline: Scores | None) -> Row:

@@ -31,7 +31,7 @@ class TestRuleOfThirds(LossCase):
 
 
 def test_crossings_of_the_thirds_are_at_distance_zero() -> None:
-    distance_to_thirds = sys.modules["cltransfer_plugin_rule_of_thirds"].distance_to_thirds
+    distance_to_thirds = sys.modules[type(LOSSES.build("rule_of_thirds")).__module__].distance_to_thirds
     crossings = torch.cartesian_prod(torch.tensor([1.0, 2.0]), torch.tensor([1.0, 2.0])) / 3
     torch.testing.assert_close(distance_to_thirds(crossings), torch.zeros(4))
     torch.testing.assert_close(distance_to_thirds(torch.full((1, 2), 0.5)), torch.tensor([2**0.5 / 6]))
