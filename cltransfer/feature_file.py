@@ -13,7 +13,7 @@ from torch import Tensor
 from .errors import InputError
 from .features import Features
 from .files import atomic
-from .tensor_file import check_tensor_file
+from .tensor_file import HEADER_LIMIT, check_tensor_file
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
@@ -34,19 +34,24 @@ class FeatureFile:
     times: Tensor  # (N,)
     origin: str
 
+    @property
+    def size(self) -> int:
+        """Bytes that it takes on disk, or a little more."""
+        return HEADER_LIMIT + sum(tensor.nbytes for tensor in self._tensors().values())
+
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""
         from safetensors.torch import save_file
 
-        tensors = {"times": self.times}
-        for name in STORED:
-            if self.features.has(name):
-                tensors[name] = self.features.require(name).contiguous()
-        tensors.update({f"extras.{name}": value.contiguous() for name, value in self.features.extras.items()})
         meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": self.origin}
         meta["reasons"] = json.dumps(dict(self.features.reasons))
         with atomic(path) as temporary:
-            save_file(tensors, temporary, metadata=meta)
+            save_file(self._tensors(), temporary, metadata=meta)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}
+        extras = {f"extras.{name}": value.contiguous() for name, value in self.features.extras.items()}
+        return {"times": self.times, **stored, **extras}
 
     @classmethod
     def load(cls, path: Path) -> FeatureFile:

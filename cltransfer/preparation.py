@@ -27,7 +27,7 @@ from .objective import Objective
 from .onnx import model_content
 from .plan import Family
 from .progress import Progress
-from .readback import check_frames
+from .readback import check_result
 from .reference import Reading, Reference, is_scene, read_reference
 from .registry import code_of
 from .run_files import DONE
@@ -145,7 +145,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     watched = READ if config.guard and family == "scene" else frozenset()
     plan = parts.plan(family, reference.features.names(), watched)
     small, output = (fitted_size(reference.features.size, side) for side in (config.search_side, config.output_side))
-    check_frames(len(reference), output)  # rather than after the search
+    check_result(len(reference), output)  # rather than after the search
     journal = None
     if record is not None:
         journal = record.open(_header(inputs, config, parts, scene, reference))

@@ -22,6 +22,10 @@ from .scenes import Scene
 from .scores import Scores, score
 
 RENDER_BATCH = 8  # frames of a video rendered together
+READ_BACK = (
+    90  # bytes a pixel of the result at the peak, as measured: maps of the reference, the result, the first view
+)
+HINT = "lower output_side or frames"
 
 
 @dataclass(frozen=True)
@@ -45,11 +49,22 @@ def check_frames(count: int, size: tuple[int, int]) -> None:
     Raises:
         ResourceError: it takes more than the limit, or than is free.
     """
-    need, hint = 3 * count * size[0] * size[1], "lower output_side or frames"
+    need = 3 * count * size[0] * size[1]
     if need > BYTE_LIMIT:
         reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
-        raise ResourceError("", "frames", reason, hint)
-    require_free(need, "", f"{count} frames of {size[0]}x{size[1]}", hint)
+        raise ResourceError("", "frames", reason, HINT)
+    require_free(need, "", f"{count} frames of {size[0]}x{size[1]}", HINT)
+
+
+def check_result(count: int, size: tuple[int, int]) -> None:
+    """Refuse a transfer whose result, ``count`` frames of (W, H) [px], cannot be read back: that comes last.
+
+    Raises:
+        ResourceError: see :func:`check_frames`, or there is less free than the maps of all frames take.
+    """
+    check_frames(count, size)
+    width, height = size
+    require_free(READ_BACK * count * width * height, "", f"the maps of {count} frames of {width}x{height}", HINT)
 
 
 def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Progress = silent) -> Tensor:

@@ -15,7 +15,7 @@ from torch import Tensor
 from . import __version__
 from .components import SCENE_SOURCE, Components
 from .errors import InputError
-from .feature_file import FeatureFile
+from .feature_file import LIMIT, FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
 from .graph import run_clip
@@ -114,7 +114,9 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     else:
         plan.load_networks()
         features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
-        FeatureFile(features, clip.times, "\n".join([where.path.name, *read])).save(cached)
+        file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
+        if file.size <= LIMIT:  # a larger one is read anew by every run
+            file.save(cached)
     flags = (*flags, *read)
     return Reference(features, clip.times, clip.image, where.path.stem, digest, "image", plan.missing, flags)
 

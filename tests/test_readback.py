@@ -12,7 +12,7 @@ from cltransfer import memory, readback
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.components import Components
 from cltransfer.errors import ResourceError
-from cltransfer.readback import RENDER_BATCH, check_frames, render_frames
+from cltransfer.readback import RENDER_BATCH, check_frames, check_result, render_frames
 
 HINT = r"lower output_side or frames\)$"
 
@@ -52,6 +52,10 @@ def test_frames_that_do_not_fit_are_refused_before_one_is_rendered(monkeypatch: 
     monkeypatch.setattr(readback, "BYTE_LIMIT", 2**32)
     with pytest.raises(ResourceError, match=rf"memory: 10 frames of 1000x100 need 3 MB, 2 MB are free .*{HINT}"):
         check_frames(10, (1000, 100))
+    monkeypatch.setattr(memory, "free_bytes", lambda: 20 * 2**20)
+    check_frames(10, (1000, 100))
+    with pytest.raises(ResourceError, match=rf"the maps of 10 frames of 1000x100 need 86 MB, 20 MB are free .*{HINT}"):
+        check_result(10, (1000, 100))
     assert renderer.batches == []
 
 

@@ -108,15 +108,26 @@ def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
         best = there
         if moves.fade and left and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
             share = along((there.totals < at.totals).double()[:, None], BLEND)
-            x = at.x + share * (there.x - at.x)
-            faded = at.reached(x, clip.residuals(x))
+            x = faded(at.x, there.x, share, moves.fixed)
+            part = at.reached(x, clip.residuals(x))
             left -= 1
-            best = min(there, faded, key=lambda a: a.cost)
+            best = min(there, part, key=lambda a: a.cost)
         if best.cost < at.cost:
             at, damping = best, max(SOFTER * damping, LEAST_DAMPING)
         else:
             at, damping = replace(at, local=replace(at.local, jacobian=there.local.jacobian)), HARDER * damping
     return at
+
+
+def faded(x: Tensor, there: Tensor, share: Tensor, fixed: Tensor | None = None) -> Tensor:
+    """From x to ``there`` (N, D) by a ``share`` (N, 1) of the way; along ``fixed`` (D,) the frames still move alike."""
+    move = there - x
+    if fixed is None:
+        return x + share * move
+    at = int(fixed.abs().argmax())
+    alike = torch.zeros_like(move)
+    alike[:, at] = move @ fixed / fixed[at]
+    return x + alike + share * (move - alike)
 
 
 def broyden(local: Local, move: Tensor, residuals: Tensor) -> Tensor:

@@ -131,8 +131,8 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
         if path.total <= enough:
             break
     assert best is not None
-    path = _refined(clip, best, effort)
-    return path if path.total <= accepted else free
+    refined = _refined(clip, best, effort)
+    return next((path for path in (refined, best) if path.total <= accepted), free)
 
 
 def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:

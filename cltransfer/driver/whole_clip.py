@@ -108,7 +108,8 @@ class WholeClip:
             raise ValueError("a path is refined by the residuals of every loss")
         before = None
         N, D = x.shape
-        measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % min(shared, N) == 0  # (N, D)
+        shared = min(shared, max(1, N - 1))  # the first frame has no flow: another one measures what it does
+        measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
         jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
         for i, directions in enumerate(measured):
             around = torch.cat([x[i : i + 1], x[i] + step * torch.eye(D, dtype=x.dtype)[directions]])
@@ -117,14 +118,26 @@ class WholeClip:
             jacobians[i][:, directions] = ((r[1:] - r[0]) / step).T
             stage.spent.evaluations += len(around) - 1
             before = seen[0]
-        return Local(residuals, _between(jacobians, measured), objective.groups, objective.paired)
+        rows = torch.stack([objective.rows(frame) for frame in self.defined])
+        return Local(residuals, between(jacobians, measured, rows), objective.groups, objective.paired)
 
 
-def _between(jacobians: Tensor, measured: Tensor) -> Tensor:
-    """Jacobians (N, R, D) with the columns that are not ``measured``, (N, D) bool, taken from the frames around."""
-    weights = torch.zeros(measured.shape[1], len(measured), len(measured), dtype=torch.float64)  # (D, N, N)
-    frames, eye = np.arange(len(measured)), np.eye(len(measured))
-    for d, known in enumerate(measured.T.numpy()):
-        at = frames[known]
-        weights[d] = torch.from_numpy(np.stack([np.interp(frames, at, column[at]) for column in eye], axis=1))
-    return torch.einsum("dnm,mrd->nrd", weights, jacobians)
+def between(jacobians: Tensor, measured: Tensor, rows: Tensor) -> Tensor:
+    """Jacobians of every frame, of those that measured a direction around it; 0 where a frame has no such residual.
+
+    Args:
+        jacobians: as they were measured, (N, R, D).
+        measured: directions that a frame measured, (N, D) bool.
+        rows: residuals that a frame has, (N, R) bool.
+    """
+    found = torch.zeros_like(jacobians)
+    frames = np.arange(len(measured))
+    patterns, pattern_of = torch.unique(rows.T, dim=0, return_inverse=True)
+    for p, there in enumerate(patterns):
+        same = pattern_of == p
+        for d, known in enumerate(measured.T & there):
+            at = frames[known.numpy()]
+            if len(at):
+                weights = np.stack([np.interp(frames, at, column) for column in np.eye(len(at))], axis=1)  # (N, K)
+                found[:, same, d] = torch.from_numpy(weights) @ jacobians[at][:, same, d]
+    return found * rows[..., None]

@@ -8,10 +8,10 @@ from torch import Tensor
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.joint import Effort, Moves, broyden, refine_path
+from cltransfer.driver.joint import Effort, Moves, broyden, faded, refine_path
 from cltransfer.driver.spline import Local
 from cltransfer.driver.stage import Stage
-from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.driver.whole_clip import WholeClip, between
 from cltransfer.objective import Objective
 from cltransfer.readback import read_path
 from cltransfer.scenes.load import load_scene
@@ -22,11 +22,11 @@ from cltransfer.tracks import along
 FRAMES, D = 12, 7
 
 
-def clip_of(name: str) -> tuple[WholeClip, Tensor]:
-    """A shot in the plaza, and its own path (12, 7)."""
+def clip_of(name: str, frames: int = FRAMES) -> tuple[WholeClip, Tensor]:
+    """A shot in the plaza, and its own path (N, 7)."""
     scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
     assert scene.subject is not None
-    path = shot(name, scene.subject, (96, 54), FRAMES).camera
+    path = shot(name, scene.subject, (96, 54), frames).camera
     stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
     return WholeClip(stage, search, read_path(stage, path), path[0]), search.vector(path, path[0], scene.subject)
 
@@ -102,3 +102,36 @@ def test_frames_share_what_they_measure() -> None:
     assert spent == [FRAMES * D, FRAMES * D / 3]
     still = ~measured[0].paired
     torch.testing.assert_close(measured[1].jacobian[:, still], measured[0].jacobian[:, still])
+
+
+def test_a_lens_that_is_kept_is_kept_by_a_move_that_fades_too() -> None:
+    torch.manual_seed(0)
+    x, lens = torch.rand(6, 4).double(), torch.tensor([0.0, 1.0, -2.0, 0.0], dtype=torch.float64)
+    move = torch.rand(6, 4).double()
+    move[:, 1] = 0.3 + 2 * move[:, 2]  # all frames' lenses move by 0.3
+    share = torch.linspace(0, 1, 6).double()[:, None]
+    free, kept = faded(x, x + move, share) - x, faded(x, x + move, share, lens) - x
+    torch.testing.assert_close(free, share * move)
+    torch.testing.assert_close(kept @ lens, torch.full((6,), 0.3).double())
+    torch.testing.assert_close(kept[:, [0, 3]], (share * move)[:, [0, 3]])
+
+
+def test_a_frame_without_a_term_tells_nothing_of_it_and_is_told_nothing() -> None:
+    jacobians = torch.zeros(4, 2, 2, dtype=torch.float64)
+    measured = torch.tensor([[True, False], [False, True], [True, False], [False, True]])
+    jacobians[:, :, 0], jacobians[:, :, 1] = 2.0, 6.0
+    jacobians *= measured[:, None]
+    rows = torch.tensor([[True, False], [True, True], [True, True], [True, True]])
+    jacobians[0, 1] = 0  # as it is measured where there is nothing
+    found = between(jacobians, measured, rows)
+    assert found[:, 0].tolist() == [[2.0, 6.0]] * 4
+    assert found[:, 1].tolist() == [[0.0, 0.0], [2.0, 6.0], [2.0, 6.0], [2.0, 6.0]]
+
+
+@pytest.mark.parametrize("frames", [2, 3, 5])
+def test_in_a_short_clip_too_every_direction_of_flow_is_measured(frames: int) -> None:
+    clip, x = clip_of("push_in", frames)
+    found = clip.local(x + 0.02, clip.residuals(x + 0.02), 0.05, shared=7)
+    flow = found.jacobian[:, found.paired].abs().amax(1)  # (N, D)
+    assert float(flow[0].max()) == 0.0
+    assert float(flow[1:].amin()) > 0.0

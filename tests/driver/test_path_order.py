@@ -167,3 +167,13 @@ def test_a_jump_stays_only_where_frames_fit_well(beside: float, jumps: bool) -> 
     path = least_path(clip, x, None, 0.0, Effort(0, 4))
     assert (path.name == "every frame") == jumps
     assert path.total - path.free == pytest.approx(0.0 if jumps else 0.59, abs=0.05)
+
+
+def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltransfer.driver.spline.STIFFNESS", 1e7)  # straightens whatever moves
+    clip, x = waving(period=4)
+    x[:, 3] += 0.5
+    x[::2, 4] += 0.03
+    path = least_path(clip, x, None, 0.0, Effort(1, 4))
+    assert path.filtered
+    assert not path.refined
