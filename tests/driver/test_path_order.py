@@ -172,7 +172,7 @@ def test_a_jump_stays_only_where_frames_fit_well(beside: float, jumps: bool) -> 
 def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltransfer.driver.spline.STIFFNESS", 1e7)  # straightens whatever moves
     clip, x = waving(period=4)
-    x[:, 3] += 0.5
+    x[:, 3] += 0.7
     x[::2, 4] += 0.03
     path = least_path(clip, x, None, 0.0, Effort(1, 4))
     assert path.filtered
