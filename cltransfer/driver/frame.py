@@ -177,7 +177,10 @@ class _Refining:
         new = bool((self.rows & ~self.known & ~self.problem.stage.objective.paired).any())
         renewal = self.memory.renewal.next()
         renewal = renewal.measured() if new else renewal
-        found = self.refined(x, None if new else self.memory.jacobian * self.rows[:, None], residuals)
+        carried = self.memory.jacobian * self.rows[:, None]
+        found = self.refined(x, None if new else carried, residuals)
+        if not new and torch.equal(found.x, x) and bool((self.rows & (carried == 0).all(1) & (residuals != 0)).any()):
+            found = self.refined(x, None, residuals)  # no step was taken by which Broyden's update could begin
         if not (self.schedule.renewed and renewal.due(found.total, self.usual)):
             return found, renewal
         before = found.total

@@ -58,3 +58,9 @@ def test_a_person_of_whom_a_post_leaves_three_joints_is_found(tmp_path: Path) ->
     shown = found.reference.features.require("keypoints")[..., 2] > 0.5
     assert int(shown.sum(1).min()) < 4
     assert float(found.searched.totals.mean()) < 1.5  # measured 0.76, and 6.5 where only key joints were aimed at
+
+
+def test_where_the_person_is_never_seen_the_camera_moves_as_the_reference_does(tmp_path: Path) -> None:
+    _, found = to_itself("tilt", 543, "balanced", tmp_path, frames=12)
+    assert not bool((found.reference.features.require("keypoints")[..., 2] > 0.5).any())
+    assert found.searched.total < 0.1  # 0.5 where a Jacobian without flow, of the first frame, was carried for ever
