@@ -144,7 +144,7 @@ def test_rows_that_were_renamed_keep_their_own_figures(
     out = tmp_path / "out"
     means = []
     for names in (("one", "other"), ("other", "one"), ("one", "new")):
-        rows = f"{{{names[0]}: {{}}, {names[1]}: {{losses: {{framing: null}}}}}}"
+        rows = f"{{{names[0]}: {{}}, {names[1]}: {{engine: cma, generations: 1}}}}"
         answer = command("ablate", sweep_file(rows), "--out", out, "-q", *TINIER)
         assert answer.code == 0, answer.err
         found = json.loads((out / "summary.json").read_text())["rows"]
