@@ -22,9 +22,7 @@ from .scenes import Scene
 from .scores import Scores, score
 
 RENDER_BATCH = 8  # frames of a video rendered together
-READ_BACK = (
-    90  # bytes a pixel of the result at the peak, as measured: maps of the reference, the result, the first view
-)
+READ_BACK = 90  # bytes a pixel of the result, measured at the peak: maps of reference, result and first view
 HINT = "lower output_side or frames"
 
 

@@ -168,12 +168,12 @@ def _shown(sources: Sequence[str]) -> list[str]:
     ['clip.mp4 (1)', 'clip.mp4 (2)', 'other.mp4']
     """
     names = ["@".join(part if ":" in part else Path(part).name for part in source.split("@")) for source in sources]
-    count = Counter[str]()
-    for i, name in enumerate(list(names)):
-        if names.count(name) > 1 or count[name]:
-            count[name] += 1
-            names[i] = f"{name} ({count[name]})"
-    return names
+    alike, before = Counter(names), Counter[str]()
+    told = []
+    for name in names:
+        before[name] += 1
+        told.append(f"{name} ({before[name]})" if alike[name] > 1 else name)
+    return told
 
 
 def _parts(config: RunConfig) -> list[list[str]]:
