@@ -73,6 +73,7 @@ class RunConfig:
             half-range; of subject_orbit 1 rad about, a factor of 2.2 away; of se3_jaws 1 scene unit, 1 rad.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
+        floaters: drop leaves out Gaussians that hang in the air by themselves, keep takes the scene as it is.
         guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
             are repaired too; 0 takes it as it was read. The scores always use what was read.
@@ -108,6 +109,7 @@ class RunConfig:
     sigma0: float = 0.1
     warm_sigma: float = 0.05
     tolerance: float = 0.0
+    floaters: Literal["keep", "drop"] = "keep"
     guard: bool = False
     clean: float = 0.0
     path: Literal["smooth", "exact"] = "exact"

@@ -35,6 +35,8 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     for note in (result.schedule.note, result.note):
         if note:
             yield Flag(None, note)
+    if result.floaters:
+        yield Flag(None, f"Gaussians left out that hang in the air by themselves: {result.floaters} (floaters=keep)")
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
         hint = "`cltransfer lift SCENE --person N` and --subject take another"

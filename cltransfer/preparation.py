@@ -32,8 +32,10 @@ from .reference import Reading, Reference, is_scene, read_reference
 from .registry import code_of
 from .run_files import DONE
 from .scenes import Scene
+from .scenes.floaters import without_floaters
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
+from .scenes.splats import Splats
 from .threads import default_count, set_threads, thread_count
 from .tracks import cleaned, turned_back
 
@@ -109,6 +111,7 @@ class Job:
     guide: Tensor | None  # (N, D) a path in closed form, where there is one
     by_networks: bool  # whether networks read the result
     alignment: DepthAlignment | None  # of the depth network, where it was read off the scene
+    floaters: int  # Gaussians that were left out of the scene
 
 
 def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress, record: Record | None) -> Job:
@@ -142,6 +145,11 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     if family == "scene" or search.needs_subject or view is None:
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))
         clock.lap("lift")
+    given = len(scene.geometry) if isinstance(scene.geometry, Splats) else 0
+    if config.floaters == "drop":
+        scene = without_floaters(scene)
+        clock.lap("floaters")
+    dropped = given - len(scene.geometry) if given else 0
     watched = READ if config.guard and family == "scene" else frozenset()
     plan = parts.plan(family, reference.features.names(), watched)
     small, output = (fitted_size(reference.features.size, side) for side in (config.search_side, config.output_side))
@@ -166,7 +174,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens, view))
     clock.lap("initial view")
     start = concatenate(homes)
-    return Job(parts, search, reference, wanted, stage, schedule, noise, start, guide, by_networks, alignment)
+    return Job(parts, search, reference, wanted, stage, schedule, noise, start, guide, by_networks, alignment, dropped)
 
 
 def _guard(config: RunConfig, scene: Scene) -> Guard | None:

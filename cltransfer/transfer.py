@@ -59,7 +59,7 @@ class Result:
     """What a transfer found.
 
     Args:
-        scene, reference: what it was given, read.
+        scene, reference: what it was given, read; the scene without its floaters where the config says so.
         trajectory: N cameras at the output size.
         attempts: every round; the first is uncorrected.
         best: index of the round with the lowest total, the one that is kept.
@@ -74,6 +74,7 @@ class Result:
         spent: what it cost.
         seconds: by step.
         alignment: of the depth network, where the scene told it.
+        floaters: Gaussians that were left out of the scene.
     """
 
     scene: Scene
@@ -92,6 +93,7 @@ class Result:
     spent: Spent
     seconds: dict[str, float]
     alignment: DepthAlignment | None = None
+    floaters: int = 0
 
     @property
     def kept(self) -> Attempt:
@@ -149,6 +151,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         spent=stage.spent,
         seconds=clock.seconds,
         alignment=job.alignment,
+        floaters=job.floaters,
     )
 
 

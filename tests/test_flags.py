@@ -12,7 +12,9 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
+from cltransfer.scenes.floaters import floaters
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.splats import Splats
 from cltransfer.transfer import Inputs, Result, transfer
 
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
@@ -26,6 +28,18 @@ def test_other_people_in_the_scene_are_told(tmp_path: Path, people: int | None) 
     inputs = Inputs("builtin:plaza", "builtin:push_in", subject=tmp_path / "subject.json")
     told = [flag.reason for flag in run_flags(transfer(inputs, load_config(overrides=TINY)))]
     assert any("3 people in the scene, one is filmed" in reason for reason in told) == (people == 3)
+
+
+def test_what_was_left_out_of_the_scene_is_told(plain: Result) -> None:
+    geometry = load_scene("builtin:plaza").geometry
+    assert isinstance(geometry, Splats)
+    assert plain.floaters == int(floaters(geometry).sum()) > 0
+    assert len(plain.scene.geometry) == len(geometry) - plain.floaters
+    (told,) = [flag.reason for flag in run_flags(plain) if "hang in the air" in flag.reason]
+    assert told.endswith(f": {plain.floaters} (floaters=keep)")
+    kept = transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "floaters=keep"]))
+    assert kept.floaters == 0
+    assert len(kept.scene.geometry) == len(geometry)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,93 @@
+"""Gaussians that touch nothing are told from surfaces, whatever the scene's unit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.scenes.floaters import MEMBERS, floaters, without_floaters
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.simplify import joined, subset
+from cltransfer.scenes.splats import Splats
+
+
+@pytest.fixture(scope="module")
+def room() -> Splats:
+    geometry = load_scene("builtin:room").geometry
+    assert isinstance(geometry, Splats)
+    return geometry
+
+
+def blobs(means: Tensor, scale: float, coefficients: int) -> Splats:
+    """Round ones that belong to nobody."""
+    n = len(means)
+    return Splats(
+        means.float(),
+        torch.full((n, 3), scale),
+        torch.tensor([[1.0, 0, 0, 0]]).repeat(n, 1),
+        torch.full((n,), 0.7),
+        torch.zeros(n, coefficients, 3),
+        torch.zeros(n),
+    )
+
+
+def hung(room: Splats, count: int) -> Splats:
+    """The room and ``count`` more between its walls, of no thing."""
+    low, high = room.means.quantile(0.2, dim=0), room.means.quantile(0.8, dim=0)
+    where = torch.from_numpy(np.random.default_rng(3).uniform(0, 1, (count, 3)))
+    return joined(room, blobs(low + where * (high - low), 0.06, room.sh.shape[1]))
+
+
+def test_what_hangs_in_the_air_is_found_and_what_stands_in_the_room_is_not(room: Splats) -> None:
+    found = floaters(hung(room, 60))
+    assert float(found[len(room) :].float().mean()) > 0.75  # the others touch a wall or a table
+    assert int(found[: len(room)].sum()) <= 0.001 * len(room)
+
+
+def test_a_few_in_touch_float_and_many_do_not(room: Splats) -> None:
+    middle = room.means.mean(0)
+
+    def found(count: int) -> int:
+        line = torch.arange(count)[:, None] * torch.tensor([0.0, 0.0, 0.002])
+        both = joined(room, blobs(middle + 5 + line, 0.005, room.sh.shape[1]))
+        return int(floaters(both)[len(room) :].sum())
+
+    assert found(MEMBERS - 1) == MEMBERS - 1
+    assert found(MEMBERS) == 0
+
+
+def test_the_unit_of_the_scene_changes_nothing(room: Splats) -> None:
+    scene = hung(room, 20)
+    larger = replace(scene, means=1000 * scene.means, scales=1000 * scene.scales)
+    assert torch.equal(floaters(scene), floaters(larger))
+
+
+def test_the_person_never_floats(room: Splats) -> None:
+    scene = hung(room, 20)
+    marked = torch.cat([torch.zeros(len(room)), torch.ones(20)])
+    assert floaters(scene)[len(room) :].any()
+    assert not floaters(scene.with_label(marked))[len(room) :].any()
+
+
+@pytest.mark.parametrize("share", [0.03, 0.1])
+def test_a_scene_that_comes_apart_stays_as_it_is(room: Splats, share: float) -> None:
+    chosen = torch.from_numpy(np.random.default_rng(0).permutation(len(room))[: round(share * len(room))])
+    assert not floaters(subset(room, chosen.sort().values)).any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 8, 9])
+def test_scenes_of_next_to_nothing(room: Splats, count: int) -> None:
+    assert not floaters(subset(room, torch.arange(count))).any()
+
+
+def test_only_the_geometry_of_splats_changes(room: Splats) -> None:
+    scene = load_scene("builtin:room")
+    hanging = replace(scene, geometry=hung(room, 60))
+    assert 40 < len(hanging.geometry) - len(without_floaters(hanging).geometry) <= 60 + 0.001 * len(room)
+    assert without_floaters(hanging).subject is scene.subject
+    mesh = load_scene("builtin:room-0-mesh")
+    assert without_floaters(mesh) is mesh
