@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..renderers.kernels import Array
+from ..threads import thread_count
 from . import Scene
 from .simplify import subset
 from .splats import Splats
@@ -55,7 +56,7 @@ def _members(splats: Splats) -> Array:
         return np.full(count, MEMBERS)
     tree, touching = KDTree(means), list[Array]()
     for start in range(0, count, BLOCK):  # all at once takes 130 bytes more a Gaussian
-        distance, other = tree.query(means[start : start + BLOCK], k=NEIGHBOURS + 1)
+        distance, other = tree.query(means[start : start + BLOCK], k=NEIGHBOURS + 1, workers=thread_count())
         own = np.arange(start, start + len(other))[:, None]
         touch = (distance <= REACH * (width[own] + width[other])) & (other != own)
         touching.append(np.stack([np.broadcast_to(own, other.shape)[touch], other[touch]]).astype(np.int32))
