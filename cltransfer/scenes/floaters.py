@@ -22,7 +22,7 @@ from .simplify import subset
 from .splats import Splats
 
 NEIGHBOURS = 8  # nearest Gaussians that one is held against
-REACH = 1.5  # two touch where they are no farther apart than this times the sum of their largest standard deviations
+REACH = 1.0  # two touch where they are no farther apart than this times the sum of their largest standard deviations
 MEMBERS = 32  # fewer than these, each in touch with another of them, are no thing
 THIN = 0.05  # of a scene, at most, can be floaters: where more would be, it has holes instead, and stays as it is
 BLOCK = 2**18  # Gaussians whose neighbours are looked up at once

@@ -45,7 +45,7 @@ def hung(room: Splats, count: int) -> Splats:
 def test_what_hangs_in_the_air_is_found_and_what_stands_in_the_room_is_not(room: Splats) -> None:
     found = floaters(hung(room, 60))
     assert float(found[len(room) :].float().mean()) > 0.75  # the others touch a wall or a table
-    assert int(found[: len(room)].sum()) <= 0.001 * len(room)
+    assert int(found[: len(room)].sum()) <= 0.005 * len(room)
 
 
 def test_a_few_in_touch_float_and_many_do_not(room: Splats) -> None:
@@ -87,7 +87,7 @@ def test_scenes_of_next_to_nothing(room: Splats, count: int) -> None:
 def test_only_the_geometry_of_splats_changes(room: Splats) -> None:
     scene = load_scene("builtin:room")
     hanging = replace(scene, geometry=hung(room, 60))
-    assert 40 < len(hanging.geometry) - len(without_floaters(hanging).geometry) <= 60 + 0.001 * len(room)
+    assert 40 < len(hanging.geometry) - len(without_floaters(hanging).geometry) <= 60 + 0.005 * len(room)
     assert without_floaters(hanging).subject is scene.subject
     mesh = load_scene("builtin:room-0-mesh")
     assert without_floaters(mesh) is mesh
