@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from .camera import Camera
+from .camera import Camera, concatenate
 from .config_options import RunConfig
 from .correct import LEAST, corrected, measure_bias
 from .depth_alignment import DepthAlignment
@@ -17,6 +17,7 @@ from .driver.frame import Solved
 from .driver.joint import Effort
 from .driver.path_order import LeastPath, least_path
 from .driver.schedule import Schedule
+from .driver.second_guide import second_guide
 from .driver.stage import Spent, Stage
 from .driver.whole_clip import WholeClip
 from .features import Features
@@ -201,14 +202,35 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
 
 
 def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None) -> Path:
-    """The clip followed leanly where that is good enough, else thoroughly too; the better one."""
+    """The clip followed leanly where that is good enough, else thoroughly too; the best.
+
+    Where part of it ended right and the rest at other distances, it is followed once more, at those of the former.
+    """
+    schedule, subject = job.schedule, stage.scene.subject
+    found = _followed_from(job, stage, target, homes, report, guide)
+    if found.local is None or guide is None or subject is None:
+        return found
+    again = second_guide(job.search, target, homes[0], subject, guide, found.x, found.totals)
+    if again is None:
+        return found
+    starts = concatenate([homes, job.search.cameras(again[:1], homes[0], subject)])
+    return _better(found, follow(stage, job.search, target, starts, schedule.lean, report, again))
+
+
+def _followed_from(
+    job: Job, stage: Stage, target: Features, homes: Camera, report: Report, guide: Tensor | None
+) -> Path:
     schedule = job.schedule
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
         return follow(stage, job.search, target, homes, schedule, report, guide)
     first = follow(stage, job.search, target, homes, schedule.lean, report, guide)
     if first.local is None or (first.local.total <= schedule.lean_limit and not first.drifts):
         return first
-    second = follow(stage, job.search, target, homes, schedule, report, guide)
+    return _better(first, follow(stage, job.search, target, homes, schedule, report, guide))
+
+
+def _better(first: Path, second: Path) -> Path:
+    assert first.local is not None
     return second if second.local is not None and second.local.total < first.local.total else first
 
 

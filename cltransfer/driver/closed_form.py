@@ -8,7 +8,7 @@ badly, and a search that follows the clip frame by frame cannot come back from t
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from ..camera import Camera
 from ..features import Features
 from ..placement import frame_joints, visible_joints
 from ..search.subject_orbit import SCALE, SubjectOrbit
+from ..subject import Subject
 from ..tracks import along
 from .stage import Stage
 
@@ -43,11 +44,10 @@ def closed_form(
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
         samples: frames along the clip for which all distances are tried, at least 1.
     """
-    if not isinstance(search, SubjectOrbit) or not (reference.has("orientation") and reference.has("keypoints")):
+    if not aimable(search, reference) or not reference.has("orientation"):
         return None
     stands = _stands(reference.require("orientation").double())
-    aimed_at = visible_joints(frame_joints(reference, "all")).sum(1) >= AIMED_AT  # (N,)
-    if stands is None or not bool(aimed_at.any()):
+    if stands is None:
         return None
     x = search.vector(home, home, stage.scene.subject)[:, : 7 if free_lens else 6].repeat(len(reference), 1)
     x[:, :3] = stands / SCALE[:3]
@@ -56,10 +56,24 @@ def closed_form(
         if found is None:
             return None
         x[:, 3] = found
-    subject = stage.scene.subject
-    x = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
-    x[:, 3:] = _bridged(x[:, 3:], aimed_at)
-    return x
+    return aimed_path(search, reference, home, stage.scene.subject, x)
+
+
+def aimable(search: Any, reference: Features) -> TypeGuard[SubjectOrbit]:
+    """Whether ``search`` can aim at the joints of ``reference``, and some frame shows enough of them."""
+    return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(_aimed_at(reference).any())
+
+
+def aimed_path(search: SubjectOrbit, reference: Features, home: Camera, subject: Subject | None, x: Tensor) -> Tensor:
+    """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
+    aimed = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
+    aimed[:, 3:] = _bridged(aimed[:, 3:], _aimed_at(reference))
+    return aimed
+
+
+def _aimed_at(reference: Features) -> Tensor:
+    """Frames (N,) bool that show enough joints to aim at."""
+    return visible_joints(frame_joints(reference, "all")).sum(1) >= AIMED_AT
 
 
 def _bridged(x: Tensor, known: Tensor) -> Tensor:

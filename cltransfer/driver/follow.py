@@ -40,6 +40,11 @@ class Path:
     local: Local | None = None
 
     @property
+    def totals(self) -> Tensor:
+        """Total that each frame ended at, (N,)."""
+        return torch.tensor([solved.total for solved in self.frames], dtype=torch.float64)
+
+    @property
     def drifts(self) -> bool:
         """Whether the last third of the frames ended far worse than the first: each built on the one before."""
         totals = [solved.total for solved in self.frames]

@@ -1,0 +1,88 @@
+"""Frames that ended right tell the others how far away they stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.config import load_config
+from cltransfer.driver.second_guide import second_guide
+from cltransfer.preparation import Clock, Inputs, Job, prepare
+from cltransfer.progress import silent
+from cltransfer.scenes.load import load_scene
+from cltransfer.search.paper_box import PaperBox
+from cltransfer.shots import shot
+
+FRAMES = 8
+FAR = 0.5  # log of a ratio of distances in the units of x: a half more
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """A pan in the plaza, ready to be taught to the plaza."""
+    folder: Path = tmp_path_factory.mktemp("shot")
+    subject = load_scene("builtin:plaza").subject
+    assert subject is not None
+    shot("pan", subject, (160, 90), FRAMES).save(folder / "shot.json")
+    small = ["search_side=96", "output_side=96", "threads=1", "extract.verify=false"]
+    inputs = Inputs("builtin:plaza", f"builtin:plaza@{folder / 'shot.json'}")
+    return prepare(inputs, load_config(overrides=small), Clock(), silent, None)
+
+
+def second(job: Job, totals: list[float], x: Tensor | None = None) -> Tensor | None:
+    assert job.guide is not None
+    assert job.stage.scene.subject is not None
+    found = job.guide if x is None else x
+    given = (job.search, job.wanted, job.homes[0], job.stage.scene.subject, job.guide, found)
+    return second_guide(*given, torch.tensor(totals, dtype=torch.float64))
+
+
+def astray(job: Job, frames: slice) -> Tensor:
+    """The guide, but some frames stand too far away."""
+    assert job.guide is not None
+    x = job.guide.clone()
+    x[frames, 3] += FAR
+    return x
+
+
+def test_wrong_frames_get_the_distance_of_the_nearest_right_one(job: Job) -> None:
+    x = astray(job, slice(0, 3))
+    found = second(job, [1.0] * 3 + [0.1] * 5, x)
+    assert found is not None
+    torch.testing.assert_close(found[:3, 3], x[3, 3].expand(3))
+    torch.testing.assert_close(found[3:], job.guide[3:], atol=1e-5, rtol=0)  # type: ignore[index]
+
+
+def test_between_right_ones_they_get_what_is_between(job: Job) -> None:
+    x = astray(job, slice(3, 5))
+    x[5:, 3] -= FAR / 5
+    found = second(job, [0.1] * 3 + [1.0] * 2 + [0.1] * 3, x)
+    assert found is not None
+    torch.testing.assert_close(found[3:5, 3], x[2, 3] + torch.tensor([1, 2]).double() / 3 * (x[5, 3] - x[2, 3]))
+
+
+def test_every_frame_is_aimed_anew_from_there(job: Job) -> None:
+    found = second(job, [1.0] * 3 + [0.1] * 5, astray(job, slice(0, 3)))
+    assert found is not None
+    subject = job.stage.scene.subject
+    aimed = [job.search.aimed(found[i : i + 1], job.homes[0], subject, job.wanted[i]) for i in range(FRAMES)]
+    torch.testing.assert_close(torch.cat(aimed), found, atol=1e-6, rtol=0)
+
+
+def test_there_is_none_where_it_would_tell_nothing(job: Job) -> None:
+    x = astray(job, slice(0, 3))
+    assert second(job, [1.0] * 7 + [0.1], x) is None  # one of eight is right
+    assert second(job, [0.4] * 3 + [0.1] * 5, x) is None  # none is far off
+    assert second(job, [1.0] * 3 + [0.1] * 5) is None  # they stand where the right ones do
+
+
+def test_a_search_that_cannot_aim_or_keeps_the_lens_has_none(job: Job) -> None:
+    assert second(job, [1.0] * 3 + [0.1] * 5, astray(job, slice(0, 3))[:, :6]) is None
+    totals = [1.0] * 3 + [0.1] * 5
+    assert second(replace(job, search=PaperBox()), totals, astray(job, slice(0, 3))) is None
+    unread = replace(job, wanted=replace(job.wanted, keypoints=None))
+    assert second(unread, totals, astray(job, slice(0, 3))) is None
