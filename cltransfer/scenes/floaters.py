@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..memory import require_free
 from ..renderers.kernels import Array
 from ..threads import thread_count
 from . import Scene
@@ -26,6 +27,7 @@ REACH = 1.0  # two touch where they are no farther apart than this times the sum
 MEMBERS = 32  # fewer than these, each in touch with another of them, are no thing
 THIN = 0.05  # of a scene, at most, can be floaters: where more would be, it has holes instead, and stays as it is
 BLOCK = 2**18  # Gaussians whose neighbours are looked up at once
+PEAK = 300  # bytes that a Gaussian takes meanwhile; 242 were measured with a million
 
 
 def floaters(splats: Splats) -> Tensor:
@@ -40,9 +42,15 @@ def floaters(splats: Splats) -> Tensor:
 
 
 def without_floaters(scene: Scene) -> Scene:
-    """The scene less its :func:`floaters`; a scene that is not made of splats as it is."""
+    """The scene less its :func:`floaters`; a scene that is not made of splats as it is.
+
+    Raises:
+        ResourceError: there is not enough memory to look for them.
+    """
     if not isinstance(scene.geometry, Splats):
         return scene
+    count = len(scene.geometry)
+    require_free(PEAK * count, scene.name, f"the neighbours of {count} Gaussians", "set floaters=keep")
     alone = floaters(scene.geometry)
     return replace(scene, geometry=subset(scene.geometry, ~alone)) if bool(alone.any()) else scene
 

@@ -9,6 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.errors import ResourceError
+from cltransfer.memory import VARIABLE
 from cltransfer.scenes.floaters import MEMBERS, floaters, without_floaters
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.simplify import joined, subset
@@ -82,6 +84,13 @@ def test_a_scene_that_comes_apart_stays_as_it_is(room: Splats, share: float) -> 
 @pytest.mark.parametrize("count", [0, 1, 8, 9])
 def test_scenes_of_next_to_nothing(room: Splats, count: int) -> None:
     assert not floaters(subset(room, torch.arange(count))).any()
+
+
+def test_what_memory_does_not_hold_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = load_scene("builtin:room")
+    monkeypatch.setenv(VARIABLE, "1")
+    with pytest.raises(ResourceError, match=r"the neighbours of \d+ Gaussians need .* set floaters=keep"):
+        without_floaters(scene)
 
 
 def test_only_the_geometry_of_splats_changes(room: Splats) -> None:
