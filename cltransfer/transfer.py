@@ -17,7 +17,7 @@ from .driver.frame import Solved
 from .driver.joint import Effort
 from .driver.path_order import LeastPath, least_path
 from .driver.schedule import Schedule
-from .driver.second_guide import second_guide
+from .driver.second_guide import first_views, second_guide
 from .driver.stage import Spent, Stage
 from .driver.whole_clip import WholeClip
 from .features import Features
@@ -213,7 +213,7 @@ def _followed(job: Job, stage: Stage, target: Features, homes: Camera, report: R
     again = second_guide(job.search, target, homes[0], subject, guide, found.x, found.totals)
     if again is None:
         return found
-    starts = concatenate([homes, job.search.cameras(again[:1], homes[0], subject)])
+    starts = concatenate([homes, first_views(job.search, target, homes[0], subject, again)])
     return _better(found, follow(stage, job.search, target, starts, schedule.lean, report, again))
 
 

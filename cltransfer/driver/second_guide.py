@@ -15,13 +15,14 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
-from ..search.subject_orbit import SCALE
+from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from .closed_form import aimable, aimed_path
 
 RIGHT = 0.2  # total that a frame which ended right has at most: every term at a fifth of its tolerance
 WRONG = 0.5  # total above which one did not
 SHARE = 0.25  # of the frames that have to be right
+NEAR = 0.05  # log of the ratio to a distance, at which a first frame is tried nearer and farther
 APART = math.log(1.2)  # log of the distances' ratio, above which one that is wrong stands elsewhere
 
 
@@ -53,3 +54,13 @@ def second_guide(
     moved = guide.clone()
     moved[:, 3] = told
     return aimed_path(search, reference, home, subject, moved)
+
+
+def first_views(search: SubjectOrbit, reference: Features, home: Camera, subject: Subject, guide: Tensor) -> Camera:
+    """Where a first frame may start: as ``guide`` (N, D) has it, a little farther, a little nearer, (3).
+
+    What hides the person there may stand between the distance that others tell and its own.
+    """
+    x = guide[:1].repeat(3, 1)
+    x[:, 3] += torch.tensor([0, NEAR, -NEAR]) / SCALE[3]
+    return search.cameras(search.aimed(x, home, subject, reference[0]), home, subject)

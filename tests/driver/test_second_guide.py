@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from cltransfer.config import load_config
-from cltransfer.driver.second_guide import second_guide
+from cltransfer.driver.second_guide import NEAR, first_views, second_guide
 from cltransfer.preparation import Clock, Inputs, Job, prepare
 from cltransfer.progress import silent
 from cltransfer.scenes.load import load_scene
@@ -71,6 +71,17 @@ def test_every_frame_is_aimed_anew_from_there(job: Job) -> None:
     subject = job.stage.scene.subject
     aimed = [job.search.aimed(found[i : i + 1], job.homes[0], subject, job.wanted[i]) for i in range(FRAMES)]
     torch.testing.assert_close(torch.cat(aimed), found, atol=1e-6, rtol=0)
+
+
+def test_the_first_frame_is_tried_nearer_and_farther_too(job: Job) -> None:
+    subject = job.stage.scene.subject
+    assert subject is not None
+    assert job.guide is not None
+    views = first_views(job.search, job.wanted, job.homes[0], subject, job.guide)
+    away = (views.center - subject.anchor).norm(dim=1)
+    ratios = (away / away[0]).log()
+    torch.testing.assert_close(ratios, torch.tensor([0, NEAR, -NEAR]).double(), atol=0.01, rtol=0)
+    assert float(views.focal[1] / views.focal[0]) > 1.03  # farther away with a longer lens: as large as before
 
 
 def test_there_is_none_where_it_would_tell_nothing(job: Job) -> None:
