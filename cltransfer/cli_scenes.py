@@ -23,19 +23,21 @@ def simplify(
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY=VALUE]...", help="k=2 (px), prune=0 (share of a pixel), side=160 (px)."),
+        typer.Argument(metavar="[KEY=VALUE]...", help="k=2 (px), prune=0 (of a pixel), side=160 (px), floaters=keep."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Merge the Gaussians of SCENE that no view can tell apart, and leave out those that no view shows.
 
-    `transfer` does the first by itself while searching: lod=2.
+    `transfer` does the first by itself while searching: lod=2. `k=0 floaters=drop` leaves out those that hang in the
+    air by themselves and nothing else, as `transfer` does, and needs no view.
     """
     from .convert_scene import Simplification, simplify_file
 
     options: Simplification = _options(Simplification, overrides or [])
     found = simplify_file(scene, out, view or [], options)
-    text = f"{found['before']:,} Gaussians, {found['pruned']:,} after pruning, {found['after']:,} merged: {out}"
+    steps = f"{found['solid']:,} without floaters, {found['pruned']:,} after pruning, {found['after']:,} merged"
+    text = f"{found['before']:,} Gaussians, {steps}: {out}"
     show(found, text, as_json)
 
 

@@ -16,6 +16,7 @@ from .files import atomic
 from .renderers.gaussian_splats import GaussianSplats
 from .renderers.kernels.splats import make_view
 from .scenes.bake import bake_grid, bake_splats
+from .scenes.floaters import without_floaters
 from .scenes.lifted import LABELS, SUBJECT
 from .scenes.load import load_scene
 from .scenes.mesh import Mesh
@@ -36,6 +37,7 @@ class Simplification:
     """How far a scene is simplified.
 
     Args:
+        floaters: drop leaves out Gaussians that hang in the air by themselves; that needs no view.
         k: voxels whose Gaussians are merged, in pixels of the nearest view; 0 merges nothing.
         prune: Gaussians that have a smaller share of every pixel of every view are left out, in [0, 1].
         side: longer side of the frames that the scene is to be seen at [px].
@@ -44,6 +46,7 @@ class Simplification:
         ValueError: an option is out of range.
     """
 
+    floaters: Literal["keep", "drop"] = "keep"
     k: float = 2.0
     prune: float = 0.0
     side: int = 160
@@ -85,20 +88,22 @@ def _views(source: str) -> Camera:
 
 
 def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplification) -> Mapping[str, Any]:
-    """Write the Gaussians of ``source`` that ``views`` need to ``out``; returns how many there were and are.
+    """Write the Gaussians of ``source`` that ``views`` need to ``out``; returns how many were left by each step.
 
     Raises:
         UsageError: the scene is not made of splats, or ``out`` is no .ply.
     """
     if out.suffix.lower() != ".ply":
         raise UsageError(out, "--out", "expected a .ply file")
-    cameras = given_views(views, options.side)
+    unseen = options.floaters == "drop" and options.k == options.prune == 0 and not views
+    cameras = None if unseen else given_views(views, options.side)
     scene = load_scene(source)
     if not isinstance(scene.geometry, Splats):
         kind = type(scene.geometry).__name__
         raise UsageError(source, "scene", f"expected Gaussian splats, got {kind}", "only these can be simplified")
-    splats: Splats = scene.geometry
-    if options.prune > 0:
+    splats: Splats = (without_floaters(scene) if options.floaters == "drop" else scene).geometry
+    solid = len(splats)
+    if cameras is not None and options.prune > 0:
         settings = GaussianSplats().settings
         matrices = zip(cameras.w2c.numpy(), cameras.K.numpy())
         splats = subset(
@@ -106,12 +111,13 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
             importance(splats, [make_view(w2c, K, cameras.size, settings) for w2c, K in matrices]) >= options.prune,
         )
     pruned = len(splats)
-    if options.k > 0 and pruned:
+    if cameras is not None and options.k > 0 and pruned:
         splats = merged(splats, cameras, options.k)
     if len(splats) == 0:
         raise InputError(source, "prune", "leaves no Gaussian", "is the scene in the views?")
     write_splats(out, splats)
-    return {"file": str(out), "before": len(scene.geometry), "pruned": pruned, "after": len(splats)}
+    counts = {"before": len(scene.geometry), "solid": solid, "pruned": pruned, "after": len(splats)}
+    return {"file": str(out), **counts}
 
 
 def bake_to_folder(source: str, out: Path, representation: Representation, detail: int | None) -> Mapping[str, Any]:

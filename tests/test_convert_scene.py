@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from cltransfer.errors import InputError, UsageError
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import write_splats
+from cltransfer.scenes.simplify import joined, subset
+from cltransfer.scenes.splats import Splats
 from cltransfer.trajectory import Trajectory
 
 MAN = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
@@ -38,6 +41,22 @@ def test_a_simplified_scene_is_a_scene_with_fewer_gaussians(room: tuple[str, str
     assert larger["after"] > merged_only["after"]  # seen larger, it needs more
 
 
+def test_floaters_can_be_left_out_and_nothing_else(command: Callable[..., Any], tmp_path: Path) -> None:
+    scene = load_scene("builtin:room")
+    geometry = scene.geometry
+    assert isinstance(geometry, Splats)
+    high = geometry.means.amax(0) + 5 * torch.arange(1, 4)[:, None]  # three far away from one another
+    three = replace(subset(geometry, torch.arange(3)), means=high)
+    write_splats(tmp_path / "room.ply", joined(geometry, three))
+    answer = command("simplify", "room.ply", "--out", tmp_path / "clean.ply", "k=0", "floaters=drop", "--json")
+    assert answer.code == 0, answer.err
+    found = json.loads(answer.out)
+    assert found["before"] == len(geometry) + 3
+    assert found["before"] - 3 >= found["solid"] == found["pruned"] == found["after"] > 0.99 * len(geometry)
+    cleaned = load_scene(str(tmp_path / "clean.ply")).geometry
+    assert float(cleaned.means.max()) <= float(geometry.means.max())
+
+
 def test_views_come_from_trajectories_and_posed_sets_at_one_size(room: tuple[str, str], tmp_path: Path) -> None:
     cameras = room_cameras(3, (64, 36))
     frames = [{"file_path": f"{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(cameras.to_opengl())]
@@ -53,6 +72,8 @@ def test_views_come_from_trajectories_and_posed_sets_at_one_size(room: tuple[str
 def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="--view: expected at least one"):
         simplify_file(room[0], tmp_path / "few.ply", [], Simplification())
+    with pytest.raises(UsageError, match="--view: expected at least one"):
+        simplify_file(room[0], tmp_path / "few.ply", [], Simplification(k=0))  # there is nothing to do
     with pytest.raises(UsageError, match=r"--out: expected a \.ply file"):
         simplify_file(room[0], tmp_path / "few.obj", [room[1]], Simplification())
     with pytest.raises(InputError, match="prune: leaves no Gaussian"):
