@@ -48,7 +48,9 @@ def test_floaters_can_be_left_out_and_nothing_else(command: Callable[..., Any], 
     high = geometry.means.amax(0) + 5 * torch.arange(1, 4)[:, None]  # three far away from one another
     three = replace(subset(geometry, torch.arange(3)), means=high)
     write_splats(tmp_path / "room.ply", joined(geometry, three))
-    answer = command("simplify", "room.ply", "--out", tmp_path / "clean.ply", "k=0", "floaters=drop", "--json")
+    answer = command(
+        "simplify", tmp_path / "room.ply", "--out", tmp_path / "clean.ply", "k=0", "floaters=drop", "--json"
+    )
     assert answer.code == 0, answer.err
     found = json.loads(answer.out)
     assert found["before"] == len(geometry) + 3
