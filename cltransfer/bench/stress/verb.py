@@ -9,6 +9,9 @@ import typer
 
 
 def bench_stress(
+    overrides: Annotated[
+        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Over every method's config: floaters=keep.")
+    ] = None,
     tier: Annotated[
         Literal["smoke", "standard", "full"], typer.Option(help="How much; full takes about a day on two cores.")
     ] = "standard",
@@ -40,6 +43,7 @@ def bench_stress(
         methods=tuple(method or bench.methods),
         stressors=tuple(stressor or bench.stressors),
         seeds=tuple(seed or bench.seeds),
+        options=(*bench.options, *(overrides or ())),
     )
     measured = run_bench(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
     print("\n".join(table(HEADER, summary(verdicts(measured)))))

@@ -150,6 +150,9 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     made = (tmp_path / "verb.md").read_text()
     assert "Made by `cltransfer bench stress --tier smoke " in made
     assert made.partition(" --tier")[0] == page.read_text().partition("`.")[0]
+    said = command(*words, "--rows", tmp_path, "--out", tmp_path / "verb.md", "floaters=drop")
+    assert (said.code, said.err.splitlines()[0]) == (0, "6 trials, 0 of them done before")  # of another config
+    assert "Run with floaters=drop over every method's own config." in (tmp_path / "verb.md").read_text()
 
 
 def test_the_config_of_many_trials_is_composed_once_a_clip() -> None:
