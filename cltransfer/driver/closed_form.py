@@ -61,17 +61,17 @@ def closed_form(
 
 def aimable(search: Any, reference: Features) -> TypeGuard[SubjectOrbit]:
     """Whether ``search`` can aim at the joints of ``reference``, and some frame shows enough of them."""
-    return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(_aimed_at(reference).any())
+    return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(aimed_at(reference).any())
 
 
 def aimed_path(search: SubjectOrbit, reference: Features, home: Camera, subject: Subject | None, x: Tensor) -> Tensor:
     """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
     aimed = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
-    aimed[:, 3:] = _bridged(aimed[:, 3:], _aimed_at(reference))
+    aimed[:, 3:] = _bridged(aimed[:, 3:], aimed_at(reference))
     return aimed
 
 
-def _aimed_at(reference: Features) -> Tensor:
+def aimed_at(reference: Features) -> Tensor:
     """Frames (N,) bool that show enough joints to aim at."""
     return visible_joints(frame_joints(reference, "all")).sum(1) >= AIMED_AT
 

@@ -17,7 +17,7 @@ from ..camera import Camera
 from ..features import Features
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
-from .closed_form import aimable, aimed_path
+from .closed_form import aimable, aimed_at, aimed_path
 
 RIGHT = 0.2  # total that a frame which ended right has at most: every term at a fifth of its tolerance
 WRONG = 0.5  # total above which one did not
@@ -43,8 +43,10 @@ def second_guide(
         x: what was found, (N, D), D = 7: with a lens that is kept the distance follows the size.
         totals: there, (N,).
     """
-    right = totals <= RIGHT
-    if not aimable(search, reference) or x.shape[1] < len(SCALE) or float(right.double().mean()) < SHARE:
+    if not aimable(search, reference) or x.shape[1] < len(SCALE):
+        return None
+    right = (totals <= RIGHT) & aimed_at(reference)  # of a frame that hides the person little is asked
+    if float(right.double().mean()) < SHARE:
         return None
     at = right.nonzero()[:, 0].numpy()
     told = torch.from_numpy(np.interp(np.arange(len(x)), at, x[right, 3].numpy()))

@@ -34,6 +34,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 def second(job: Job, totals: list[float], x: Tensor | None = None) -> Tensor | None:
+    """The second guide of frames that ended at ``totals``, at x or else where the first guide is."""
     assert job.guide is not None
     assert job.stage.scene.subject is not None
     found = job.guide if x is None else x
@@ -55,6 +56,17 @@ def test_wrong_frames_get_the_distance_of_the_nearest_right_one(job: Job) -> Non
     assert found is not None
     torch.testing.assert_close(found[:3, 3], x[3, 3].expand(3))
     torch.testing.assert_close(found[3:], job.guide[3:], atol=1e-5, rtol=0)  # type: ignore[index]
+
+
+def test_a_frame_that_hides_the_person_tells_nothing(job: Job) -> None:
+    totals = [1.0] * 3 + [0.1] * 5
+    x = astray(job, slice(0, 3))
+    x[3, 3] -= FAR
+    keypoints = job.wanted.require("keypoints").clone()
+    keypoints[3] = torch.nan
+    found = second(replace(job, wanted=replace(job.wanted, keypoints=keypoints)), totals, x)
+    assert found is not None
+    torch.testing.assert_close(found[:4, 3], x[4, 3].expand(4), atol=0.02, rtol=0)
 
 
 def test_between_right_ones_they_get_what_is_between(job: Job) -> None:
