@@ -23,7 +23,7 @@ RIGHT = 0.2  # total that a frame which ended right has at most: every term at a
 WRONG = 0.5  # total above which one did not
 SHARE = 0.25  # of the frames that have to be right
 NEAR = 0.05  # log of the ratio to a distance, at which a first frame is tried nearer and farther
-APART = math.log(1.2)  # log of the distances' ratio, above which one that is wrong stands elsewhere
+APART = math.log(1.35)  # log of the distances' ratio, above which one that is wrong stands elsewhere
 
 
 def second_guide(
