@@ -73,7 +73,8 @@ def test_a_stage_without_level_of_detail_is_itself() -> None:
 @pytest.mark.parametrize("k", [0, 2])
 def test_a_transfer_searches_in_the_working_set_and_is_rendered_in_full(k: float) -> None:
     budget = ["frames=2", "generations=2", "popsize=4", "search_side=64", "output_side=64", "extract.verify=false"]
-    result = transfer(Inputs("builtin:courtyard", "builtin:static"), load_config(None, [*budget, f"lod={k}"]))
+    whole = [f"lod={k}", "floaters=keep"]
+    result = transfer(Inputs("builtin:courtyard", "builtin:static"), load_config(None, [*budget, *whole]))
     from cltransfer.scenes.load import load_scene
 
     assert len(result.scene.geometry) == len(load_scene("builtin:courtyard").geometry)
