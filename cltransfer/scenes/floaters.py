@@ -63,7 +63,7 @@ def _members(splats: Splats) -> Array:
     if count <= NEIGHBOURS:
         return np.full(count, MEMBERS)
     tree, touching = KDTree(means), list[Array]()
-    for start in range(0, count, BLOCK):  # all at once takes 130 bytes more a Gaussian
+    for start in range(0, count, BLOCK):  # all at once takes more memory
         distance, other = tree.query(means[start : start + BLOCK], k=NEIGHBOURS + 1, workers=thread_count())
         own = np.arange(start, start + len(other))[:, None]
         touch = (distance <= REACH * (width[own] + width[other])) & (other != own)
