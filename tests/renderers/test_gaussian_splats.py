@@ -199,6 +199,17 @@ def test_a_batch_equals_its_single_cameras_bit_for_bit_on_any_number_of_threads(
         assert batch.require(name).numpy().tobytes() == again.require(name).numpy().tobytes()
 
 
+def test_a_view_cut_between_threads_has_the_bits_of_one_drawn_whole():
+    scene, cameras = scene_of(synthetic_room(60_000)), room_cameras(3, (90, 50))
+    for size in ((90, 50), (33, 20)):
+        views = cameras.at_size(size)
+        whole = GaussianSplats(threads=1).render(scene, views, ALL)
+        for threads in (2, 5):
+            cut = GaussianSplats(threads=threads).render(scene, views, ALL)
+            for name in ALL:
+                assert cut.require(name).numpy().tobytes() == whole.require(name).numpy().tobytes(), name
+
+
 def test_buffers_without_colour_are_the_same_bits_as_with_it():
     scene, cameras = scene_of(synthetic_room(3000)), room_cameras(2, (50, 40))
     full = GaussianSplats().render(scene, cameras, ALL)

@@ -169,12 +169,12 @@ def clear(planes: Array, view: View, count: int) -> None:
 
 
 @njit(**CACHED)
-def resolve(planes: Array, view: View, count: int, out: Outputs) -> None:
-    """Tiles to images over black; depth is NaN where it is undefined."""
+def resolve(planes: Array, view: View, count: int, across: tuple[int, int], out: Outputs) -> None:
+    """Tiles to the image's columns [first, end) over black; depth is NaN where it is undefined."""
     columns = (view.width + TILE - 1) // TILE
     grid = planes.reshape((count, -1, STRIPS, TILE, LANES))
     for y in range(view.height):
-        for x in range(view.width):
+        for x in range(across[0], across[1]):
             tile = y // TILE * columns + x // TILE
             strip, row, lane = x % TILE // LANES, y % TILE, x % LANES
             alpha = _ONE - abs(grid[tile, 0, strip, row, lane])

@@ -69,15 +69,15 @@ def _scalars(vector: Array) -> tuple[Any, ...]:
 
 
 @njit(**INLINE)
-def _side_planes(view: View) -> tuple[Array, Array, Array]:
-    """Tangents of the frame's low and high sides, and how much a sphere of radius 1 widens each, (2,) and (2, 2).
+def _side_planes(view: View, across: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Tangents of the low and high sides of a part of the frame, (2,), and how much a radius of 1 widens each, (2, 2).
 
     A splat's projected extent grows with the tangent its Jacobian is taken at, which is clamped outside the frame.
     """
     low, high, widen = np.empty(2, np.float32), np.empty(2, np.float32), np.empty((2, 2), np.float32)
-    for axis, extent in enumerate((f32(view.width), f32(view.height))):
-        low[axis] = (-view.center[axis] - LOW_PASS_REACH) / view.focal[axis]
-        high[axis] = (extent - view.center[axis] + LOW_PASS_REACH) / view.focal[axis]
+    for axis, (first, end) in enumerate((across, (0, view.height))):
+        low[axis] = (f32(first) - view.center[axis] - LOW_PASS_REACH) / view.focal[axis]
+        high[axis] = (f32(end) - view.center[axis] + LOW_PASS_REACH) / view.focal[axis]
         widen[axis, 0] = np.sqrt(1 + max(view.tangent_low[axis] ** 2, low[axis] ** 2))
         widen[axis, 1] = np.sqrt(1 + max(view.tangent_high[axis] ** 2, high[axis] ** 2))
     return low, high, widen
@@ -96,17 +96,18 @@ def _inside(x: f32, y: f32, z: f32, radius: f32, planes: tuple[Array, Array, Arr
 
 
 @njit(**CACHED)
-def cull(bounds: Array, chunks: Array, view: View, ids: Array, depths: Array) -> int:
-    """Write rows and depths of Gaussians that can touch the frame; return their number.
+def cull(bounds: Array, chunks: Array, view: View, across: tuple[int, int], ids: Array, depths: Array) -> int:
+    """Write rows and depths of Gaussians that can touch the frame's columns; return their number.
 
     Args:
         bounds: (V, 4) mean and radius.
         chunks: (C, 4) the same of each 128.
         view: the camera.
+        across: first column [px] and the one after the last.
         ids: out, (V + 1,) int32.
         depths: out, (V + 1,) float32, scene units.
     """
-    planes = _side_planes(view)
+    planes = _side_planes(view, across)
     m = view.w2c
     count = 0
     for chunk in range(len(chunks)):

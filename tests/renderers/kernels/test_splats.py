@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from cltransfer.renderers.kernels.splat_cull import sort_by_depth
-from cltransfer.renderers.kernels.splat_pack import CHUNK, morton_codes, pack
+from cltransfer.renderers.kernels.splat_pack import CHUNK, Packed, morton_codes, pack
 from cltransfer.renderers.kernels.splat_project import _pixels
-from cltransfer.renderers.kernels.splats import Settings, count_visible, make_view
+from cltransfer.renderers.kernels.splats import CUT, Part, Settings, _parts, count_visible, make_view
 
 FIRST_FRAME = """
 import sys, time
@@ -134,3 +134,18 @@ def test_pixels_about_any_place_are_in_the_frame_or_none():
         assert 0 <= first <= 90
         assert -1 <= last < 90
         assert first > last or np.isfinite(middle)
+
+
+def test_views_left_over_are_cut_where_as_much_is_to_be_drawn_on_either_side():
+    random = np.random.default_rng(0)
+    bounds = np.full((CUT, 4), 0.01, np.float32)
+    bounds[:, 0], bounds[:, 1] = random.uniform(-0.4, -0.2, CUT), random.uniform(-0.1, 0.1, CUT)  # all on the left
+    bounds[:, 2] = 1
+    K = np.array([[100.0, 0, 80], [0, 100, 45], [0, 0, 1]])
+    towards, away = np.eye(4), np.diag([1.0, -1, -1, 1])
+    view, behind = (make_view(w2c, K, (160, 90), Settings(0.1, 0.3, True)) for w2c in (towards, away))
+    crowd, few = (Packed(rows, rows, rows, rows) for rows in (bounds, bounds[:-1]))
+    assert _parts(crowd, [view] * 3, 2) == [Part(0, 0, 10), Part(1, 0, 10), Part(2, 0, 3), Part(2, 3, 10)]
+    assert _parts(crowd, [behind], 2) == [Part(0, 0, 5), Part(0, 5, 10)]
+    assert _parts(crowd, [view], 1) == _parts(few, [view], 2) == [Part(0, 0, 10)]
+    assert [part.first for part in _parts(crowd, [view], 16)] == [0, 3, 4], "the rest is empty"
