@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import statistics
 import subprocess
 import sys
@@ -152,7 +153,7 @@ def _against_oracle(posed: list[Posed], repeats: int) -> list[SpeedRow]:
 
 
 def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: int) -> list[SpeedRow]:
-    """Kernels at each size: all buffers and geometry alone on one thread, and all buffers on two."""
+    """Kernels at each size: all buffers and geometry alone on one thread, all buffers on two, and a camera alone."""
     rows = []
     for size in sizes:
         resized = [(scene, cameras.at_size(size)) for scene, cameras in posed]
@@ -162,7 +163,18 @@ def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: i
                 renderer.render(*pair, buffers)  # packs, and loads compiled code
             times = [_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
             rows.append(_row(resized[0], f"numba, {setting}", threads, times))
+        rows += _one_camera(resized, repeats)
     return rows
+
+
+def _one_camera(posed: list[Posed], repeats: int) -> list[SpeedRow]:
+    """Geometry of one camera a call, as a search asks most often: one thread and two, in turn."""
+    alone = [(scene, cameras[i]) for scene, cameras in posed for i in range(len(cameras))]
+    times: dict[int, list[float]] = {1: [], 2: []}
+    for pair in alone:
+        for threads, _ in itertools.product(times, range(max(2, repeats // 2))):
+            times[threads].append(_time(GaussianSplats(threads=threads), pair, GEOMETRY))
+    return [_row(posed[0], "numba, depth + label, one camera", threads, times[threads]) for threads in times]
 
 
 def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> SpeedRow:
@@ -188,8 +200,9 @@ def _second_process(repeats: int) -> SpeedRow:
 def write_benchmarks(rows: Sequence[SpeedRow], path: Path) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
     lines = [
-        "Made by `cltransfer bench speed SCENE.ply --out docs/benchmarks.md`. Wall time, four cameras a call,",
-        "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
+        "Made by `cltransfer bench speed SCENE.ply --out docs/benchmarks.md`. Wall time, four cameras a call",
+        "where not said otherwise, quartiles over seeds and repeats; torch and kernels in turn on one thread",
+        "each where they are compared.",
         "Two threads gain only where a second core is free, which the load average tells.",
         *machine(),
         "",
