@@ -50,7 +50,7 @@ class RunConfig:
         lod: level of detail while searching: splats that share a voxel of so many pixels are merged; 0 merges nothing.
             The result is rendered and scored in full.
         warm_start: start each frame from the frames before it; otherwise from the initial view.
-        guide: frames along the clip at which every distance is tried, to choose one path in closed form that all frames
+        guide: frames along the clip at which distances are looked up, to choose one path in closed form that all frames
             start from; 0 starts each frame from the ones before it alone.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.

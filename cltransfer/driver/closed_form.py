@@ -2,8 +2,8 @@
 
 Where a camera stands around the person is read off the reference, and where and how large the person appears follows
 by projection alone. What is left is the distance at one size. That is looked up for a few frames along the clip and
-chosen for all of them together, by dynamic programming: a depth that suits the first frame best may suit the rest
-badly, and a search that follows the clip frame by frame cannot come back from there.
+chosen for all of them together, by dynamic programming, coarsely and then finely: a depth that suits the first frame
+best may suit the rest badly, and a search that follows the clip frame by frame cannot come back from there.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from ..tracks import along
 from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
+COARSE = 3  # steps of distances that are looked up first; then those around the cheapest path, in steps of one
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
@@ -34,7 +35,7 @@ def closed_form(
 ) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
-    Evaluates ``samples`` times :data:`DISTANCES` candidates, the same few for a clip of any length.
+    Evaluates half of ``samples`` times :data:`DISTANCES` candidates at most, for a clip of any length.
 
     Args:
         stage: renders and scores.
@@ -42,7 +43,7 @@ def closed_form(
         reference: N frames.
         home: any view of the right size; it lends its lens where that is kept.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
-        samples: frames along the clip for which all distances are tried, at least 1.
+        samples: frames along the clip for which distances are looked up, at least 1.
     """
     if not aimable(search, reference) or not reference.has("orientation"):
         return None
@@ -97,25 +98,44 @@ def _distances(
 ) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
     frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
-    logs = DISTANCES.log()
-    objective, costs, seen = stage.objective, [], False
-    still = torch.tensor(["flow" not in loss.requires for loss in objective.losses.values()])
-    for i in frames.tolist():
-        tried = x[i].repeat(len(logs), 1)
-        tried[:, 3] = logs / SCALE[3]
-        tried = search.aimed(tried, home, stage.scene.subject, reference[i])
-        terms = stage.terms(reference[i], search.cameras(tried, home, stage.scene.subject), None)
-        defined = objective.defined(reference[i])[0] & still
-        seen |= bool(torch.isfinite(terms[:, defined]).any())
-        costs.append(objective.weighted(terms, defined)[:, still].sum(1).numpy())
-    if not seen:
-        return None
-    chosen = _cheapest(np.stack(costs), logs.numpy(), BEND * len(frames) / len(reference))
+    logs, rate = DISTANCES.log(), BEND * len(frames) / len(reference)
+    costs, seen = np.full((len(frames), len(logs)), np.inf), False
+    wanted = [np.arange(0, len(logs), COARSE)] * len(frames)
+    for _ in range(2):
+        for row, i, tried in zip(costs, frames.tolist(), wanted):
+            if len(tried):
+                row[tried], found = _costs(stage, search, reference[i], home, x[i], logs[tried])
+                seen |= found
+        if not seen:
+            return None
+        chosen = _cheapest(costs, logs.numpy(), rate)
+        wanted = [_beside(row, at) for row, at in zip(costs, chosen)]
     between = torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen]))
     if len(frames) == 1:
         return between / SCALE[3]
     apart = (len(reference) - 1) / (len(frames) - 1)
     return along(between[:, None], min(BETWEEN * apart, LONGEST))[:, 0] / SCALE[3]
+
+
+def _beside(costs: NDArray, at: int) -> NDArray:
+    """Those of (K,) nearer to ``at`` than the next that was looked up first, but for what is known (finite)."""
+    near = np.arange(max(0, at - COARSE + 1), min(len(costs), at + COARSE))
+    return near[np.isinf(costs[near])]
+
+
+def _costs(
+    stage: Stage, search: SubjectOrbit, frame: Features, home: Camera, x: Tensor, logs: Tensor
+) -> tuple[NDArray, bool]:
+    """What the losses that need no flow give for one frame, from x (D,) at distances ``logs`` (K,), and if any does."""
+    objective = stage.objective
+    still = torch.tensor(["flow" not in loss.requires for loss in objective.losses.values()])
+    tried = x.repeat(len(logs), 1)
+    tried[:, 3] = logs / SCALE[3]
+    tried = search.aimed(tried, home, stage.scene.subject, frame)
+    terms = stage.terms(frame, search.cameras(tried, home, stage.scene.subject), None)
+    defined = objective.defined(frame)[0] & still
+    weighted = objective.weighted(terms, defined)[:, still].sum(1).numpy()
+    return weighted, bool(torch.isfinite(terms[:, defined]).any())
 
 
 def _cheapest(costs: NDArray, values: NDArray, rate: float) -> NDArray:

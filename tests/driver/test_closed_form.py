@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.driver.closed_form import DISTANCES, _cheapest, closed_form
+from cltransfer.driver.closed_form import COARSE, DISTANCES, _cheapest, closed_form
 from cltransfer.preparation import Clock, Inputs, Job, prepare
 from cltransfer.progress import silent
 from cltransfer.scenes.load import load_scene
@@ -52,9 +52,22 @@ def test_the_path_is_that_of_the_true_cameras_to_the_step_of_the_distances(prepa
     torch.testing.assert_close(job.guide[:, 4:], truth[:, 4:], atol=0.01, rtol=0)
 
 
-def test_it_costs_as_many_evaluations_as_it_tries_distances(prepared: Any) -> None:
+def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepared: Any) -> None:
     job, _ = prepared("push_in", "guide=3")
-    assert job.stage.spent.evaluations == 3 * len(DISTANCES)
+    first = len(DISTANCES[::COARSE])
+    assert 3 * (first + COARSE - 1) <= job.stage.spent.evaluations <= 3 * (first + 2 * (COARSE - 1))
+    assert first + 2 * (COARSE - 1) <= len(DISTANCES) / 2
+
+
+@pytest.mark.parametrize("name", ["push_in", "orbit", "dolly_zoom"])
+def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
+    prepared: Any, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job, _ = prepared(name)
+    lean, before = found(job), job.stage.spent.evaluations
+    monkeypatch.setattr(f"{closed_form.__module__}.COARSE", 1)
+    torch.testing.assert_close(lean, found(job), rtol=0, atol=0)
+    assert job.stage.spent.evaluations - before == 5 * len(DISTANCES)
 
 
 def test_without_one_the_first_frame_starts_from_the_best_of_an_orbit(prepared: Any) -> None:
