@@ -95,28 +95,24 @@ def flow_sums(flow: NDArray, weight: NDArray, layers: NDArray) -> NDArray:
     from -0.5 to 0.5. ``flow`` is (B, 2, H, W), ``weight`` (B, H, W) >= 0, ``layers`` (B, K, H, W) bool.
     """
     batch, count, height, width = layers.shape
-    sums = np.zeros((batch, count, 12))
+    sums, across = np.zeros((batch, count, 12)), (np.arange(width) + 0.5) / width - 0.5
     for b in range(batch):
         for y in range(height):
             v = (y + 0.5) / height - 0.5
-            for x in range(width):
-                w, fx, fy = float(weight[b, y, x]), flow[b, 0, y, x], flow[b, 1, y, x]
-                if not (w > 0 and math.isfinite(fx) and math.isfinite(fy)):  # w may be NaN
-                    continue
-                u = (x + 0.5) / width - 0.5
-                for k in range(count):
-                    if layers[b, k, y, x]:
-                        s = sums[b, k]
-                        s[0] += w
-                        s[1] += w * u
-                        s[2] += w * v
-                        s[3] += w * u * u
-                        s[4] += w * u * v
-                        s[5] += w * v * v
-                        s[6] += w * fx
-                        s[7] += w * fx * u
-                        s[8] += w * fx * v
-                        s[9] += w * fy
-                        s[10] += w * fy * u
-                        s[11] += w * fy * v
+            for k in range(count):
+                n, nu, nuu, nx, nxu, ny, nyu = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # of the row, along which v is one
+                for x in range(width):
+                    w, fx, fy = float(weight[b, y, x]), flow[b, 0, y, x], flow[b, 1, y, x]
+                    if layers[b, k, y, x] and w > 0 and math.isfinite(fx) and math.isfinite(fy):  # w may be NaN
+                        wu = w * across[x]
+                        n += w
+                        nu += wu
+                        nuu += wu * across[x]
+                        nx += w * fx
+                        nxu += wu * fx
+                        ny += w * fy
+                        nyu += wu * fy
+                s = sums[b, k]
+                for i, value in enumerate((n, nu, v * n, nuu, v * nu, v * v * n, nx, nxu, v * nx, ny, nyu, v * ny)):
+                    s[i] += value
     return sums
