@@ -25,6 +25,7 @@ from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
 COARSE = 3  # steps of distances that are looked up first; then those around the cheapest path, in steps of one
+POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all distances are looked up
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
@@ -35,7 +36,8 @@ def closed_form(
 ) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
-    Evaluates half of ``samples`` times :data:`DISTANCES` candidates at most, for a clip of any length.
+    Evaluates about half of ``samples`` times :data:`DISTANCES` candidates, for a clip of any length; all of them where
+    none of that half suits.
 
     Args:
         stage: renders and scores.
@@ -100,16 +102,16 @@ def _distances(
     frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
     logs, rate = DISTANCES.log(), BEND * len(frames) / len(reference)
     costs, seen = np.full((len(frames), len(logs)), np.inf), False
-    wanted = [np.arange(0, len(logs), COARSE)] * len(frames)
-    for _ in range(2):
-        for row, i, tried in zip(costs, frames.tolist(), wanted):
+    chosen = np.zeros(len(frames), int)
+    for choose in (_coarse, _beside, _rest):
+        for row, i, at in zip(costs, frames.tolist(), chosen.tolist()):
+            tried = choose(row, at)
             if len(tried):
                 row[tried], found = _costs(stage, search, reference[i], home, x[i], logs[tried])
                 seen |= found
-        if not seen:
-            return None
         chosen = _cheapest(costs, logs.numpy(), rate)
-        wanted = [_beside(row, at) for row, at in zip(costs, chosen)]
+    if not seen:
+        return None
     between = torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen]))
     if len(frames) == 1:
         return between / SCALE[3]
@@ -117,10 +119,19 @@ def _distances(
     return along(between[:, None], min(BETWEEN * apart, LONGEST))[:, 0] / SCALE[3]
 
 
+def _coarse(costs: NDArray, at: int) -> NDArray:
+    return np.arange(0, len(costs), COARSE)
+
+
 def _beside(costs: NDArray, at: int) -> NDArray:
     """Those of (K,) nearer to ``at`` than the next that was looked up first, but for what is known (finite)."""
     near = np.arange(max(0, at - COARSE + 1), min(len(costs), at + COARSE))
     return near[np.isinf(costs[near])]
+
+
+def _rest(costs: NDArray, at: int) -> NDArray:
+    """All of (K,) that are not known, where what was found is poor: what hides the person leaves a narrow gap."""
+    return np.flatnonzero(np.isinf(costs)) if costs[at] > POOR else np.empty(0, int)
 
 
 def _costs(
