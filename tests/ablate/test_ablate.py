@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,10 @@ SweepFile = Callable[..., Path]
 
 
 def begun(arguments: list[str], cache: Path) -> subprocess.Popen[str]:
-    """The command in a session of its own, so that it can be killed with its workers."""
+    """The command in a session of its own, so that it can be killed with its workers.
+
+    It hears SIGINT even where the tests do not, as what a script has put into the background does not.
+    """
     return subprocess.Popen(
         [sys.executable, "-m", "cltransfer", "ablate", *arguments],
         env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
@@ -33,6 +37,7 @@ def begun(arguments: list[str], cache: Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
 
 
@@ -75,7 +80,7 @@ def values_of(metrics: dict[str, Any]) -> dict[str, tuple[float | None, int]]:
 def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     fresh: Callable[..., Any], sweep_file: SweepFile, cache: Path, tmp_path: Path
 ) -> None:
-    file, out = sweep_file(ROWS, "seeds: [0, 1]"), tmp_path / "out"
+    file, out = sweep_file(ROWS), tmp_path / "out"
     command = [str(file), "--out", str(out), "engine.workers=1", "--json"]
     for sent, code, says in (
         (signal.SIGKILL, -signal.SIGKILL, ""),
@@ -83,16 +88,16 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     ):
         assert stopped([*command, "--quiet"], cache, out, sent) == (code, "", says)
     interrupted = keys(out)
-    assert 2 <= len(interrupted) < 6
+    assert 2 <= len(interrupted) < 4
     done = fresh("ablate", *command)
     assert done.code == 0, done.err
     assert keys(out)[: len(interrupted)] == interrupted
-    assert len(set(keys(out))) == len(keys(out)) == 6
+    assert len(set(keys(out))) == len(keys(out)) == 3
     found = json.loads(done.out)
     assert [row["name"] for row in found["rows"]] == ["full", "no framing", "no size"]
-    assert [row["metrics"]["framing"]["value"]["count"] for row in found["rows"]] == [2, 2, 2]  # left out, yet measured
+    assert [row["metrics"]["framing"]["value"]["count"] for row in found["rows"]] == [1, 1, 1]  # left out, yet measured
     assert {"table.csv", "table.md", "table.tex", "summary.json", "ablation.yaml"} <= {p.name for p in out.iterdir()}
-    assert "| no framing | 2 | 0 |" in (out / "table.md").read_text()
+    assert "| no framing | 1 | 0 |" in (out / "table.md").read_text()
     sweep = read_sweep(str(file), ["engine.workers=1"])
     unbroken = [run_trial(trial, Job()) for trial in trials(sweep, {})]
     assert [timeless(line) for line in lines(out)] == [timeless(asdict(outcome)) for outcome in unbroken]
