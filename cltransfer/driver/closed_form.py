@@ -120,6 +120,7 @@ def _distances(
 
 
 def _coarse(costs: NDArray, at: int) -> NDArray:
+    """Those of (K,) that are looked up first, wherever ``at`` is."""
     return np.arange(0, len(costs), COARSE)
 
 

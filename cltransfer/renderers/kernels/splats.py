@@ -21,7 +21,7 @@ from .splat_project import BOX, PAIRS, RECORD, SLAB, TILE, Slab, Tiles, project_
 from .splat_shade import shade_slab
 from .splat_weight import weigh
 
-CUT = 50_000  # Gaussians from which a view is worth cutting: two threads draw 10,000 no faster, 100,000 1.4 times
+CUT = 50_000  # Gaussians from which a view is worth cutting: two threads draw 10,000 no faster, 100,000 1.5 times
 SAMPLE = 4096  # Gaussians that tell where to cut
 
 
