@@ -114,9 +114,4 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
 
 def read_path(stage: Stage, cameras: Camera) -> Features:
     """Features of a path by the stage's extractors, each frame with the one before it."""
-    frames: list[Features] = []
-    before = None
-    for i in range(len(cameras)):
-        before = stage.features(cameras[i], before)
-        frames.append(replace(before, image=None))
-    return Features.concatenate(frames)
+    return Features.concatenate([replace(seen, image=None) for seen in stage.path(cameras)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -48,12 +49,12 @@ class Subject:
         if not self.height > 0:
             raise ValueError(f"height must be positive, got {self.height}")
 
-    @property
+    @cached_property
     def key_joints(self) -> Tensor:
         """Head top, chest, waist, knees, feet with their confidence, (5, 4)."""
         return key_joints(torch.cat([self.joints, self.confidence[:, None]], dim=1))
 
-    @property
+    @cached_property
     def anchor(self) -> Tensor:
         """Middle of the known key joints, (3,): what an orbit is centred on.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +19,10 @@ from ..scenes import Scene
 from ..skeleton import VISIBLE
 from .guard import HIDDEN, SCENE_DEPTH, Guard
 from .journal import Journal
+from .recent import Context, Recent
 from .working_set import WorkingSet
+
+AHEAD = 8  # frames of a path rendered together: threads draw a view each, which is quicker than sharing one
 
 
 @dataclass
@@ -47,6 +50,7 @@ class Stage:
         guard: views that the search may not take, None where it may take all.
         journal: answers of ``terms`` and ``residuals`` kept on disk and taken from there, None where a run is not to be
             gone on with; paths are not kept.
+        recent: views that were seen last, and are not rendered again.
     """
 
     scene: Scene
@@ -58,6 +62,7 @@ class Stage:
     working: WorkingSet | None = None
     guard: Guard | None = None
     journal: Journal | None = None
+    recent: Recent = field(default_factory=Recent)
 
     def reduced(self, camera: Camera, k: float) -> Stage:
         """The stage for a search about ``camera`` (1), merged to voxels of ``k`` pixels at first; whole where k is 0.
@@ -78,16 +83,54 @@ class Stage:
         return replace(self, scene=working.scene, working=working)
 
     def features(self, cameras: Camera, before: Features | None) -> Features:
-        """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame."""
+        """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame.
+
+        A single one that was seen lately with the same frame before it is not rendered again.
+        """
+        known = self._known(cameras, before) if len(cameras) == 1 else None
+        return self._kept(cameras, before, self._seen(self._rendered(cameras), before)) if known is None else known
+
+    def path(self, cameras: Camera) -> Iterator[Features]:
+        """Features of a path of N cameras, frame by frame, each with the one before it."""
+        before, ahead = None, list[Features]()
+        for i in range(len(cameras)):
+            now = self._known(cameras[i], before)
+            if now is None:
+                if not ahead:
+                    rendered = self._rendered(cameras[i : i + AHEAD])
+                    ahead = [rendered[j] for j in range(len(rendered))]
+                now = self._kept(cameras[i], before, self._seen(ahead.pop(0), before))
+            yield now
+            before = now
+
+    def _known(self, camera: Camera, before: Features | None) -> Features | None:
+        def see(cameras: Camera) -> Features:  # was counted when the journal answered
+            return self._seen(self._rendered(cameras), before)
+
+        return self.recent.find(self._context(before), camera, see)
+
+    def _context(self, before: Features | None) -> Context:
+        return Context(self.scene, self.plan, self.size, before)
+
+    def _rendered(self, cameras: Camera) -> Features:
         buffers = self.plan.buffers - {"camera", "person"} | ({"depth"} if self.guard else set())
         with named(f"renderer {type(self.renderer).__name__}", f"expected {', '.join(sorted(buffers))}"):
-            rendered = self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
-        self.spent.renders += len(cameras)
-        self.spent.network_passes += len(cameras) * self.plan.passes
+            return self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
+
+    def _seen(self, rendered: Features, before: Features | None) -> Features:
         seen = run(self.plan, rendered, before)
         if self.guard is None or seen.depth is rendered.depth:
             return seen
         return replace(seen, extras={**seen.extras, SCENE_DEPTH: rendered.require("depth")})
+
+    def _kept(self, cameras: Camera, before: Features | None, seen: Features) -> Features:
+        self._count(len(cameras))
+        self.recent.add(self._context(before), cameras, seen)
+        return seen
+
+    def _count(self, renders: int) -> None:
+        self.spent.renders += renders
+        self.spent.network_passes += renders * self.plan.passes
 
     def terms(self, reference: Features, cameras: Camera, before: Features | None) -> Tensor:
         """Raw terms (B, L) of B candidates for one reference frame; a view that is blocked has none."""
@@ -95,7 +138,7 @@ class Stage:
         def compute() -> Tensor:
             return self._allowed(reference, self.features(cameras, before))
 
-        return self._answer(cameras, compute)
+        return self._answer(cameras, before, compute)
 
     def residuals(self, reference: Features, cameras: Camera, before: Features | None, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; a blocked view pays every penalty."""
@@ -103,7 +146,7 @@ class Stage:
         def compute() -> Tensor:
             return self.priced(reference, self.features(cameras, before), defined)
 
-        return self._answer(cameras, compute)
+        return self._answer(cameras, before, compute)
 
     def priced(self, reference: Features, seen: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of what was seen from B cameras; a blocked view pays every penalty."""
@@ -126,24 +169,22 @@ class Stage:
             [wrong for reason, wrong in self.guard.reasons(seen).items() if shown or reason != HIDDEN]
         ).any(0)
 
-    def _answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
+    def _answer(self, cameras: Camera, before: Features | None, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)
         if self.journal is None:
             return compute()
-        before = self.journal.replayed
+        replayed = self.journal.replayed
         answer = self.journal.answer(cameras, compute)
-        if self.journal.replayed > before:  # the run that recorded it has rendered and read it
-            self.spent.renders += len(cameras)
-            self.spent.network_passes += len(cameras) * self.plan.passes
+        context = self._context(before)
+        if self.journal.replayed > replayed and not (len(cameras) == 1 and self.recent.holds(context, cameras)):
+            self._count(len(cameras))  # the run that recorded it has rendered and read it
+            self.recent.add(context, cameras, None)
         return answer
 
     def path_terms(self, reference: Features, cameras: Camera, guarded: bool = False) -> Tensor:
         """Raw terms (N, L) of a path, frame by frame; where ``guarded``, a view that is blocked has none."""
-        score, rows, before = self._allowed if guarded else self.objective.terms, list[Tensor](), None
-        for i in range(len(cameras)):
-            before = self.features(cameras[i], before)
-            rows.append(score(reference[i], before))
-        return torch.cat(rows)
+        score = self._allowed if guarded else self.objective.terms
+        return torch.cat([score(reference[i], seen) for i, seen in enumerate(self.path(cameras))])
 
     def path_residuals(self, reference: Features, cameras: Camera, defined: Tensor) -> Tensor:
         """Weighted residuals (N, R) of a path, frame by frame against N reference frames; blocked views pay too.
@@ -155,8 +196,4 @@ class Stage:
         """
         if self.objective.groups is None:
             raise ValueError("a path is refined by the residuals of every loss")
-        rows, before = list[Tensor](), None
-        for i in range(len(cameras)):
-            before = self.features(cameras[i], before)
-            rows.append(self.priced(reference[i], before, defined[i]))
-        return torch.cat(rows)
+        return torch.cat([self.priced(reference[i], seen, defined[i]) for i, seen in enumerate(self.path(cameras))])

@@ -1,0 +1,92 @@
+"""Views that were seen last: what a search settles on it has seen already, as a candidate."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..camera import Camera
+from ..features import Features
+
+PIXELS = 4_000_000  # of all views that are remembered; the maps of one take 30 to 60 bytes a pixel
+
+
+@dataclass(frozen=True)
+class Context:
+    """What features depend on beside the camera. The same objects, not equal ones.
+
+    Args:
+        scene, plan: what is looked at, and what reads the renders.
+        size: (W, H) of the renders [px].
+        before: features of the frame before.
+    """
+
+    scene: Any
+    plan: Any
+    size: tuple[int, int]
+    before: Features | None
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Of these objects, as long as they are held."""
+        return id(self.scene), id(self.plan), self.size, id(self.before)
+
+
+@dataclass
+class _Batch:
+    context: Context
+    cameras: Camera
+    features: Features | None  # None where a journal answered
+
+
+@dataclass
+class Recent:
+    """The last batches of views, as many as :data:`PIXELS` allow; a larger one is not remembered.
+
+    A view that is found is a part of the batch that it was seen in, the same object each time. Where a journal answered
+    for that batch it is seen now, whole, so that a run that is gone on with has the same bits.
+    """
+
+    pixels: int = PIXELS
+    _batches: deque[tuple[_Batch, list[tuple[object, ...]]]] = field(default_factory=deque)
+    _views: dict[tuple[object, ...], tuple[_Batch, int]] = field(default_factory=dict)
+    _held: int = 0
+
+    def add(self, context: Context, cameras: Camera, features: Features | None) -> None:
+        """Remember what was seen from B cameras; None where a journal answered."""
+        size = len(cameras) * context.size[0] * context.size[1]
+        if size > self.pixels:
+            return
+        batch, keys = _Batch(context, cameras, features), [(*context.key, *view) for view in _views(cameras)]
+        self._batches.append((batch, keys))
+        self._views |= {key: (batch, index) for index, key in enumerate(keys)}
+        self._held += size
+        while self._held > self.pixels:
+            self._forget()
+
+    def holds(self, context: Context, camera: Camera) -> bool:
+        """Whether ``camera`` (1) is remembered."""
+        return (*context.key, *_views(camera)[0]) in self._views
+
+    def find(self, context: Context, camera: Camera, see: Callable[[Camera], Features]) -> Features | None:
+        """What was seen from ``camera`` (1), None where it is not remembered; ``see`` looks at B cameras now."""
+        batch, index = self._views.get((*context.key, *_views(camera)[0]), (None, 0))
+        if batch is None:
+            return None
+        if batch.features is None:
+            batch.features = see(batch.cameras)
+        return batch.features if len(batch.cameras) == 1 else batch.features[index]
+
+    def _forget(self) -> None:
+        batch, keys = self._batches.popleft()
+        self._held -= len(batch.cameras) * batch.context.size[0] * batch.context.size[1]
+        for key in keys:
+            if key in self._views and self._views[key][0] is batch:
+                del self._views[key]
+
+
+def _views(cameras: Camera) -> list[tuple[object, ...]]:
+    """The numbers of B cameras."""
+    return [(cameras.size, w2c.tobytes(), K.tobytes()) for w2c, K in zip(cameras.w2c.numpy(), cameras.K.numpy())]

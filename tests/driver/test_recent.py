@@ -1,0 +1,116 @@
+"""Views that were seen last: the same features, not rendered again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.journal import Journal
+from cltransfer.driver.recent import Context, Recent
+from cltransfer.driver.stage import AHEAD, Spent, Stage
+from cltransfer.features import Features
+from cltransfer.objective import Objective
+from cltransfer.readback import read_path
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import shot
+
+SIZE = (64, 36)
+FRAMES = AHEAD + 2
+
+
+@pytest.fixture
+def stage() -> Stage:
+    scene, parts = builtin_scene("courtyard"), Components.build(load_config())
+    return Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), SIZE)
+
+
+@pytest.fixture
+def cameras(stage: Stage) -> Camera:
+    assert stage.scene.subject is not None
+    return shot("push_in", stage.scene.subject, SIZE, FRAMES).camera
+
+
+def same(a: Features, b: Features) -> None:
+    assert a.names() == b.names()
+    for name in a.names() - {"camera", "person"}:
+        assert torch.equal(torch.nan_to_num(a.require(name).double()), torch.nan_to_num(b.require(name).double())), name
+
+
+def test_a_candidate_that_is_settled_on_is_not_rendered_again_and_looks_as_if_it_were(
+    stage: Stage, cameras: Camera
+) -> None:
+    before = stage.features(cameras[0], None)
+    reference = read_path(replace(stage, recent=Recent()), cameras)
+    stage.terms(reference[1], cameras[1:4], before)
+    rendered = stage.spent.renders
+    found = stage.features(cameras[2], before)
+    assert stage.spent.renders == rendered
+    assert found is stage.features(cameras[2], before)  # so that the next frame's are found again too
+    same(found, replace(stage, recent=Recent()).features(cameras[2], before))
+
+
+@pytest.mark.parametrize("what", ["camera", "before", "size", "scene"])
+def test_anything_else_is_rendered(stage: Stage, cameras: Camera, what: str) -> None:
+    before = stage.features(cameras[0], None)
+    stage.features(cameras[1], before)
+    rendered = stage.spent.renders
+    other = {
+        "camera": lambda: stage.features(cameras[2], before),
+        "before": lambda: stage.features(cameras[1], replace(before)),
+        "size": lambda: replace(stage, size=(32, 18)).features(cameras[1], before),
+        "scene": lambda: replace(stage, scene=replace(stage.scene)).features(cameras[1], before),
+    }
+    other[what]()
+    assert stage.spent.renders == rendered + 1
+
+
+def test_a_path_is_that_of_its_frames_one_by_one_and_is_rendered_once(stage: Stage, cameras: Camera) -> None:
+    path = list(stage.path(cameras))
+    assert stage.spent.renders == FRAMES
+    again = list(stage.path(cameras))
+    assert stage.spent.renders == FRAMES
+    assert all(one is two for one, two in zip(path, again, strict=True))
+    alone, before = replace(stage, recent=Recent(pixels=0)), None
+    for i in range(FRAMES):
+        before = alone.features(cameras[i], before)
+        same(path[i], before)
+
+
+def test_a_path_that_leaves_a_known_one_is_rendered_from_there(stage: Stage, cameras: Camera) -> None:
+    list(stage.path(cameras))
+    turned = cameras[[0, 1, 4, 3]]
+    seen = list(stage.path(turned))
+    assert stage.spent.renders == FRAMES + 2
+    for one, two in zip(seen, replace(stage, recent=Recent()).path(turned), strict=True):
+        same(one, two)
+
+
+def test_the_oldest_are_forgotten_first_and_what_is_too_much_at_once_is_not_kept(stage: Stage, cameras: Camera) -> None:
+    recent = Recent(pixels=3 * SIZE[0] * SIZE[1])
+    stage = replace(stage, recent=recent)
+    context = Context(stage.scene, stage.plan, SIZE, None)
+    stage.features(cameras[:2], None)
+    stage.features(cameras[2:4], None)
+    assert [recent.holds(context, cameras[i]) for i in range(4)] == [False, False, True, True]
+    stage.features(cameras[4:8], None)
+    assert [recent.holds(context, cameras[i]) for i in range(2, 8)] == [True, True] + 4 * [False]
+
+
+def test_what_a_journal_answered_is_seen_in_the_batch_it_was_part_of(
+    stage: Stage, cameras: Camera, tmp_path: Path
+) -> None:
+    reference, found, spent = read_path(stage, cameras)[0], list[Features](), list[Spent]()
+    for resume in (False, True):
+        asked = replace(stage, spent=Spent(), journal=Journal(tmp_path / "j", {}, resume), recent=Recent())
+        asked.terms(reference, cameras[:3], None)
+        found.append(asked.features(cameras[1], None))
+        asked.terms(reference, cameras[1], None)  # known: not counted as a render by either
+        spent.append(asked.spent)
+    same(*found)
+    assert spent == [Spent(evaluations=4, renders=3)] * 2
