@@ -10,7 +10,7 @@ from typing import Any
 from ..camera import Camera
 from ..features import Features
 
-PIXELS = 4_000_000  # of all views that are remembered; the maps of one take 30 to 60 bytes a pixel
+PIXELS = 1_500_000  # of all views that are remembered; the maps of one take 30 to 60 bytes a pixel
 
 
 @dataclass(frozen=True)
