@@ -17,7 +17,7 @@ from . import Array
 from .splat_composite import ALL_PLANES, DEPTH_PLANES, Outputs, clear, composite, resolve
 from .splat_cull import Settings, View, cull, make_view, sort_by_depth
 from .splat_pack import Packed
-from .splat_project import BOX, PAIRS, RECORD, SLAB, TILE, Slab, Tiles, project_slab
+from .splat_project import BOX, COLUMNS, LANES, PAIRS, RECORD, SLAB, TILE, Slab, Tiles, project_slab
 from .splat_shade import shade_slab
 from .splat_weight import weigh
 
@@ -69,7 +69,12 @@ def _edges(bounds: Array, view: View, pieces: int) -> list[int]:
 
 def _scratch(gaussians: int, size: tuple[int, int], planes: int) -> Scratch:
     tiles = -(-size[0] // TILE) * -(-size[1] // TILE)
-    slab = Slab(np.empty((SLAB, RECORD), np.float32), np.empty((SLAB, BOX), np.int32))
+    slab = Slab(
+        np.empty((SLAB, RECORD), np.float32),
+        np.empty((SLAB, BOX), np.int32),
+        np.ones(COLUMNS * LANES, np.float32),
+        *np.empty((2, LANES + 1), np.int32),
+    )
     lists = (np.empty(tiles, np.uint8), np.empty(tiles + 1, np.int32), np.empty(tiles, np.int32))
     return Scratch(
         np.empty(gaussians + 1, np.int32),

@@ -12,8 +12,8 @@ import pytest
 
 from cltransfer.renderers.kernels.splat_cull import sort_by_depth
 from cltransfer.renderers.kernels.splat_pack import CHUNK, Packed, morton_codes, pack
-from cltransfer.renderers.kernels.splat_project import _pixels
-from cltransfer.renderers.kernels.splats import CUT, Part, Settings, _parts, count_visible, make_view
+from cltransfer.renderers.kernels.splat_project import LANES, SLAB, SOURCE, _pixels, project_slab
+from cltransfer.renderers.kernels.splats import CUT, Part, Settings, _parts, _scratch, count_visible, make_view
 
 FIRST_FRAME = """
 import sys, time
@@ -134,6 +134,39 @@ def test_pixels_about_any_place_are_in_the_frame_or_none():
         assert 0 <= first <= 90
         assert -1 <= last < 90
         assert first > last or np.isfinite(middle)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_slabs_hold_every_gaussian_of_an_open_tile_once_and_in_order(closed: bool) -> None:
+    random, count = np.random.default_rng(0), 4 * SLAB + LANES // 2
+    means = (random.uniform(-1, 1, (count, 3)) * [2, 1.1, 0.5] + [0, 0, 3]).astype(np.float32)  # some beside the frame
+    ones, scales = np.ones(count, np.float32), random.uniform(1e-3, 0.1, (count, 3)).astype(np.float32)
+    covariances = scales[:, :, None] ** 2 * np.eye(3, dtype=np.float32)
+    packed = pack(means, covariances, scales, 0.7 * ones, ones, np.zeros((count, 1, 3), np.float32))
+    view = make_view(
+        np.eye(4), np.array([[100.0, 0, 80], [0, 100, 45], [0, 0, 1]]), (160, 90), Settings(0.1, 0.3, True)
+    )
+    scratch = _scratch(count, (160, 90), 4)
+    scratch.tiles.closed[:] = 0
+    scratch.tiles.closed.reshape(-1, 10)[:, :6] = closed
+    order = random.permutation(count).astype(np.int32)
+
+    def kept(most: int) -> list[int]:
+        """Rows in the slabs, of which each gets ``most`` at a time."""
+        done, rows, slabs = 0, list[int](), 0
+        while done < count:
+            ahead = order[done : done + most]
+            taken, found = project_slab(packed.geometry, ahead, view, scratch.slab, scratch.tiles)
+            rows += scratch.slab.boxes[:found, SOURCE].tolist()
+            done, slabs = done + taken, slabs + (taken < len(ahead))
+        assert (slabs > 0) == (most == count), "only the whole fills a slab"
+        return rows
+
+    whole = kept(count)
+    assert whole == kept(1)
+    assert len(whole) > SLAB
+    if closed:
+        assert len(whole) < 0.7 * count
 
 
 def test_views_left_over_are_cut_where_as_much_is_to_be_drawn_on_either_side():
