@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.errors import ResourceError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.memory import VARIABLE
+from cltransfer.scenes import floaters as module
 from cltransfer.scenes.floaters import MEMBERS, floaters, without_floaters
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.simplify import joined, subset
@@ -100,3 +102,25 @@ def test_only_the_geometry_of_splats_changes(room: Splats) -> None:
     assert without_floaters(hanging).subject is scene.subject
     mesh = load_scene("builtin:room-0-mesh")
     assert without_floaters(mesh) is mesh
+
+
+def test_of_a_large_scene_the_answer_is_kept_by_its_content(
+    room: Splats, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path))
+    both = hung(room, 61)
+    expected = floaters(both)
+    assert expected.any()
+    assert not list(tmp_path.rglob("*.bits"))
+    monkeypatch.setattr(module, "KEPT", len(both))
+    assert torch.equal(floaters(both), expected)
+    (kept,) = tmp_path.rglob("*.bits")
+    moved = replace(both, means=both.means + 1e-3)
+    floaters(moved)
+    assert len(list(tmp_path.rglob("*.bits"))) == 2
+
+    kept.write_bytes(bytes(kept.stat().st_size))  # nothing small: so it is read
+    assert not floaters(both).any()
+    kept.write_bytes(b"short")
+    with pytest.raises(InputError, match=r"\.bits: expected \d+ bytes, got 5 .delete it"):
+        floaters(both)
