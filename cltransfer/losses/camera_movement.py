@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, Literal
 
 import torch
@@ -115,8 +116,10 @@ class CameraMovement:
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
         if self.mode == "robust":
-            wanted = reference.once(("affine flow", self.layered), lambda: self._fit(reference))
-            return movement_residuals(wanted, self._fit(rendered), self.mismatch, self.min_area, self.min_share)
+            wanted, found = (
+                side.once(("affine flow", self.layered), partial(self._fit, side)) for side in (reference, rendered)
+            )
+            return movement_residuals(wanted, found, self.mismatch, self.min_area, self.min_share)
         flow, layers = _on_grid_of(reference, rendered, self._layers(rendered))
         layers = layers & self._layers(reference)
         errors = layer_endpoint_errors(reference.require("flow"), flow, layers)
