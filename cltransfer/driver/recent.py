@@ -18,20 +18,23 @@ class Context:
     """What features depend on beside the camera. The same objects, not equal ones.
 
     Args:
-        scene, plan: what is looked at, and what reads the renders.
+        scene, renderer, plan: what is looked at, by what, and what reads the renders.
+        guarded: whether the scene's own depth is kept beside what they read.
         size: (W, H) of the renders [px].
         before: features of the frame before.
     """
 
     scene: Any
+    renderer: Any
     plan: Any
+    guarded: bool
     size: tuple[int, int]
     before: Features | None
 
     @property
     def key(self) -> tuple[object, ...]:
         """Of these objects, as long as they are held."""
-        return id(self.scene), id(self.plan), self.size, id(self.before)
+        return id(self.scene), id(self.renderer), id(self.plan), self.guarded, self.size, id(self.before)
 
 
 @dataclass

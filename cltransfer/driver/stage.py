@@ -110,7 +110,7 @@ class Stage:
         return self.recent.find(self._context(before), camera, see)
 
     def _context(self, before: Features | None) -> Context:
-        return Context(self.scene, self.plan, self.size, before)
+        return Context(self.scene, self.renderer, self.plan, self.guard is not None, self.size, before)
 
     def _rendered(self, cameras: Camera) -> Features:
         buffers = self.plan.buffers - {"camera", "person"} | ({"depth"} if self.guard else set())

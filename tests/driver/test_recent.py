@@ -11,6 +11,7 @@ import torch
 from cltransfer.camera import Camera
 from cltransfer.components import Components
 from cltransfer.config import load_config
+from cltransfer.driver.guard import Guard
 from cltransfer.driver.journal import Journal
 from cltransfer.driver.recent import Context, Recent
 from cltransfer.driver.stage import AHEAD, Spent, Stage
@@ -55,7 +56,7 @@ def test_a_candidate_that_is_settled_on_is_not_rendered_again_and_looks_as_if_it
     same(found, replace(stage, recent=Recent()).features(cameras[2], before))
 
 
-@pytest.mark.parametrize("what", ["camera", "before", "size", "scene"])
+@pytest.mark.parametrize("what", ["camera", "before", "size", "scene", "renderer", "guard"])
 def test_anything_else_is_rendered(stage: Stage, cameras: Camera, what: str) -> None:
     before = stage.features(cameras[0], None)
     stage.features(cameras[1], before)
@@ -65,6 +66,8 @@ def test_anything_else_is_rendered(stage: Stage, cameras: Camera, what: str) -> 
         "before": lambda: stage.features(cameras[1], replace(before)),
         "size": lambda: replace(stage, size=(32, 18)).features(cameras[1], before),
         "scene": lambda: replace(stage, scene=replace(stage.scene)).features(cameras[1], before),
+        "renderer": lambda: replace(stage, renderer=replace(stage.renderer)).features(cameras[1], before),
+        "guard": lambda: replace(stage, guard=Guard(None)).features(cameras[1], before),
     }
     other[what]()
     assert stage.spent.renders == rendered + 1
@@ -94,7 +97,7 @@ def test_a_path_that_leaves_a_known_one_is_rendered_from_there(stage: Stage, cam
 def test_the_oldest_are_forgotten_first_and_what_is_too_much_at_once_is_not_kept(stage: Stage, cameras: Camera) -> None:
     recent = Recent(pixels=3 * SIZE[0] * SIZE[1])
     stage = replace(stage, recent=recent)
-    context = Context(stage.scene, stage.plan, SIZE, None)
+    context = Context(stage.scene, stage.renderer, stage.plan, False, SIZE, None)
     stage.features(cameras[:2], None)
     stage.features(cameras[2:4], None)
     assert [recent.holds(context, cameras[i]) for i in range(4)] == [False, False, True, True]
