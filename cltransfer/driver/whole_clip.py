@@ -91,7 +91,8 @@ class WholeClip:
 
         Neighbours have nearly the same Jacobian, so each frame may measure every ``shared``-th direction only, starting
         from another one than the frame before, and take the others from the frames around it; D / ``shared``
-        evaluations a frame, and a render of each frame itself, which the flow of the next one starts from.
+        evaluations a frame. Each frame itself, which the flow of the next one starts from, is rendered only where it
+        was not seen lately.
 
         Args:
             x: the path.
@@ -106,18 +107,19 @@ class WholeClip:
         stage, objective = self.stage, self.stage.objective
         if objective.groups is None:
             raise ValueError("a path is refined by the residuals of every loss")
-        before = None
         N, D = x.shape
         shared = min(shared, max(1, N - 1))  # the first frame has no flow: another one measures what it does
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
         jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
-        for i, directions in enumerate(measured):
-            around = torch.cat([x[i : i + 1], x[i] + step * torch.eye(D, dtype=x.dtype)[directions]])
-            seen = stage.features(self.cameras(around), before)
-            r = stage.priced(self.reference[i], seen, self.defined[i])
-            jacobians[i][:, directions] = ((r[1:] - r[0]) / step).T
-            stage.spent.evaluations += len(around) - 1
-            before = seen[0]
+        before = None
+        for i, (directions, now) in enumerate(zip(measured, stage.path(self.cameras(x)))):
+            if directions.any():
+                around = x[i] + step * torch.eye(D, dtype=x.dtype)[directions]
+                seen = stage.features(self.cameras(around), before)
+                r = stage.priced(self.reference[i], seen, self.defined[i])
+                jacobians[i][:, directions] = ((r - residuals[i]) / step).T
+                stage.spent.evaluations += len(around)
+            before = now
         rows = torch.stack([objective.rows(frame) for frame in self.defined])
         return Local(residuals, between(jacobians, measured, rows), objective.groups, objective.paired)
 
