@@ -26,6 +26,7 @@ from .stage import Stage
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
 COARSE = 3  # steps of distances that are looked up first; then those around the cheapest path, in steps of one
 POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all distances are looked up
+POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
@@ -36,8 +37,8 @@ def closed_form(
 ) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
-    Evaluates about half of ``samples`` times :data:`DISTANCES` candidates, for a clip of any length; all of them where
-    none of that half suits.
+    Evaluates about half of ``samples`` times :data:`DISTANCES` candidates, for a clip of any length; all of them for a
+    frame that none of that half suits, or far less than the others.
 
     Args:
         stage: renders and scores.
@@ -104,8 +105,9 @@ def _distances(
     costs, seen = np.full((len(frames), len(logs)), np.inf), False
     chosen = np.zeros(len(frames), int)
     for choose in (_coarse, _beside, _rest):
-        for row, i, at in zip(costs, frames.tolist(), chosen.tolist()):
-            tried = choose(row, at)
+        poor = _poor(costs[np.arange(len(frames)), chosen])
+        for row, i, at, wrong in zip(costs, frames.tolist(), chosen.tolist(), poor.tolist()):
+            tried = choose(row, at, wrong)
             if len(tried):
                 row[tried], found = _costs(stage, search, reference[i], home, x[i], logs[tried])
                 seen |= found
@@ -119,20 +121,29 @@ def _distances(
     return along(between[:, None], min(BETWEEN * apart, LONGEST))[:, 0] / SCALE[3]
 
 
-def _coarse(costs: NDArray, at: int) -> NDArray:
+def _poor(costs: NDArray) -> NDArray:
+    """Frames (S,) bool whose cost (S,) is high, or far above that of the others.
+
+    >>> _poor(np.array([0.2, 0.3, 1.1, 0.4])).tolist()
+    [False, False, True, False]
+    """
+    return costs > min(POOR, max(LEAST, POORER * float(np.median(costs))))
+
+
+def _coarse(costs: NDArray, at: int, poor: bool) -> NDArray:
     """Those of (K,) that are looked up first, wherever ``at`` is."""
     return np.arange(0, len(costs), COARSE)
 
 
-def _beside(costs: NDArray, at: int) -> NDArray:
+def _beside(costs: NDArray, at: int, poor: bool) -> NDArray:
     """Those of (K,) nearer to ``at`` than the next that was looked up first, but for what is known (finite)."""
     near = np.arange(max(0, at - COARSE + 1), min(len(costs), at + COARSE))
     return near[np.isinf(costs[near])]
 
 
-def _rest(costs: NDArray, at: int) -> NDArray:
+def _rest(costs: NDArray, at: int, poor: bool) -> NDArray:
     """All of (K,) that are not known, where what was found is poor: what hides the person leaves a narrow gap."""
-    return np.flatnonzero(np.isinf(costs)) if costs[at] > POOR else np.empty(0, int)
+    return np.flatnonzero(np.isinf(costs)) if poor else np.empty(0, int)
 
 
 def _costs(
