@@ -118,12 +118,12 @@ def _pixels(middle: f32, reach: f32, size: int) -> tuple[f32, f32]:
 
 
 @njit(**INLINE)
-def _gather(geometry: Array, rows: Array, first: int, count: int, columns: int, lanes: Array) -> None:
-    """Columns of ``rows[first:first + count]``, one row a lane."""
+def _gather(geometry: Array, rows: Array, count: int, columns: int, lanes: Array) -> None:
+    """Columns of the first ``count`` rows, one row a lane."""
     for k in range(count):
-        if first + k + AHEAD < len(rows):
-            prefetch(geometry, rows[first + k + AHEAD], 1)  # type: ignore[call-arg]  # numba adds the first
-        row = rows[first + k]
+        if k + AHEAD < len(rows):
+            prefetch(geometry, rows[k + AHEAD], 1)  # type: ignore[call-arg]  # numba adds the first
+        row = rows[k]
         for column in range(columns):
             lanes[column * LANES + k] = geometry[row, column]
 
@@ -194,7 +194,7 @@ def _count_open(box: Array, k: int, tiles: Tiles, columns: int) -> int:
 @njit(**INLINE)
 def _reaches(geometry: Array, rows: Array, count: int, view: View, lanes: Array) -> None:
     """First and last pixels that the next ``count`` rows could touch at most; cheaper than projecting them."""
-    _gather(geometry, rows, 0, count, COVARIANCE, lanes)
+    _gather(geometry, rows, count, COVARIANCE, lanes)
     for k in range(count):
         lanes[_REACH + k] = geometry[rows[k], RADIUS]
     low, high = view.tangent_low, view.tangent_high
@@ -255,7 +255,7 @@ def project_slab(geometry: Array, order: Array, view: View, slab: Slab, tiles: T
         if any_closed:
             looked, count = _open(geometry, rows, view, slab, tiles, columns)
             rows = slab.chosen
-        _gather(geometry, rows, 0, count, GATHERED, slab.lanes)
+        _gather(geometry, rows, count, GATHERED, slab.lanes)
         _ellipses(slab.lanes, view)
         _boxes(slab.lanes, count, view)
         for k in range(count):
