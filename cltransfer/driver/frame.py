@@ -122,6 +122,8 @@ def _by_refinement(
     if memory.jacobian is None or not memory.placed(problem.stage.objective):
         found, renewal = frame.first(starts), Renewal()
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
+        if schedule.polish is not None and found.total <= limit:
+            limit, sigma, budget = schedule.refinement.tolerance, RESCUE_SIGMA, schedule.polish
     else:
         x, residuals = frame.best(starts)
         if memory.nothing_new(residuals):

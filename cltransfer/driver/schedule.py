@@ -15,6 +15,7 @@ from .refine import Refinement
 
 LEAN_STEPS = 5
 QUIET = 0.5  # of the noise: what is below it is not optimised
+POLISH = Budget(generations=25, patience=8, popsize=10)
 DAMPINGS = {1: (3e-2,), 2: (1e-2, 1.0), 3: (1e-3, 3e-2, 1.0)}
 
 
@@ -35,6 +36,7 @@ class Schedule:
         renewed: whether a Jacobian carried along the clip is measured afresh where a frame ends far worse than usual.
         lean_limit: mean total up to which a clip followed leanly is good enough; 0 follows none leanly.
         free_lens: whether the focal length moves.
+        polish: of CMA-ES, of a first frame that stands for all since nothing moves in the reference; else None.
         seed: of the run.
         note: why the engine is not the one asked for, empty where it is.
     """
@@ -51,6 +53,7 @@ class Schedule:
     renewed: bool
     lean_limit: float
     free_lens: bool
+    polish: Budget | None
     seed: int
     note: str = ""
 
@@ -70,6 +73,7 @@ def make_schedule(
     if config.zoom == "auto" and "filmic_space" in objective.names:
         free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
     note = _why_cma_alone(config, search, objective) if config.engine == "refine" else ""
+    generations = min(POLISH.generations, len(reference))
     return Schedule(
         engine="cma" if note else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, tolerance),
@@ -83,9 +87,18 @@ def make_schedule(
         renewed=config.jacobians == 0,
         lean_limit=config.lean,
         free_lens=free,
+        polish=replace(POLISH, generations=generations) if _still(objective, reference, tolerance) else None,
         seed=config.seed,
         note=note,
     )
+
+
+def _still(objective: Objective, reference: Features, tolerance: float) -> bool:
+    """Whether every frame from the second on shows what the second one does, by the losses: nothing moves."""
+    if len(reference) < 3:
+        return False
+    defined = objective.defined(reference[1])
+    return float(objective.totals(objective.terms(reference[1], reference[1:]), defined).max()) <= tolerance
 
 
 def _why_cma_alone(config: RunConfig, search: Any, objective: Objective) -> str:

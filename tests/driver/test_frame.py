@@ -14,6 +14,7 @@ from torch import Tensor
 from cltransfer.camera import Camera
 from cltransfer.components import Components
 from cltransfer.config import load_config
+from cltransfer.driver.cma_es import Budget
 from cltransfer.driver.frame import SAME, Memory, Solved, solve
 from cltransfer.driver.problem import Problem
 from cltransfer.driver.schedule import Schedule, make_schedule
@@ -115,6 +116,16 @@ def test_a_frame_in_the_wrong_basin_is_rescued_where_its_total_is_above_the_limi
     left = solved(problem, replace(schedule, basin=math.inf, rescue=math.inf), first)
     assert (left.generations, left.stop) == (0, "worth")
     assert left.total == pytest.approx(DECOY)
+
+
+def test_a_first_frame_that_stands_for_all_is_polished_however_good_it_is() -> None:
+    """The basin beside it is nearer than one step of the search from the initial view."""
+    problem, schedule = planted()
+    lean = replace(schedule, basin=math.inf, polish=Budget(generations=24, patience=8, popsize=10))
+    polished = solved(problem, lean, first=True)
+    assert 0 < polished.generations <= 24
+    assert polished.total < 0.1 * DECOY
+    assert solved(problem, lean, first=False).generations == 0
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["first", "later"])

@@ -134,6 +134,16 @@ def waving(period: int) -> tuple[WholeClip, torch.Tensor]:
     return clip, true
 
 
+def test_a_path_that_stands_still_as_it_was_found_stays_so_and_never_costs_more() -> None:
+    clip, _ = waving(period=8)
+    x = clip.search.vector(clip.home, clip.home, clip.stage.scene.subject).expand(16, -1).clone()
+    path = least_path(clip, x, None, 0.0, Effort(1, 4))
+    assert (path.knots, path.lens_kept) == (1, True)
+    assert path.name.startswith("static")
+    assert bool((path.x == path.x[0]).all())
+    assert path.total <= path.free
+
+
 def test_a_path_that_bends_less_never_costs_more_than_is_allowed() -> None:
     clip, x = waving(period=8)
     x[:, 3] += 0.05  # too far away

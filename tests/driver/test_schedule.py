@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.schedule import Schedule, make_schedule
+from cltransfer.driver.schedule import POLISH, Schedule, make_schedule
+from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.registry import SEARCHES
 from cltransfer.testing import sample_features
@@ -32,3 +35,20 @@ def test_a_search_is_refined_only_if_slopes_tell_every_move(name: str) -> None:
     made = schedule(f"search.{name}={{}}")
     assert (rank == 7) == (made.engine == "refine")
     assert (name in made.note) == (made.engine == "cma")
+
+
+@pytest.mark.parametrize("frames", [3, 12, 40])
+def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(frames: int) -> None:
+    config = load_config()
+    objective, search = Objective(Components.build(config).losses), config.build_one("search")
+    still = Features.concatenate([sample_features(0, 2)[1]] * frames)
+    polish = make_schedule(config, search, objective, still).polish
+    assert polish is not None
+    assert polish.generations == min(frames, POLISH.generations)
+    keypoints = still.require("keypoints").clone()
+    keypoints[-1, :, 0] += 0.05 * still.size[0]  # the last frame alone is different
+    assert make_schedule(config, search, objective, replace(still, keypoints=keypoints)).polish is None
+
+
+def test_two_frames_do_not_tell_that_nothing_moves() -> None:
+    assert schedule().polish is None
