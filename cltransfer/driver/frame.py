@@ -18,6 +18,7 @@ from .schedule import Schedule
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
+POLISH_SIGMA = 0.04
 BASIN = Budget(generations=40, patience=12, popsize=12)
 EQUAL = 1e-6  # by which two starts differ at most that are one, in the units of x
 SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
@@ -123,7 +124,7 @@ def _by_refinement(
         found, renewal = frame.first(starts), Renewal()
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
         if schedule.polish is not None and found.total <= limit:
-            limit, sigma, budget = schedule.refinement.tolerance, RESCUE_SIGMA, schedule.polish
+            limit, sigma, budget = schedule.refinement.tolerance, POLISH_SIGMA, schedule.polish
     else:
         x, residuals = frame.best(starts)
         if memory.nothing_new(residuals):

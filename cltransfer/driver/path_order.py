@@ -109,13 +109,23 @@ def least_path(
         local = clip.local(x, residuals)
     limit = free + path.floor
     if float((x - x[0]).abs().max()) <= STANDS:
-        return _refined(clip, replace(path, knots=1, lens_kept=True, residuals=residuals), effort)
+        return _refined(clip, _standing(clip, replace(path, residuals=residuals), local), effort)
     tries = min(TRIED, effort.rounds or TRIED)
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
     if spline is None:
         return _filtered(clip, path, guide, limit, effort)
     refined = _refined(clip, spline, effort)
     return refined if refined.total <= limit else spline  # refining trades total for steadiness
+
+
+def _standing(clip: WholeClip, found: LeastPath, local: Local | None) -> LeastPath:
+    """A path that stands as it was found: there, or where the model leads all frames together if that costs less."""
+    here = replace(found, knots=1, lens_kept=True)
+    if local is None:
+        return here
+    x = fit(found.x, local, 1).x
+    total, residuals = clip.scored(x)
+    return replace(here, x=x, total=total, residuals=residuals) if total < here.total else here
 
 
 def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, effort: Effort) -> LeastPath:
