@@ -16,6 +16,8 @@ import numpy as np
 from .catalogue import entry_of_file
 from .errors import ModelError, UsageError
 from .files import cache_dir, content_hash
+from .memory import VARIABLE as MEMORY
+from .memory import free_bytes
 from .registry import code_of
 from .threads import thread_count
 
@@ -28,6 +30,7 @@ Shape = tuple[int | None, ...]
 BYTE_LIMIT = 2 * 2**30
 VARIABLE = "CLTRANSFER_NETWORKS"
 CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
+_ARENA = "BFCArena"  # names whose limit it was, in onnxruntime's errors
 _EXTERNAL = b"\n\x08location"  # the key by which a tensor names another file
 
 
@@ -104,6 +107,24 @@ def providers() -> list[str]:
     return [CUDA, CPU] if has_cuda and wish != "cpu" else [CPU]
 
 
+@functools.cache
+def memory_bound() -> int | None:
+    """Bytes that all networks of this process may take together on the CPU: what was free before the first was loaded.
+
+    Where the system does not say it is None, and they may take what there is.
+    """
+    import onnxruntime
+
+    free = free_bytes()
+    info = onnxruntime.OrtMemoryInfo(
+        "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
+    )
+    most = 0 if free is None else max(1, free)  # 0 is no limit
+    as_asked, default = 1, -1  # the arena grows by what is asked for
+    onnxruntime.create_and_register_allocator(info, onnxruntime.OrtArenaCfg(most, as_asked, default, default))
+    return free
+
+
 @dataclass(frozen=True)
 class Network:
     """One ONNX file that runs on batches, whether or not its batch size is fixed at 1.
@@ -122,7 +143,8 @@ class Network:
         """Outputs (B, ...) float32 of inputs (B, ...) float32.
 
         Raises:
-            ModelError: the network fails, or an output is not finite or not of the stated shape.
+            ModelError: the network fails or takes more memory than :func:`memory_bound`, or an output is not finite or
+                not of the stated shape.
         """
         batch = len(next(iter(feeds.values())))
         step = batch if self._any_batch else 1
@@ -142,7 +164,14 @@ class Network:
         try:
             return dict(zip(self.outputs, self.session.run(list(self.outputs), feeds)))
         except Exception as error:  # onnxruntime's errors have no narrower common class
-            raise ModelError(self.path, "run", _first_line(error)) from None
+            raise self._failure("run", error) from None
+
+    def _failure(self, what: str, error: Exception) -> ModelError:
+        bound = memory_bound()
+        if bound is not None and _ARENA in str(error):
+            reason = f"takes more than the {bound / 2**20:.0f} MB that were free"
+            return ModelError(self.path, "memory", reason, f"raise the limit of the system or of {MEMORY}")
+        return ModelError(self.path, what, _first_line(error))
 
     @property
     def _any_batch(self) -> bool:
@@ -163,11 +192,13 @@ class Network:
         options.inter_op_num_threads = 1
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+        options.add_session_config_entry("session.use_env_allocators", "1")  # those of memory_bound
         data, wanted = self._read(), providers()
+        memory_bound()
         try:
             session = onnxruntime.InferenceSession(data, options, providers=wanted)
         except Exception as error:  # onnxruntime's errors have no narrower common class
-            raise ModelError(self.path, "model", _first_line(error)) from None
+            raise self._failure("model", error) from None
         if session.get_providers()[0] != wanted[0]:  # onnxruntime falls back by itself and says so only in its log
             raise ModelError(self.path, "CUDA", "did not start", f"{VARIABLE}=cpu runs it on the CPU")
         self._check("input", self.inputs, session.get_inputs(), exact=True)

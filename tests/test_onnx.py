@@ -1,4 +1,6 @@
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -99,6 +101,48 @@ def test_external_data_are_refused(tmp_path):
     path = graph(tmp_path / "a.onnx", save_as_external_data=True, location="w.bin", size_threshold=0)
     assert (tmp_path / "w.bin").exists()
     refused(network(path), "external data", "refused")
+
+
+GREEDY = """
+import resource, sys
+import numpy as np
+from pathlib import Path
+from cltransfer.errors import ModelError
+from cltransfer.onnx import Network
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    Network(Path(sys.argv[1]), {"x": (None, 3)}, {"y": (None, 3)})({"x": np.ones((1, 3), np.float32)})
+except ModelError as error:
+    print(error.field, error)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
+"""
+
+
+@pytest.mark.parametrize("folded", [False, True], ids=["while it runs", "while it is loaded"])
+def test_a_network_takes_no_more_memory_than_is_free(tmp_path, folded):
+    """A file of 200 bytes that asks for 2 GB."""
+    source = ["c"] if folded else ["s"]
+    nodes = [
+        helper.make_node("ReduceSum", ["x"], ["s"], keepdims=0),
+        helper.make_node("Expand", [*source, "shape"], ["large"]),
+        helper.make_node("Sqrt", ["large"], ["root"]),
+        helper.make_node("ReduceSum", ["root"], ["sum"], keepdims=0),
+        helper.make_node("Add", ["x", "sum"], ["y"]),
+    ]
+    known = [numpy_helper.from_array(np.array([2**29]), "shape"), numpy_helper.from_array(np.ones(1, np.float32), "c")]
+    x, y = (helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", 3]) for n in "xy")
+    model = helper.make_model(
+        helper.make_graph(nodes, "g", [x], [y], known), opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
+    onnx.save_model(model, str(tmp_path / "a.onnx"))
+    ran = subprocess.run(
+        [sys.executable, "-c", GREEDY, str(tmp_path / "a.onnx")],
+        env={**os.environ, "CLTRANSFER_MEMORY": "800"}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    told, taken = ran.stdout.splitlines()
+    assert told.startswith("memory ")
+    assert "raise the limit of the system or of CLTRANSFER_MEMORY" in told
+    assert int(taken) < 400
 
 
 def field(tag, content):
