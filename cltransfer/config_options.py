@@ -51,7 +51,7 @@ class RunConfig:
             The result is rendered and scored in full.
         warm_start: start each frame from the frames before it; otherwise from the initial view.
         guide: frames along the clip at which distances are looked up, to choose one path in closed form that all frames
-            start from; 0 starts each frame from the ones before it alone.
+            start from, one where nothing moves; 0 starts each frame from the ones before it alone.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.
         engine: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A loss without

@@ -166,7 +166,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     subject, refined = scene.subject, schedule.engine == "refine"
     if refined and schedule.warm and subject is not None and config.guide:
         lens = homes[0] if homes else any_view(subject, output)
-        guide = closed_form(stage, search, wanted, lens, schedule.free_lens, config.guide)
+        samples = 1 if schedule.still else config.guide
+        guide = closed_form(stage, search, wanted, lens, schedule.free_lens, samples)
         if guide is not None:
             homes.append(search.cameras(guide[:1], lens, subject))
     unsure = guide is None or reference.family == "image"  # networks err about where a person looks

@@ -58,6 +58,11 @@ class Schedule:
     note: str = ""
 
     @property
+    def still(self) -> bool:
+        """Whether nothing moves in the reference."""
+        return self.polish is not None
+
+    @property
     def lean(self) -> Schedule:
         """The cheapest way along a clip: one damping, the Jacobian carried from frame to frame, nothing rescued."""
         refinement = replace(self.refinement, steps=LEAN_STEPS, dampings=DAMPINGS[1], jacobians=0)
@@ -94,11 +99,12 @@ def make_schedule(
 
 
 def _still(objective: Objective, reference: Features, tolerance: float) -> bool:
-    """Whether every frame from the second on shows what the second one does, by the losses: nothing moves."""
+    """Whether every frame shows what the second one does, by the losses: nothing moves. The first one has no flow."""
     if len(reference) < 3:
         return False
-    defined = objective.defined(reference[1])
-    return float(objective.totals(objective.terms(reference[1], reference[1:]), defined).max()) <= tolerance
+    defined = objective.defined(reference)
+    alike = objective.totals(objective.terms(reference[1], reference), defined) <= tolerance
+    return bool((defined[1:] == defined[1]).all() and alike.all())
 
 
 def _why_cma_alone(config: RunConfig, search: Any, objective: Objective) -> str:

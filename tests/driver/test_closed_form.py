@@ -59,6 +59,14 @@ def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepar
     assert first + 2 * (COARSE - 1) <= len(DISTANCES) / 2
 
 
+def test_distances_are_looked_up_once_where_nothing_moves(prepared: Any) -> None:
+    job, _ = prepared("static", "guide=5")
+    assert job.schedule.still
+    assert job.stage.spent.evaluations <= len(DISTANCES) / 2
+    assert job.guide is not None
+    torch.testing.assert_close(job.guide, found(job), rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["push_in", "orbit", "dolly_zoom"])
 def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
     prepared: Any, name: str, monkeypatch: pytest.MonkeyPatch

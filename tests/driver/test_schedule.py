@@ -46,8 +46,10 @@ def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(fra
     assert polish is not None
     assert polish.generations == min(frames, POLISH.generations)
     keypoints = still.require("keypoints").clone()
-    keypoints[-1, :, 0] += 0.05 * still.size[0]  # the last frame alone is different
-    assert make_schedule(config, search, objective, replace(still, keypoints=keypoints)).polish is None
+    for frame, change in ((0, 0.05 * still.size[0]), (-1, 0.05 * still.size[0]), (-1, torch.nan)):
+        other = keypoints.clone()
+        other[frame, :, 0] += change  # one frame alone is different, or shows nothing
+        assert not make_schedule(config, search, objective, replace(still, keypoints=other)).still
 
 
 def test_two_frames_do_not_tell_that_nothing_moves() -> None:
