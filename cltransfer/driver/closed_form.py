@@ -8,6 +8,7 @@ best may suit the rest badly, and a search that follows the clip frame by frame 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -101,17 +102,15 @@ def _distances(
 ) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
     frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
-    logs, rate = DISTANCES.log(), BEND * len(frames) / len(reference)
-    costs, seen = np.full((len(frames), len(logs)), np.inf), False
-    chosen = np.zeros(len(frames), int)
-    for choose in (_coarse, _beside, _rest):
-        poor = _poor(costs[np.arange(len(frames)), chosen])
-        for row, i, at, wrong in zip(costs, frames.tolist(), chosen.tolist(), poor.tolist()):
-            tried = choose(row, at, wrong)
-            if len(tried):
-                row[tried], found = _costs(stage, search, reference[i], home, x[i], logs[tried])
-                seen |= found
-        chosen = _cheapest(costs, logs.numpy(), rate)
+    logs, seen = DISTANCES.log(), False
+
+    def look_up(k: int, tried: NDArray) -> NDArray:
+        nonlocal seen
+        costs, found = _costs(stage, search, reference[int(frames[k])], home, x[int(frames[k])], logs[tried])
+        seen |= found
+        return costs
+
+    chosen = _looked_up(look_up, len(frames), logs.numpy(), BEND * len(frames) / len(reference))
     if not seen:
         return None
     between = torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen]))
@@ -121,6 +120,44 @@ def _distances(
     return along(between[:, None], min(BETWEEN * apart, LONGEST))[:, 0] / SCALE[3]
 
 
+def _looked_up(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:
+    """Which of K values each sample takes, (S,), see :func:`_cheapest`; ``look_up(k, tried)`` costs evaluations.
+
+    First some for every sample, then those about the cheapest path, all where that is poor, and in the end what its
+    neighbours take: a narrow gap that one has found would be left again where the next one has not looked.
+    """
+    costs, chosen = np.full((samples, len(values)), np.inf), np.zeros(samples, int)
+    for wanted in (_coarse, _beside, _rest, *[_likewise] * samples):
+        for k, tried in enumerate(wanted(costs, chosen) & np.isinf(costs)):
+            if tried.any():
+                costs[k, tried] = look_up(k, tried)
+        chosen = _cheapest(costs, values, rate)
+    return chosen
+
+
+def _coarse(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Those of costs (S, K) that are looked up first, bool, whatever was ``chosen`` (S,)."""
+    return np.broadcast_to(np.arange(costs.shape[1]) % COARSE == 0, costs.shape)
+
+
+def _beside(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Those of (S, K) nearer to what was ``chosen`` (S,) than the next that was looked up first."""
+    return np.abs(np.arange(costs.shape[1]) - chosen[:, None]) < COARSE
+
+
+def _rest(costs: NDArray, chosen: NDArray) -> NDArray:
+    """All of (S, K) where what was ``chosen`` (S,) is poor: what hides the person leaves a narrow gap."""
+    return np.broadcast_to(_poor(costs[np.arange(len(costs)), chosen])[:, None], costs.shape)
+
+
+def _likewise(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Those of (S, K) that were ``chosen`` (S,) by the sample before and the one after."""
+    wanted = np.zeros(costs.shape, bool)
+    wanted[np.arange(1, len(costs)), chosen[:-1]] = True
+    wanted[np.arange(len(costs) - 1), chosen[1:]] = True
+    return wanted
+
+
 def _poor(costs: NDArray) -> NDArray:
     """Frames (S,) bool whose cost (S,) is high, or far above that of the others.
 
@@ -128,22 +165,6 @@ def _poor(costs: NDArray) -> NDArray:
     [False, False, True, False]
     """
     return costs > min(POOR, max(LEAST, POORER * float(np.median(costs))))
-
-
-def _coarse(costs: NDArray, at: int, poor: bool) -> NDArray:
-    """Those of (K,) that are looked up first, wherever ``at`` is."""
-    return np.arange(0, len(costs), COARSE)
-
-
-def _beside(costs: NDArray, at: int, poor: bool) -> NDArray:
-    """Those of (K,) nearer to ``at`` than the next that was looked up first, but for what is known (finite)."""
-    near = np.arange(max(0, at - COARSE + 1), min(len(costs), at + COARSE))
-    return near[np.isinf(costs[near])]
-
-
-def _rest(costs: NDArray, at: int, poor: bool) -> NDArray:
-    """All of (K,) that are not known, where what was found is poor: what hides the person leaves a narrow gap."""
-    return np.flatnonzero(np.isinf(costs)) if poor else np.empty(0, int)
 
 
 def _costs(

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.driver.closed_form import COARSE, DISTANCES, _cheapest, closed_form
+from cltransfer.driver.closed_form import COARSE, DISTANCES, _cheapest, _looked_up, closed_form
 from cltransfer.preparation import Clock, Inputs, Job, prepare
 from cltransfer.progress import silent
 from cltransfer.scenes.load import load_scene
@@ -57,6 +57,22 @@ def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepar
     first = len(DISTANCES[::COARSE])
     assert 3 * (first + COARSE - 1) <= job.stage.spent.evaluations <= 3 * (first + 2 * (COARSE - 1))
     assert first + 2 * (COARSE - 1) <= len(DISTANCES) / 2
+
+
+def test_what_one_frame_found_is_looked_up_beside_it() -> None:
+    """The first frames see a gap that the coarse lookups miss, and a wide valley elsewhere; the last see the gap."""
+    values, slope = DISTANCES.log().numpy(), np.abs(np.arange(24) - 16.0)
+    costs = np.stack([1.0 + 0.1 * slope] * 3 + [6.0 + 0.0 * slope] * 3)
+    costs[:, 8] = 0.5
+    costs[3:, 9] = 3.0  # leads there from the coarse ones
+    known = np.zeros(costs.shape, bool)
+
+    def look_up(k: int, tried: np.ndarray) -> np.ndarray:
+        known[k] |= tried
+        return costs[k, tried]
+
+    assert _looked_up(look_up, 6, values, 1.0).tolist() == [8] * 6
+    assert known.sum(1).max() <= 24 / 2 + 2
 
 
 def test_distances_are_looked_up_once_where_nothing_moves(prepared: Any) -> None:
