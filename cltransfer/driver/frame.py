@@ -123,7 +123,7 @@ def _by_refinement(
     if memory.jacobian is None or not memory.placed(problem.stage.objective):
         found, renewal = frame.first(starts), Renewal()
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
-        if schedule.polish is not None and found.total <= limit:
+        if schedule.polish is not None and problem.before is None and found.total <= limit:
             limit, sigma, budget = schedule.refinement.tolerance, POLISH_SIGMA, schedule.polish
     else:
         x, residuals = frame.best(starts)
