@@ -30,7 +30,7 @@ def simplify(
     """Merge the Gaussians of SCENE that no view can tell apart, and leave out those that no view shows.
 
     `transfer` does the first by itself while searching: lod=2. `k=0 floaters=drop` leaves out those that hang in the
-    air by themselves and nothing else, as `transfer` does, and needs no view.
+    air by themselves and nothing else, as `transfer` does for its search, and needs no view.
     """
     from .convert_scene import Simplification, simplify_file
 

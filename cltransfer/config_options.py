@@ -73,7 +73,8 @@ class RunConfig:
             half-range; of subject_orbit 1 rad about, a factor of 2.2 away; of se3_jaws 1 scene unit, 1 rad.
         warm_sigma: the same for a warm-started frame.
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
-        floaters: drop leaves out Gaussians that hang in the air by themselves, keep takes the scene as it is.
+        floaters: drop leaves Gaussians out of the search that hang in the air by themselves, unless what is found is
+            far worse among them and can be mended; keep takes the scene as it is. The result always shows them.
         guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
             are repaired too; 0 takes it as it was read. The scores always use what was read.

@@ -35,8 +35,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     for note in (result.schedule.note, result.note):
         if note:
             yield Flag(None, note)
-    if result.floaters:
-        yield Flag(None, f"Gaussians left out that hang in the air by themselves: {result.floaters} (floaters=keep)")
+    yield from _floaters(result)
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
         hint = "`cltransfer lift SCENE --person N` and --subject take another"
@@ -46,6 +45,19 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         known = space is not None and space.defined
         why = "" if known else ": without filmic space it cannot be told apart from distance"
         yield Flag(None, f"focal length kept{why}")
+
+
+def _floaters(result: Result) -> Iterator[Flag]:
+    if not result.floaters:
+        return
+    hanging, left_out = f"Gaussians that hang in the air by themselves: {result.floaters}", result.kept.left_out
+    if left_out is None:
+        yield Flag(None, f"{hanging}, searched with them: what is found without is far worse among them")
+        return
+    yield Flag(None, f"{hanging}, left out of the search (floaters=keep)")
+    if left_out.matters:
+        totals = f"the total is {left_out.among:.3g} for {left_out.alone:.3g} without"
+        yield Flag(None, f"they spoil the result, {totals}: `cltransfer simplify SCENE k=0 floaters=drop` removes them")
 
 
 def _reference(result: Result) -> Iterator[Flag]:

@@ -1,27 +1,26 @@
-"""Before a search: scene, reference, stage and initial views, from what a transfer is given."""
+"""Before a search: scene, reference, stage and starts, from what a transfer is given."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 
-from .camera import Camera, concatenate, resized
+from .camera import resized
 from .components import Components
 from .config_options import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
-from .driver.closed_form import closed_form
 from .driver.guard import READ, Guard
-from .driver.initial_view import any_view, best_of_orbit, first_seen, given_view
+from .driver.initial_view import given_view
 from .driver.journal import Journal
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Stage
+from .driver.starts import Starting, Starts
 from .features import Features
 from .objective import Objective
 from .onnx import model_content
@@ -35,7 +34,6 @@ from .scenes import Scene
 from .scenes.floaters import without_floaters
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
-from .scenes.splats import Splats
 from .threads import default_count, set_threads, thread_count
 from .tracks import cleaned, turned_back
 
@@ -104,14 +102,20 @@ class Job:
     search: Any
     reference: Reference
     wanted: Features  # the reference, cleaned where it was read from a clip
-    stage: Stage
+    stage: Stage  # the scene as it was given
+    solid: Scene  # the same without its floaters where the config says so
     schedule: Schedule
     noise: float  # total that cannot be told apart
-    homes: Camera  # initial views, the best first
-    guide: Tensor | None  # (N, D) a path in closed form, where there is one
+    starting: Starting  # how a start is found
+    starts: Starts  # in the scene without its floaters
     by_networks: bool  # whether networks read the result
     alignment: DepthAlignment | None  # of the depth network, where it was read off the scene
-    floaters: int  # Gaussians that were left out of the scene
+
+    @property
+    def floaters(self) -> int:
+        """Gaussians that were left out of the scene."""
+        whole, left = self.stage.scene, self.solid
+        return 0 if left is whole else len(whole.geometry) - len(left.geometry)
 
 
 def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress, record: Record | None) -> Job:
@@ -145,11 +149,10 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     if family == "scene" or search.needs_subject or view is None:
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))
         clock.lap("lift")
-    given = len(scene.geometry) if isinstance(scene.geometry, Splats) else 0
+    solid = scene
     if config.floaters == "drop":
-        scene = without_floaters(scene)
+        solid = without_floaters(scene)
         clock.lap("floaters")
-    dropped = given - len(scene.geometry) if given else 0
     watched = READ if config.guard and family == "scene" else frozenset()
     plan = parts.plan(family, reference.features.names(), watched)
     small, output = (fitted_size(reference.features.size, side) for side in (config.search_side, config.output_side))
@@ -162,20 +165,13 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     )
     noise = noise_floor(stage.objective, reference.features, wanted)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
-    homes, guide = [] if view is None else [resized(view, output)], None
-    subject, refined = scene.subject, schedule.engine == "refine"
-    if refined and schedule.warm and subject is not None and config.guide:
-        lens = homes[0] if homes else any_view(subject, output)
-        samples = 1 if schedule.still else config.guide
-        guide = closed_form(stage, search, wanted, lens, schedule.free_lens, samples)
-        if guide is not None:
-            homes.append(search.cameras(guide[:1], lens, subject))
-    unsure = guide is None or reference.family == "image"  # networks err about where a person looks
-    if not homes or (refined and unsure and subject is not None):
-        homes.append(best_of_orbit(stage, first_seen(wanted), output, schedule.free_lens, view))
+    given, read = None if view is None else resized(view, output), reference.family == "image"
+    starting = Starting(search, schedule, config.guide, given, output, read)
+    starts = starting.starts(replace(stage, scene=solid), wanted)
     clock.lap("initial view")
-    start = concatenate(homes)
-    return Job(parts, search, reference, wanted, stage, schedule, noise, start, guide, by_networks, alignment, dropped)
+    return Job(
+        parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts, by_networks, alignment
+    )
 
 
 def _guard(config: RunConfig, scene: Scene) -> Guard | None:

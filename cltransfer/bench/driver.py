@@ -81,7 +81,7 @@ class Clip:
 
     Args:
         preset, target, shot, seed: what was run, see :class:`Run`.
-        total: mean over the frames, by geometry at the search size.
+        total: mean over the frames, by geometry at the search size, in the scene as it is, floaters and all.
         evaluations: a frame.
         seconds: of the search.
         position, rotation, focal: median errors of the camera [subject heights, degrees, share]; NaN where unknown.
@@ -263,9 +263,10 @@ def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
     clips = clips_of(rows)
     lines = [
         f"Made by `{command}`. Canonical shots in the plaza, taught to the plaza (self: true cameras known) and to the",
-        "courtyard (cross); a total of 1 means every term at its tolerance. Pose errors are medians over clips of the",
-        "median over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and",
-        "robust losses. Jerk is that of the frames as they were found and of the path taken, which costs so much more.",
+        "courtyard (cross); a total of 1 means every term at its tolerance, in the scene with what a search may leave",
+        "out of it, floaters. Pose errors are medians over clips of the median over frames. Paper: its parameters,",
+        "ranges, steps and full budget on the same geometric features and robust losses. Jerk is that of the frames as",
+        "they were found and of the path taken, which costs so much more.",
         *machine(),
         measured_at(rows),
         "",

@@ -38,18 +38,18 @@ def prepared(tmp_path: Path) -> Callable[..., tuple[Job, Trajectory]]:
 
 def found(job: Job, **features: Any) -> Any:
     reference = replace(job.wanted, **features)
-    return closed_form(job.stage, job.search, reference, job.homes[0], job.schedule.free_lens, 5)
+    return closed_form(job.stage, job.search, reference, job.starts.homes[0], job.schedule.free_lens, 5)
 
 
 @pytest.mark.parametrize("name", ["static", "push_in", "orbit", "zoom", "dolly_zoom"])
 def test_the_path_is_that_of_the_true_cameras_to_the_step_of_the_distances(prepared: Any, name: str) -> None:
     job, true = prepared(name)
-    assert job.guide is not None
+    assert job.starts.guide is not None
     truth = job.search.vector(true.camera, true.camera[0], job.stage.scene.subject)
     step = float(DISTANCES[1] / DISTANCES[0]) - 1
-    torch.testing.assert_close(job.guide[:, :3], truth[:, :3], atol=0.01, rtol=0)
-    assert float((job.guide[:, 3] - truth[:, 3]).abs().max()) < 2.5 * step
-    torch.testing.assert_close(job.guide[:, 4:], truth[:, 4:], atol=0.01, rtol=0)
+    torch.testing.assert_close(job.starts.guide[:, :3], truth[:, :3], atol=0.01, rtol=0)
+    assert float((job.starts.guide[:, 3] - truth[:, 3]).abs().max()) < 2.5 * step
+    torch.testing.assert_close(job.starts.guide[:, 4:], truth[:, 4:], atol=0.01, rtol=0)
 
 
 def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepared: Any) -> None:
@@ -79,8 +79,8 @@ def test_distances_are_looked_up_once_where_nothing_moves(prepared: Any) -> None
     job, _ = prepared("static", "guide=5")
     assert job.schedule.still
     assert job.stage.spent.evaluations <= len(DISTANCES) / 2
-    assert job.guide is not None
-    torch.testing.assert_close(job.guide, found(job), rtol=0, atol=1e-9)
+    assert job.starts.guide is not None
+    torch.testing.assert_close(job.starts.guide, found(job), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["push_in", "orbit", "dolly_zoom"])
@@ -96,16 +96,16 @@ def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
 
 def test_without_one_the_first_frame_starts_from_the_best_of_an_orbit(prepared: Any) -> None:
     job, true = prepared("push_in", "guide=0")
-    assert job.guide is None
+    assert job.starts.guide is None
     assert job.stage.spent.evaluations > 24  # those of the orbit
-    off = (job.homes[0].center - true.camera[0].center).norm() / job.stage.scene.subject.height
+    off = (job.starts.homes[0].center - true.camera[0].center).norm() / job.stage.scene.subject.height
     assert float(off) < 0.2
 
 
 def test_a_kept_lens_leaves_nothing_to_try(prepared: Any) -> None:
     job, _ = prepared("push_in", "zoom=fixed")
-    assert job.guide is not None
-    assert job.guide.shape == (FRAMES, 6)
+    assert job.starts.guide is not None
+    assert job.starts.guide.shape == (FRAMES, 6)
     assert job.stage.spent.evaluations == 0
 
 
@@ -127,7 +127,7 @@ def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
 
 def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
     job, _ = prepared("static", "search={subject_orbit: null, paper_box: {}}")
-    assert job.guide is None
+    assert job.starts.guide is None
 
 
 def test_a_depth_that_suits_the_first_frame_alone_is_not_taken() -> None:

@@ -35,17 +35,17 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 def second(job: Job, totals: list[float], x: Tensor | None = None) -> Tensor | None:
     """The second guide of frames that ended at ``totals``, at x or else where the first guide is."""
-    assert job.guide is not None
+    assert job.starts.guide is not None
     assert job.stage.scene.subject is not None
-    found = job.guide if x is None else x
-    given = (job.search, job.wanted, job.homes[0], job.stage.scene.subject, job.guide, found)
+    found = job.starts.guide if x is None else x
+    given = (job.search, job.wanted, job.starts.homes[0], job.stage.scene.subject, job.starts.guide, found)
     return second_guide(*given, torch.tensor(totals, dtype=torch.float64))
 
 
 def astray(job: Job, frames: slice) -> Tensor:
     """The guide, but some frames stand too far away."""
-    assert job.guide is not None
-    x = job.guide.clone()
+    assert job.starts.guide is not None
+    x = job.starts.guide.clone()
     x[frames, 3] += FAR
     return x
 
@@ -55,7 +55,7 @@ def test_wrong_frames_get_the_distance_of_the_nearest_right_one(job: Job) -> Non
     found = second(job, [1.0] * 3 + [0.1] * 5, x)
     assert found is not None
     torch.testing.assert_close(found[:3, 3], x[3, 3].expand(3))
-    torch.testing.assert_close(found[3:], job.guide[3:], atol=1e-5, rtol=0)  # type: ignore[index]
+    torch.testing.assert_close(found[3:], job.starts.guide[3:], atol=1e-5, rtol=0)  # type: ignore[index]
 
 
 def test_a_frame_that_hides_the_person_tells_nothing(job: Job) -> None:
@@ -81,15 +81,15 @@ def test_every_frame_is_aimed_anew_from_there(job: Job) -> None:
     found = second(job, [1.0] * 3 + [0.1] * 5, astray(job, slice(0, 3)))
     assert found is not None
     subject = job.stage.scene.subject
-    aimed = [job.search.aimed(found[i : i + 1], job.homes[0], subject, job.wanted[i]) for i in range(FRAMES)]
+    aimed = [job.search.aimed(found[i : i + 1], job.starts.homes[0], subject, job.wanted[i]) for i in range(FRAMES)]
     torch.testing.assert_close(torch.cat(aimed), found, atol=1e-6, rtol=0)
 
 
 def test_the_first_frame_is_tried_nearer_and_farther_too(job: Job) -> None:
     subject = job.stage.scene.subject
     assert subject is not None
-    assert job.guide is not None
-    views = first_views(job.search, job.wanted, job.homes[0], subject, job.guide)
+    assert job.starts.guide is not None
+    views = first_views(job.search, job.wanted, job.starts.homes[0], subject, job.starts.guide)
     away = (views.center - subject.anchor).norm(dim=1)
     ratios = (away / away[0]).log()
     torch.testing.assert_close(ratios, torch.tensor([0, NEAR, -NEAR]).double(), atol=0.01, rtol=0)

@@ -1,6 +1,15 @@
-"""Floaters hang about the person: a search that sees them stands close behind one, where the scene has nothing."""
+"""Floaters hang about the person: a search that sees them stands close behind one, where the scene has nothing.
 
+What hangs alone may be a leaf, and real: a search that does not see it stands where the leaf hides the person.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from cltransfer.bench.protocol import Trial
 from cltransfer.bench.stress.trial import StressTrial, run_stress
+from cltransfer.bench.trial import run_trial
 
 
 def ended(options: tuple[str, ...]) -> float:
@@ -11,3 +20,10 @@ def ended(options: tuple[str, ...]) -> float:
 
 def test_a_search_is_not_lured_by_floaters() -> None:
     assert ended(()) < 5 < 10 < ended(("floaters=keep",))  # measured 3.2 and 14.4
+
+
+@pytest.mark.parametrize("preset", ["fast", "balanced"])
+def test_a_leaf_that_was_left_out_does_not_hide_the_person(preset: str, tmp_path: Path) -> None:
+    row = run_trial(Trial(preset, "pan", "room-200004", "path-200005", 1000, 4), "leaf", tmp_path)
+    assert row["total"] < 0.5  # measured 0.25 and 0.23; 9.8 with two frames of four hidden
+    assert not row["failed"]

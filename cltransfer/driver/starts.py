@@ -1,0 +1,64 @@
+"""Where a search starts: the view that was given, a path in closed form, the best of an orbit around the subject."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from ..camera import Camera, concatenate
+from ..features import Features
+from .closed_form import closed_form
+from .initial_view import any_view, best_of_orbit, first_seen
+from .schedule import Schedule
+from .stage import Stage
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Where a search starts.
+
+    Args:
+        homes: initial views, the best first.
+        guide: a path (N, D) in closed form, None where there is none.
+    """
+
+    homes: Camera
+    guide: Tensor | None  # (N, D)
+
+
+@dataclass(frozen=True)
+class Starting:
+    """How a start is found, in whichever scene.
+
+    Args:
+        search: vectors to cameras.
+        schedule: how frames are searched.
+        samples: frames along the clip for which distances are looked up, 0 for no path in closed form.
+        view: that was given, at ``size``; None where none was.
+        size: (W, H) of the result [px].
+        by_networks: whether the reference was read by networks, which err about where a person looks.
+    """
+
+    search: Any
+    schedule: Schedule
+    samples: int
+    view: Camera | None
+    size: tuple[int, int]
+    by_networks: bool
+
+    def starts(self, stage: Stage, target: Features) -> Starts:
+        """Where to start in the scene of ``stage``, for N frames of ``target``."""
+        subject, free, view = stage.scene.subject, self.schedule.free_lens, self.view
+        homes, guide = [] if view is None else [view], None
+        refined = self.schedule.engine == "refine"
+        if refined and self.schedule.warm and subject is not None and self.samples:
+            lens = any_view(subject, self.size) if view is None else view
+            guide = closed_form(stage, self.search, target, lens, free, 1 if self.schedule.still else self.samples)
+            if guide is not None:
+                homes.append(self.search.cameras(guide[:1], lens, subject))
+        unsure = guide is None or self.by_networks
+        if not homes or (refined and unsure and subject is not None):
+            homes.append(best_of_orbit(stage, first_seen(target), self.size, free, view))
+        return Starts(concatenate(homes), guide)

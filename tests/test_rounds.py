@@ -1,0 +1,89 @@
+"""A scene is searched without its floaters; its result shows them, and says where they matter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cltransfer.bench.stress.case import Case
+from cltransfer.bench.stress.scenery import floaters
+from cltransfer.config import load_config
+from cltransfer.flags import run_flags
+from cltransfer.rounds import LeftOut
+from cltransfer.scenes.floaters import without_floaters
+from cltransfer.scenes.lifted import load_person, save_labels
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.ply import write_splats
+from cltransfer.transfer import Inputs, Result, transfer
+
+TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
+
+
+def solved(inputs: Inputs) -> Result:
+    return transfer(inputs, load_config(overrides=TINY))
+
+
+@pytest.fixture(scope="module")
+def clean() -> Result:
+    """A push in into the plaza, of which only leaves float."""
+    return solved(Inputs("builtin:plaza", "builtin:push_in"))
+
+
+@pytest.fixture(scope="module")
+def hung(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """The same with 150 large blobs in the air about the person."""
+    folder, plaza = tmp_path_factory.mktemp("hung"), load_scene("builtin:plaza")
+    assert plaza.subject is not None
+    scene = floaters(Case(None, None, plaza, None), 150, np.random.default_rng(1)).scene  # type: ignore[arg-type]
+    write_splats(folder / "scene.ply", scene.geometry)
+    plaza.subject.save(folder / "subject.json")
+    save_labels(folder, scene.geometry.label)
+    x, y, z = plaza.up.tolist()
+    given = Inputs(str(folder / "scene.ply"), "builtin:push_in", subject=folder / "subject.json", up=(x, y, z))
+    return solved(given)
+
+
+def test_what_hangs_in_the_air_moves_no_camera(clean: Result, hung: Result) -> None:
+    torch.testing.assert_close(hung.trajectory.camera.w2c, clean.trajectory.camera.w2c, rtol=0, atol=1e-5)
+    torch.testing.assert_close(hung.trajectory.camera.K, clean.trajectory.camera.K, rtol=1e-5, atol=0)
+
+
+def test_a_result_is_of_the_scene_as_it_was_given(clean: Result, hung: Result) -> None:
+    left_out = hung.kept.left_out
+    assert left_out is not None
+    assert left_out.count == hung.floaters > 300
+    assert len(hung.scene.geometry) == len(clean.scene.geometry) + 150
+    assert hung.searched.total == pytest.approx(left_out.among)
+    assert left_out.alone < 0.1 < 1 < left_out.among
+    assert hung.verified.total > 1 > 0.2 > clean.verified.total
+    assert not torch.equal(hung.image, clean.image)
+
+
+def test_floaters_that_spoil_a_result_are_told(clean: Result, hung: Result) -> None:
+    told, why = [flag.reason for flag in run_flags(hung) if flag.frame is None]
+    assert (
+        told == f"Gaussians that hang in the air by themselves: {hung.floaters}, left out of the search (floaters=keep)"
+    )
+    assert why.startswith("they spoil the result, the total is ")
+    assert why.endswith(" without: `cltransfer simplify SCENE k=0 floaters=drop` removes them")
+    (told,) = [flag.reason for flag in run_flags(clean)]
+    assert "left out of the search" in told
+
+
+def test_the_person_of_a_run_is_that_of_the_scene(clean: Result, tmp_path: Path) -> None:
+    assert clean.scene.subject is not None
+    clean.scene.subject.save(tmp_path / "subject.json")
+    save_labels(tmp_path, clean.scene.geometry.label)
+    scene = load_scene("builtin:plaza")
+    assert len(without_floaters(scene).geometry) < len(scene.geometry)
+    assert torch.equal(load_person(scene, tmp_path / "subject.json").geometry.label, clean.scene.geometry.label)
+
+
+@pytest.mark.parametrize(
+    ("alone", "among", "matters"), [(0.05, 0.27, False), (0.05, 0.28, True), (1.0, 1.69, False), (1.0, 1.71, True)]
+)
+def test_what_counts_as_far_worse(alone: float, among: float, matters: bool) -> None:
+    assert LeftOut(5, alone, among).matters == matters
