@@ -27,8 +27,7 @@ Report = Callable[[int, Solved], None]
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
-WORSE, MUCH = 1.5, 0.2  # times its total without floaters, and so much more, up to which a path may cost with them
-DEAR = 0.1  # of what a path found among floaters costs less there than another, that it may cost more without them
+WORSE, MUCH = 1.5, 0.2  # times another total, and so much more, above which one is far worse
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class LeftOut:
     @property
     def matters(self) -> bool:
         """Whether what was found is far worse with them."""
-        return self.among > WORSE * self.alone + MUCH
+        return far_worse(self.among, self.alone)
 
 
 @dataclass(frozen=True)
@@ -132,8 +131,17 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
     return made, ""
 
 
+def far_worse(total: float, other: float) -> bool:
+    """Whether ``total`` is far above the ``other``.
+
+    >>> far_worse(0.2, 0.05), far_worse(0.4, 0.05), far_worse(1.5, 1.0), far_worse(1.8, 1.0)
+    (False, True, False, True)
+    """
+    return total > WORSE * other + MUCH
+
+
 def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
-    """What was found without floaters; or with them, where the first is far worse there and the other nowhere much.
+    """What was found without floaters; or with them, where the first is far worse there and the other gains more.
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
@@ -142,9 +150,10 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
         return replace(first, left_out=left_out)
     target = first.clip.reference
     second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
-    gained = left_out.among - _total(job.stage, second)
-    lost = _total(first.clip.stage, second) - first.total
-    return second if gained > 0 and lost <= DEAR * gained else replace(first, left_out=left_out)
+    alone, among = _total(first.clip.stage, second), _total(job.stage, second)
+    lost, gained = alone - left_out.alone, left_out.among - among
+    taken = gained > max(lost, 0.0) and not far_worse(alone, left_out.alone)
+    return second if taken else replace(first, left_out=left_out)
 
 
 def _total(stage: Stage, take: Take) -> float:
