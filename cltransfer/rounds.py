@@ -27,7 +27,7 @@ Report = Callable[[int, Solved], None]
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
-WORSE, MUCH = 1.5, 0.2  # times another total, and so much more, above which one is far worse
+WORSE, MUCH = 4 / 3, 0.1  # times another total, and so much more, above which one is far worse
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
 def far_worse(total: float, other: float) -> bool:
     """Whether ``total`` is far above the ``other``.
 
-    >>> far_worse(0.2, 0.05), far_worse(0.4, 0.05), far_worse(1.5, 1.0), far_worse(1.8, 1.0)
+    >>> far_worse(0.15, 0.05), far_worse(0.2, 0.05), far_worse(1.4, 1.0), far_worse(1.5, 1.0)
     (False, True, False, True)
     """
     return total > WORSE * other + MUCH
