@@ -11,7 +11,8 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.onnx import Network
-from cltransfer.transfer import UNBIASED, Inputs, Result, transfer
+from cltransfer.rounds import UNBIASED
+from cltransfer.transfer import Inputs, Result, transfer
 
 SMALL = ("search_side=96", "output_side=240", "threads=1")
 PASSES = 3  # of YOLOX one, of BlazePose two
