@@ -6,10 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...files import write_text
 from ..rows import kept_rows, measured_at
 from ..section import machine, table, write_section
 from ..trial import Row
 from .chart import write_success, write_totals
+from .sheet import trials_csv
 from .trial import STRESSORS, StressTrial, run_stress
 from .verdicts import HEADER, LEVELS, STRICTER_HEADER, stricter, summary, verdicts
 
@@ -95,8 +97,9 @@ def _named(row: Row) -> str:
 
 
 def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
-    """Rewrite the section "Stress" of the Markdown file ``path``, stress.svg and stress_totals.svg beside it."""
+    """Rewrite the section "Stress" of the Markdown file ``path``, and beside it both charts and stress.csv."""
     found = verdicts(rows)
+    write_text(path.with_name("stress.csv"), trials_csv(rows))
     write_success(found, path.with_name("stress.svg"))
     write_totals(found, path.with_name("stress_totals.svg"))
     lines = [
@@ -104,7 +107,7 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "it found, and a clip fails by the definition of protocol.md. Breakdown: level at which half of the clips",
         "fail, of five, with its value. Worst tenth and spread (between quartiles): of totals, 1 is every term at its",
         "tolerance. Growth: last third of the frames less the first. Grew most: the weighted term that has, to the",
-        "level at which half fail, or else to the last; none where nothing grew.",
+        "level at which half fail, or else to the last; none where nothing grew. Area: mean success of five levels.",
         *_budgets(rows),
         *machine(),
         measured_at(rows),
@@ -113,6 +116,8 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "",
         "![Success against level](stress.svg)",
         "![Mean total against level](stress_totals.svg)",
+        "",
+        "Every trial: [stress.csv](stress.csv).",
         "",
         *table(HEADER, summary(found)),
         "",

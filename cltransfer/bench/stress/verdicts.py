@@ -14,7 +14,7 @@ from .trial import STRESSORS
 LEVELS = 6  # none and five
 GROWN = 0.01  # weighted, 0.2 is a tolerance: a term that has grown less has not
 HEADER = (
-    "stressor", "method", "success by level, none first", "mean total by level", "breakdown", "worst tenth",
+    "stressor", "method", "success by level, none first", "area", "mean total by level", "breakdown", "worst tenth",
     "spread over clips", "growth along the clip", "grew most",
 )  # fmt: skip
 SHARES = (
@@ -54,6 +54,11 @@ class StressVerdict:
     spread: float
     growth: float
     grown: str
+
+    @property
+    def area(self) -> float:
+        """Area under the curve of success against level: mean over the five levels."""
+        return fmean(self.success[1:])
 
 
 def verdicts(rows: Sequence[Row]) -> list[StressVerdict]:
@@ -154,9 +159,8 @@ def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
         numbers = [verdict.worst_tenth, verdict.spread, verdict.growth]
         cells = ["" if math.isnan(number) else f"{number:.2f}" for number in numbers]
         totals = " ".join(f"{total:.1f}" for total in verdict.totals)
-        rows.append(
-            [verdict.stressor, verdict.method, success, totals, _told(verdict), *cells, verdict.grown or "none"]
-        )
+        named = [verdict.stressor, verdict.method, success, f"{verdict.area:.2f}"]
+        rows.append([*named, totals, _told(verdict), *cells, verdict.grown or "none"])
     return rows
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +16,7 @@ from cltransfer.bench.section import table
 from cltransfer.bench.stress.bench import TIERS, StressBench, run_bench, write_stress
 from cltransfer.bench.stress.case import Film
 from cltransfer.bench.stress.filming import faster
+from cltransfer.bench.stress.sheet import trials_csv
 from cltransfer.bench.stress.trial import STRESSORS, StressTrial, run_stress
 from cltransfer.bench.stress.verdicts import HEADER, breakdown_point, stricter, summary, verdicts
 from cltransfer.errors import UsageError
@@ -52,7 +55,9 @@ def test_a_verdict_says_when_how_badly_how_unevenly_and_why() -> None:
     assert verdict.growth == pytest.approx(1.0)
     assert verdict.grown == "shot_size"
     assert verdict.totals == (1.5, 2.5, 3.5, 4.5, 5.5, 6.5)
-    assert summary([verdict])[0][4] == "3.0, 90 degrees"
+    assert verdict.area == pytest.approx(0.5)
+    told = dict(zip(HEADER, summary([verdict])[0], strict=True))
+    assert (told["area"], told["breakdown"]) == ("0.50", "3.0, 90 degrees")
 
 
 def test_a_stricter_definition_breaks_what_was_poor_all_along() -> None:
@@ -141,6 +146,12 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     drawn = [chart.read_bytes() for chart in charts]
     assert all(b"moved view" in chart for chart in drawn)
     assert "| moved_view | replay |" in page.read_text()
+    listed = list(csv.DictReader((tmp_path / "stress.csv").open()))
+    assert [(int(line["level"]), line["failed"]) for line in listed] == [
+        (r["level"], str(int(r["failed"]))) for r in again
+    ]
+    assert [float(line["total"]) for line in listed] == pytest.approx([r["total"] for r in again], rel=1e-4)
+    assert listed[0]["stressor"] == ""
     write_stress(again, page, "cltransfer bench stress")
     assert [chart.read_bytes() for chart in charts] == drawn
     words = ("bench", "stress", "--tier", "smoke", "--method", "replay", "--stressor", "moved_view", "--seed", 1)
@@ -153,6 +164,22 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     said = command(*words, "--rows", tmp_path, "--out", tmp_path / "verb.md", "floaters=drop")
     assert (said.code, said.err.splitlines()[0]) == (0, "6 trials, 0 of them done before")  # of another config
     assert "Run with floaters=drop over every method's own config." in (tmp_path / "verb.md").read_text()
+
+
+def test_a_trial_is_a_line_with_why_its_frames_failed() -> None:
+    made = {
+        **row(2, failed=True, total=12.3456789),
+        "shot": "orbit",
+        "reasons": {"joints": 3, "subject": 1},
+        "value": 45.0,
+    }
+    (line,) = csv.DictReader(io.StringIO(trials_csv([made])))
+    assert (line["total"], line["failed"], line["reasons"], line["value"]) == (
+        "12.346",
+        "1",
+        "joints:3 subject:1",
+        "45",
+    )
 
 
 def test_the_config_of_many_trials_is_composed_once_a_clip() -> None:
