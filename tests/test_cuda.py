@@ -20,7 +20,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.setattr(cuda.importlib.util, "find_spec", lambda name: ModuleSpec(name, None))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     backend = ModuleType("gsplat.cuda._backend")
-    backend._C = object()
+    backend.__dict__["_C"] = object()
     for name, module in {"gsplat": ModuleType("gsplat"), "gsplat.cuda": ModuleType("gsplat.cuda")}.items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setitem(sys.modules, "gsplat.cuda._backend", backend)
@@ -32,7 +32,7 @@ def test_with_kernels_nothing_is_said(installed: ModuleType) -> None:
 
 
 def test_without_a_compiler_the_line_says_which_toolkit_is_needed(installed: ModuleType) -> None:
-    installed._C = None
+    installed.__dict__["_C"] = None
     with pytest.raises(
         ModelError, match=r"^renderer: gsplat was not compiled: there is no nvcc \(.*or backend=numba\)$"
     ):

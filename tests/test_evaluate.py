@@ -52,8 +52,8 @@ def clip(tmp_path: Path) -> Path:
 
 def test_the_images_of_a_clip_at_its_rate_score_zero(clip: Path, config: RunConfig) -> None:
     folder = clip.with_name("frames")
-    for pair in ((clip, f"{folder}#fps=30"), (f"{folder}#fps=30", clip)):
-        report = evaluate(*map(str, pair), config)
+    for first, second in ((str(clip), f"{folder}#fps=30"), (f"{folder}#fps=30", str(clip))):
+        report = evaluate(first, second, config)
         assert report.scores.totals.isnan().tolist() == [True] + [False] * 9  # a first frame has no flow
         assert report.scores.totals[1:].tolist() == [0.0] * 9
         assert report.notes == ()

@@ -15,7 +15,8 @@ from cltransfer.bench.rows import FILE
 from cltransfer.bench.section import table
 from cltransfer.errors import UsageError
 
-CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, *[float("nan")] * 3, 0.1, 0.2, 0.02)
+NAN = float("nan")
+CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02)
 
 
 @pytest.mark.parametrize("text", ["500", "seeds=5:5", "seeds=9:3", "seeds=a:b", "0:1001", "seeds=1:2;x"])

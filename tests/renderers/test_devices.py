@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 import torch
@@ -83,7 +84,7 @@ def test_what_is_drawn_is_made_on_the_device_of_the_scene(draw: Callable[[], dic
 @pytest.mark.parametrize(
     ("renderer", "geometry"), [(GaussianSplats, ROOM), (MeshRenderer, WALL), (NerfGridRenderer, FIELD)]
 )
-def test_cuda_draws_what_the_cpu_draws(renderer: type, geometry: object) -> None:
+def test_cuda_draws_what_the_cpu_draws(renderer: Any, geometry: object) -> None:
     scene = Scene(geometry, None, torch.tensor([0.0, 0, 1]), "test", "0" * 64)
     here, there = (
         renderer(backend="torch", device=d).render(scene, CAMERA, renderer.provides) for d in ("cpu", "cuda")

@@ -55,7 +55,11 @@ def around(mesh: Mesh, count: int = 16, size: tuple[int, int] = (320, 240)) -> C
 
 
 def drawn(geometry: Any, cameras: Camera) -> Features:
-    renderers = {"mesh": MeshRenderer(), "gaussian_splats": GaussianSplats(), "nerf_grid": NerfGridRenderer()}
+    renderers: dict[str, Any] = {
+        "mesh": MeshRenderer(),
+        "gaussian_splats": GaussianSplats(),
+        "nerf_grid": NerfGridRenderer(),
+    }
     scene = Scene(geometry, None, UP, "baked", "0" * 64)
     return renderers[geometry.renderer].render(scene, cameras, WANTED)
 
