@@ -10,6 +10,7 @@ from torch import Tensor
 from .camera import Camera, concatenate
 from .config_options import RunConfig
 from .correct import LEAST, corrected, measure_bias
+from .driver.aside import go_aside
 from .driver.follow import Path, follow
 from .driver.frame import Solved
 from .driver.joint import Effort
@@ -28,6 +29,8 @@ Report = Callable[[int, Solved], None]
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 WORSE, MUCH = 4 / 3, 0.1  # times another total, and so much more, above which one is far worse
+SEEN = 0.02  # total that floaters have to cost before anything is done about them
+HIDDEN = 0.1  # total that they have to cost a frame for which the path goes aside
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,11 @@ class LeftOut:
     def matters(self) -> bool:
         """Whether what was found is far worse with them."""
         return far_worse(self.among, self.alone)
+
+    def better(self, other: LeftOut) -> bool:
+        """Whether this gains more with them than it loses without them against the ``other``, and is not far worse."""
+        lost, gained = self.alone - other.alone, other.among - self.among
+        return gained > max(lost, 0.0) and not far_worse(self.alone, other.alone)
 
 
 @dataclass(frozen=True)
@@ -141,19 +149,42 @@ def far_worse(total: float, other: float) -> bool:
 
 
 def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
-    """What was found without floaters; or with them, where the first is far worse there and the other gains more.
+    """What was found without floaters, past them; or with them, where that is far worse there and the other gains more.
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
-    left_out = LeftOut(job.floaters, first.total, _total(job.stage, first))
+    first, left_out = _past_floaters(job, first, _left_out(job, first, first.total))
     if not left_out.matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
     second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
-    alone, among = _total(first.clip.stage, second), _total(job.stage, second)
-    lost, gained = alone - left_out.alone, left_out.among - among
-    taken = gained > max(lost, 0.0) and not far_worse(alone, left_out.alone)
-    return second if taken else replace(first, left_out=left_out)
+    better = _left_out(job, second, _total(first.clip.stage, second)).better(left_out)
+    return second if better else replace(first, left_out=left_out)
+
+
+def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
+    """The path aside where floaters hide the person, if that gains more among them than it loses without them."""
+    path, clip, stage = take.path, take.clip, job.stage
+    told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
+    if path is None or path.steady or not told or left_out.among <= left_out.alone + SEEN:
+        return take, left_out
+    whole = replace(clip, stage=stage)
+    alone = clip.residuals(path.x) if path.residuals is None else path.residuals
+    # the views of left_out once more, so not counted again
+    among = stage.path_residuals(clip.reference, take.cameras, clip.defined)
+    hidden = whole.totals(among) - clip.totals(alone) > HIDDEN
+    x, _ = go_aside(whole, path.x, among, hidden, path.about, path.lens_kept)
+    if x is path.x:
+        return take, left_out
+    residuals = clip.residuals(x)
+    moved = replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), aside=True)
+    there = replace(take, path=moved)
+    found = _left_out(job, there, moved.total)
+    return (there, found) if found.better(left_out) else (take, left_out)
+
+
+def _left_out(job: Job, take: Take, alone: float) -> LeftOut:
+    return LeftOut(job.floaters, alone, _total(job.stage, take))
 
 
 def _total(stage: Stage, take: Take) -> float:

@@ -46,6 +46,7 @@ class LeastPath:
         floor: how much more than that it may cost.
         residuals: weighted, (N, R); None where a loss has none, and of frames as they were found.
         about: path (N, D) that moves as the reference does, where what was added to it was filtered.
+        aside: whether it goes aside somewhere, past what is before the person.
     """
 
     x: Tensor  # (N, D)
@@ -58,6 +59,12 @@ class LeastPath:
     refined: bool = False
     residuals: Tensor | None = None
     about: Tensor | None = None
+    aside: bool = False
+
+    @property
+    def steady(self) -> bool:
+        """Whether it is static or linear, and is to stay so."""
+        return self.knots is not None and self.knots <= PLAIN
 
     @property
     def name(self) -> str:
@@ -65,7 +72,8 @@ class LeastPath:
         order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
         kept = ", focal length kept" if self.lens_kept and self.knots != 1 else ""
         filtered = f", filtered over {self.filtered:g}" if self.filtered else ""
-        return order + kept + filtered + (", refined as a whole" if self.refined else "")
+        moved = (", refined as a whole" if self.refined else "") + (", aside past floaters" if self.aside else "")
+        return order + kept + filtered + moved
 
 
 def orders(frames: int) -> list[int]:
@@ -152,10 +160,9 @@ def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
     """The path moved as a whole to where it costs less; one that is static or linear stays so."""
     if not effort.rounds or path.residuals is None:
         return path
-    plain = path.knots is not None and path.knots <= PLAIN
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
-    knots = path.knots if plain and path.knots is not None else len(path.x)
-    moves = Moves(knots, way, fade=not plain, about=path.about)
+    knots = path.knots if path.steady and path.knots is not None else len(path.x)
+    moves = Moves(knots, way, fade=not path.steady, about=path.about)
     x, residuals = refine_path(clip, path.x, path.residuals, moves, effort)
     if x is path.x:
         return path

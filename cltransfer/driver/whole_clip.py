@@ -56,6 +56,14 @@ class WholeClip:
         """Direction (D,) of x along which the focal length changes; None where it does not."""
         return getattr(self.search, "lens", None) if dimensions == self.search.dimensions else None
 
+    def aside(self, dimensions: int, lens_kept: bool = False) -> Tensor | None:
+        """Moves (W, D) of x by which the camera goes a little aside; None where the search has none."""
+        ways: Tensor | None = getattr(self.search, "aside", None)
+        lens = self.lens(dimensions) if lens_kept else None
+        if ways is None or lens is None:
+            return None if ways is None else ways[:, :dimensions]
+        return ways[(ways @ lens).abs() < 1e-9]
+
     def total(self, x: Tensor) -> float:
         """Mean total of a path (N, D); one evaluation a frame."""
         return self.scored(x)[0]
@@ -72,9 +80,13 @@ class WholeClip:
 
     def mean_total(self, residuals: Tensor) -> float:
         """Mean total of a path's residuals (N, R)."""
+        return float(self.totals(residuals).mean())
+
+    def totals(self, residuals: Tensor) -> Tensor:
+        """Total of each frame (N,), of a path's residuals (N, R)."""
         groups = self.stage.objective.groups
         assert groups is not None
-        return float(group_norms(residuals, groups).sum(1).mean())
+        return group_norms(residuals, groups).sum(1)
 
     def residuals(self, x: Tensor) -> Tensor:
         """Weighted residuals (N, R) of a path (N, D); one evaluation a frame.
@@ -85,6 +97,18 @@ class WholeClip:
         found = self.stage.path_residuals(self.reference, self.cameras(x), self.defined)
         self.stage.spent.evaluations += len(x)
         return found
+
+    def part(self, moved: Tensor, x: Tensor, first: int, last: int) -> Tensor:
+        """Residuals (last - first, R) of those frames of the path ``moved`` (N, D), what is before them as in x (N, D).
+
+        One evaluation for each frame, and one for the frame before, which the flow of the first one starts from.
+        """
+        begin = max(first - 1, 0)
+        path = torch.cat([x[begin:first], moved[first:last]])
+        frames = slice(begin, last)
+        found = self.stage.path_residuals(self.reference[frames], self.cameras(path), self.defined[frames])
+        self.stage.spent.evaluations += len(path)
+        return found[first - begin :]
 
     def local(self, x: Tensor, residuals: Tensor, step: float = STEP, shared: int = 1, first: int = 0) -> Local:
         """What the losses make of a path (N, D), by differences of ``step``.

@@ -22,6 +22,8 @@ from ..subject import Subject
 SCALE = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
 
 BESIDE = 6.0  # frame sizes from the frame's middle to the subject's: an eye fills the frame
+# what leads past something in the way: azimuth, elevation [rad], log(distance / height), to either side
+ASIDE = ((0, 0.05), (0, 0.15), (1, 0.04), (1, 0.08), (3, 0.064))
 AIM_STEPS = 8  # of the fixed point; the error halves at least with each
 
 
@@ -72,6 +74,13 @@ class SubjectOrbit:
         direction = torch.zeros(7, dtype=torch.float64)
         direction[[3, 6]] = SCALE[[3, 6]]
         return direction
+
+    @property
+    def aside(self) -> Tensor:
+        """Moves (W, 7) by which the camera goes a little aside, or nearer or farther at the same size."""
+        axis, by = torch.tensor(ASIDE, dtype=torch.float64).unbind(1)
+        moves = torch.eye(7, dtype=torch.float64)[axis.long()] * (by / SCALE[axis.long()])[:, None]
+        return torch.cat([moves, -moves])
 
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
         """B cameras of x (B, 7) or (B, 6)."""

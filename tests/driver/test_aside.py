@@ -1,0 +1,97 @@
+"""Frames in which something hides the person go aside together, past it; where nothing is gained the path stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.bench.stress.case import Case
+from cltransfer.bench.stress.scenery import occluder
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.aside import BESIDE, go_aside, steadiest
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.objective import Objective
+from cltransfer.readback import read_path
+from cltransfer.scenes.load import load_scene
+from cltransfer.search.paper_box import PaperBox
+from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.shots import shot
+
+FRAMES, HIDDEN = 16, 8
+
+
+@pytest.fixture(scope="module")
+def behind() -> tuple[WholeClip, Tensor]:
+    """An orbit whose true path (N, 7) passes behind a narrow board, which the reference did not have."""
+    scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
+    assert scene.subject is not None
+    path = shot("orbit", scene.subject, (96, 54), FRAMES).camera
+    clean = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    case = Case(None, None, scene, path[HIDDEN])  # type: ignore[arg-type]
+    stage = replace(clean, scene=occluder(case, 0.06, np.random.default_rng(1)).scene)
+    clip = WholeClip(stage, search, read_path(clean, path), path[0])
+    return clip, search.vector(path, path[0], scene.subject)
+
+
+def test_it_goes_past_what_hides_the_person_and_nowhere_else(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    residuals = clip.residuals(true)
+    hidden = clip.totals(residuals) > 1.0
+    before = clip.stage.spent.evaluations
+    x, found = go_aside(clip, true, residuals, hidden)
+    first = int(hidden.nonzero()[0, 0])
+    assert 4 < first < FRAMES - 3
+    assert float(clip.totals(residuals)[first:].mean()) > 1.5
+    assert float(clip.totals(found)[first:].mean()) < 0.8  # measured 0.55, 0.27 of it for going there
+    torch.testing.assert_close(clip.totals(found), clip.totals(clip.residuals(x)))
+    assert float((x - true)[:5].abs().max()) < 1e-5
+    assert float((x - true).diff(n=3, dim=0).abs().max()) < 0.02  # no jump
+    tried = len(SubjectOrbit().aside) * (FRAMES - first + BESIDE + 1) + 2 * FRAMES
+    assert clip.stage.spent.evaluations - before == tried
+
+
+def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    residuals = clip.residuals(true)
+    x, _ = go_aside(clip, true, residuals, clip.totals(residuals) > 1.0, lens_kept=True)
+    assert x is not true
+    torch.testing.assert_close(clip.cameras(x).K, clip.cameras(true).K)
+    free, kept = clip.aside(7), clip.aside(7, lens_kept=True)
+    assert free is not None
+    assert kept is not None
+    assert (len(free), len(kept)) == (10, 8)
+
+
+def test_where_nothing_is_in_the_way_the_path_stays(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    residuals = clip.residuals(true)
+    x, found = go_aside(clip, true, residuals, torch.arange(FRAMES) < 3)
+    assert x is true
+    assert found is residuals
+    before = clip.stage.spent.evaluations
+    assert go_aside(clip, true, residuals, torch.zeros(FRAMES, dtype=torch.bool))[0] is true
+    assert clip.stage.spent.evaluations == before
+
+
+def test_a_search_without_ways_aside_stays(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    other = replace(clip, search=PaperBox())
+    residuals = clip.residuals(true)
+    assert go_aside(other, true, residuals, torch.ones(FRAMES, dtype=torch.bool))[0] is true
+
+
+def test_no_other_choice_is_cheaper() -> None:
+    rng = np.random.default_rng(3)
+    costs, change = rng.uniform(0, 1, (3, 5)), 0.3 * (1 - np.eye(3))
+
+    def total(ways: tuple[int, ...]) -> float:
+        return float(costs[ways, range(5)].sum() + change[ways[:-1], ways[1:]].sum())
+
+    assert total(tuple(steadiest(costs, change))) == pytest.approx(min(map(total, product(range(3), repeat=5))))
