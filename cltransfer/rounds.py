@@ -29,8 +29,8 @@ Report = Callable[[int, Solved], None]
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 WORSE, MUCH = 4 / 3, 0.1  # times another total, and so much more, above which one is far worse
-SEEN = 0.02  # total that floaters have to cost before anything is done about them
-HIDDEN = 0.1  # total that they have to cost a frame for which the path goes aside
+SEEN = 0.05  # total that floaters have to cost before anything is done about them
+HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
 
 
 @dataclass(frozen=True)
