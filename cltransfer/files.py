@@ -104,7 +104,7 @@ def read_text(path: Path, limit: int) -> str:
     Raises:
         InputError: the file is missing, is no file, is too large or is not UTF-8.
     """
-    _check_size(path, limit)
+    check_size(path, limit)
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -118,7 +118,7 @@ def read_lines(path: Path, limit: int, longest: int) -> Iterator[str]:
         InputError: the file is missing, is no file, is too large or is not UTF-8, or a line has more characters than
             ``longest``.
     """
-    _check_size(path, limit)
+    check_size(path, limit)
     with path.open(encoding="utf-8") as stream:
         try:
             for number, line in enumerate(iter(lambda: stream.readline(longest + 2), ""), start=1):
@@ -129,7 +129,12 @@ def read_lines(path: Path, limit: int, longest: int) -> Iterator[str]:
             raise InputError(path, "", "expected UTF-8 text, got binary data") from None
 
 
-def _check_size(path: Path, limit: int) -> None:
+def check_size(path: Path, limit: int) -> None:
+    """Refuse what is no file of at most ``limit`` bytes.
+
+    Raises:
+        InputError: it is missing, a folder or larger.
+    """
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file, got a folder")
     size = path.stat().st_size

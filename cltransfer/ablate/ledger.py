@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
 from dataclasses import asdict
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import refuse_link
+from ..kept_lines import keep, read_kept
 from .trial import Outcome
 
 LIMIT = 2**28  # bytes; a trial takes about 1 kB
@@ -20,28 +17,9 @@ def read_ledger(path: Path) -> dict[str, Outcome]:
     Raises:
         InputError: another line is damaged, or the file is too large or a link.
     """
-    refuse_link(path)
-    if not path.exists():
-        return {}
-    if path.stat().st_size > LIMIT:
-        raise InputError(path, "", f"expected at most {LIMIT} bytes, got {path.stat().st_size}")
-    data = path.read_bytes()
-    whole = data[: data.rfind(b"\n") + 1]
-    if len(whole) < len(data):
-        os.truncate(path, len(whole))
-    found = {}
-    for number, line in enumerate(whole.splitlines(), 1):
-        try:
-            outcome = Outcome.from_json(json.loads(line))
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            raise InputError(path, f"line {number}", "is no trial", "remove the line to run that trial again") from None
-        found[outcome.key] = outcome
-    return found
+    return {outcome.key: outcome for outcome in read_kept(path, LIMIT, Outcome.from_json, "trial")}
 
 
 def append(path: Path, outcome: Outcome) -> None:
     """Add ``outcome``; it is on the disk when this returns."""
-    with path.open("ab") as stream:
-        stream.write(json.dumps(asdict(outcome), allow_nan=False).encode() + b"\n")
-        stream.flush()
-        os.fsync(stream.fileno())
+    keep(path, asdict(outcome))

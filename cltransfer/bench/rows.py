@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,8 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from ..errors import InputError
-from ..files import refuse_link
+from ..kept_lines import keep, read_kept
 from ..revision import commit
 from .protocol import Trial
 from .trial import Row, run_trial
@@ -28,34 +25,7 @@ def read_rows(folder: Path) -> dict[str, Row]:
     Raises:
         InputError: another line is no row, or the file is too large or a link.
     """
-    path = folder / FILE
-    refuse_link(path)
-    if not path.is_file():
-        return {}
-    if path.stat().st_size > LIMIT:
-        raise InputError(path, "", f"expected at most {LIMIT} bytes, got {path.stat().st_size}")
-    data = path.read_bytes()
-    whole = data[: data.rfind(b"\n") + 1]
-    if len(whole) < len(data):
-        os.truncate(path, len(whole))
-    return dict(_keyed(path, number, line) for number, line in enumerate(whole.splitlines(), 1))
-
-
-def _keyed(path: Path, number: int, line: bytes) -> tuple[str, Row]:
-    try:
-        row = json.loads(line)
-        return str(row["key"]), row
-    except (ValueError, TypeError, KeyError, RecursionError):
-        raise InputError(path, f"line {number}", "is no row", "remove the line to run that trial again") from None
-
-
-def append_row(folder: Path, row: Row) -> None:
-    """Add a row; it is on the disk when this returns."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / FILE).open("ab") as stream:
-        stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
-        stream.flush()
-        os.fsync(stream.fileno())
+    return dict(read_kept(folder / FILE, LIMIT, lambda row: (str(row["key"]), row), "row"))
 
 
 def kept_rows(
@@ -85,7 +55,7 @@ def kept_rows(
     begun, here = time.perf_counter(), commit()  # of the code as it was loaded
     for count, row in enumerate(_run(todo, measure, jobs), 1):
         row["commit"] = here
-        append_row(folder, row)
+        keep(folder / FILE, row)
         done[row["key"]] = row
         left = (time.perf_counter() - begun) / count * (len(todo) - count) / 60
         told(f"{count} of {len(todo)}: {named(row)}; about {left:.0f} min to go")

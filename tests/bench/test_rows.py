@@ -5,24 +5,16 @@ import json
 import pytest
 
 from cltransfer.bench.protocol import Trial
-from cltransfer.bench.rows import FILE, Bench, append_row, kept_rows, read_rows, run_trials
+from cltransfer.bench.rows import FILE, Bench, kept_rows, read_rows, run_trials
 from cltransfer.errors import InputError
+from cltransfer.kept_lines import keep
 
 TRIALS = [Trial("fast", shot, "plaza-2000", "plaza-2000", 1000, 4, ("search_side=64",)) for shot in ("pan", "zoom")]
 
 
-def test_a_torn_last_line_is_cut_off_and_the_rest_kept(tmp_path):
-    append_row(tmp_path, {"key": "a", "total": 1.0})
-    with (tmp_path / FILE).open("ab") as stream:
-        stream.write(b'{"key": "b", "tot')
-    assert list(read_rows(tmp_path)) == ["a"]
-    append_row(tmp_path, {"key": "c", "total": 2.0})
-    assert list(read_rows(tmp_path)) == ["a", "c"]
-
-
 def test_a_damaged_line_is_one_error_that_says_where(tmp_path):
-    append_row(tmp_path, {"key": "a"})
-    append_row(tmp_path, {"nokey": 1})
+    keep(tmp_path / FILE, {"key": "a"})
+    keep(tmp_path / FILE, {"nokey": 1})
     with pytest.raises(InputError, match="line 2: is no row"):
         read_rows(tmp_path)
 
