@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from ..files import write_text
 from .chart_svg import svg
+from .driver import Clip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from .driver import Clip
 
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44")
 COSTS = (("evaluations", "evaluations a frame"), ("seconds", "seconds a clip, search"))

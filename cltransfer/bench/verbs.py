@@ -144,7 +144,8 @@ def bench_driver(
     import sys
 
     from ..shots import SHOTS
-    from .driver import HEADER, Bench, clips_of, run_driver, seed_range, summary, write_driver
+    from .driver import Bench, clips_of, run_driver, seed_range
+    from .driver_table import HEADER, summary, write_driver
     from .section import table
 
     drawn = [*(seed or []), *(number for text in seeds or [] for number in seed_range(text))]

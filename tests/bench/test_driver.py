@@ -1,41 +1,24 @@
-"""The driver bench: which seeds are meant, what its table says of planted clips, and one clip end to end."""
+"""The driver bench: which seeds are meant, whose turn it is, and one clip end to end."""
 
 import math
 import shlex
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cltransfer.bench.driver import HEADER, Bench, Clip, clips_of, run_driver, seed_range, summary, write_driver
-from cltransfer.bench.driver_chart import write_driver_chart
+from cltransfer.bench.driver import Bench, clips_of, run_driver, seed_range
+from cltransfer.bench.driver_table import HEADER, summary, write_driver
 from cltransfer.bench.rows import FILE
 from cltransfer.bench.section import table
 from cltransfer.errors import UsageError
-
-NAN = float("nan")
-CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02)
 
 
 @pytest.mark.parametrize("text", ["500", "seeds=5:5", "seeds=9:3", "seeds=a:b", "0:1001", "seeds=1:2;x"])
 def test_a_range_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="seeds=FIRST:LAST"):
         seed_range(text)
-
-
-def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
-    paper = replace(CLIP, preset="paper", total=1.0, evaluations=960.0)
-    clips = [CLIP, replace(CLIP, shot="zoom", total=2.5), paper, replace(CLIP, shot="orbit", total=9.0)]
-    clips += [replace(paper, shot="zoom", total=2.0)]
-    row = dict(zip(HEADER, summary(clips)[0]))
-    assert row["at or below paper"] == "1 of 2"
-    assert row["share of paper's mean"] == "1.00"
-    assert row["total, mean"] == "4.000"
-    assert row["position [heights]"] == ""
-    assert row["cost of the path"] == "+0.100"
-    assert row["jerk before / after"] == "0.2000 / 0.0200"
 
 
 def test_the_paper_takes_its_turn_at_every_shot_across_scenes() -> None:
@@ -76,8 +59,3 @@ def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path, co
         assert said.out == "\n".join(table(HEADER, summary(clips_of(again)))) + "\n"
         made = f"Made by `cltransfer {shlex.join(map(str, (*words, *seeds)))} --out"
         assert made in (tmp_path / "verb.md").read_text()
-
-
-def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:
-    write_driver_chart([replace(CLIP, target="self"), CLIP, replace(CLIP, preset="paper")], tmp_path)
-    assert ">paper</text>" in (tmp_path / "driver.svg").read_text()

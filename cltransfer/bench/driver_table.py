@@ -1,0 +1,69 @@
+"""The table of the driver bench: one row for each preset and target, and the section that holds it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean, median
+
+from .driver import PAPER, Clip, clips_of
+from .driver_chart import write_driver_chart
+from .rows import measured_at
+from .section import machine, table, write_section
+from .trial import Row
+
+HEADER = (
+    "preset", "target", "clips", "total, mean", "median", "worst", "at or below paper", "share of paper's mean",
+    "evaluations a frame", "seconds a clip", "position [heights]", "rotation [deg]", "focal [%]", "cost of the path",
+    "jerk before / after",
+)  # fmt: skip
+
+
+def summary(clips: Sequence[Clip]) -> list[list[str]]:
+    """One row for each preset and target, under :data:`HEADER`."""
+    paper = {(c.target, c.shot, c.seed): c.total for c in clips if c.preset == PAPER}
+    rows = []
+    for preset, target in dict.fromkeys((c.preset, c.target) for c in clips):
+        mine = [c for c in clips if (c.preset, c.target) == (preset, target)]
+        rivals = [c for c in mine if (target, c.shot, c.seed) in paper and preset != PAPER]
+        beaten = sum(c.total <= paper[target, c.shot, c.seed] for c in rivals)
+        totals = [c.total for c in mine]
+        poses = [[c.position for c in mine], [c.rotation for c in mine], [100 * c.focal for c in mine]]
+        rows.append(
+            [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
+            + [f"{beaten} of {len(rivals)}" if rivals else "", _share(rivals, paper)]
+            + [f"{fmean(c.evaluations for c in mine):.1f}"]
+            + [f"{median(c.seconds for c in mine):.2f}"]
+            + ["" if math.isnan(values[0]) else f"{median(values):.4f}" for values in poses]
+            + [f"{fmean(c.extra for c in mine):+.3f}"]
+            + [f"{fmean(c.shaken for c in mine):.4f} / {fmean(c.smooth for c in mine):.4f}"]
+        )
+    return rows
+
+
+def _share(rivals: Sequence[Clip], paper: dict[tuple[str, str, int], float]) -> str:
+    """Mean total of ``rivals`` as a share of the paper's on the same clips."""
+    if not rivals:
+        return ""
+    return f"{fmean(c.total for c in rivals) / fmean(paper[c.target, c.shot, c.seed] for c in rivals):.2f}"
+
+
+def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
+    """Rewrite the section "The driver" of the Markdown file ``path``."""
+    clips = clips_of(rows)
+    lines = [
+        f"Made by `{command}`. Canonical shots in the plaza, taught to the plaza (self: true cameras known) and to the",
+        "courtyard (cross); a total of 1 means every term at its tolerance, in the scene with what a search may leave",
+        "out of it, floaters. Pose errors are medians over clips of the median over frames. Paper: its parameters,",
+        "ranges, steps and full budget on the same geometric features and robust losses. Jerk is that of the frames as",
+        "they were found and of the path taken, which costs so much more.",
+        *machine(),
+        measured_at(rows),
+        "",
+        *table(HEADER, summary(clips)),
+        "",
+        "![Loss against evaluations and seconds](driver.svg)",
+    ]
+    write_section(path, "The driver", lines)
+    write_driver_chart(clips, path.parent)

@@ -1,0 +1,29 @@
+"""The driver bench's table and chart: what they say of planted clips."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cltransfer.bench.driver import Clip
+from cltransfer.bench.driver_chart import write_driver_chart
+from cltransfer.bench.driver_table import HEADER, summary
+
+NAN = float("nan")
+CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02)
+
+
+def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
+    paper = replace(CLIP, preset="paper", total=1.0, evaluations=960.0)
+    clips = [CLIP, replace(CLIP, shot="zoom", total=2.5), paper, replace(CLIP, shot="orbit", total=9.0)]
+    clips += [replace(paper, shot="zoom", total=2.0)]
+    row = dict(zip(HEADER, summary(clips)[0]))
+    assert row["at or below paper"] == "1 of 2"
+    assert row["share of paper's mean"] == "1.00"
+    assert row["total, mean"] == "4.000"
+    assert row["position [heights]"] == ""
+    assert row["cost of the path"] == "+0.100"
+    assert row["jerk before / after"] == "0.2000 / 0.0200"
+
+
+def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:
+    write_driver_chart([replace(CLIP, target="self"), CLIP, replace(CLIP, preset="paper")], tmp_path)
+    assert ">paper</text>" in (tmp_path / "driver.svg").read_text()
