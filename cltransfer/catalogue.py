@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -14,7 +15,7 @@ from urllib.parse import urlsplit
 
 from .config_layers import read_yaml
 from .errors import CltransferError, InputError, ModelError, UsageError
-from .files import cache_dir, read_json, write_json
+from .files import atomic, cache_dir, check_size, content_hash, read_json, write_json
 
 Kind = Literal["model", "asset"]
 VARIABLE = "CLTRANSFER_CATALOGUE"
@@ -151,8 +152,8 @@ def _entries(path: Any, content: dict[str, Any], kind: Kind) -> dict[str, Entry]
 
 
 def pinned(entry: Entry) -> Entry:
-    """``entry`` with the hash that was accepted for its address before, if its own is not known."""
-    if entry.sha256 or not _pins_file().is_file():
+    """``entry`` with the hash that was accepted for its address before, if its own is not known, or was adopted."""
+    if (entry.sha256 and entry.address) or not _pins_file().is_file():
         return entry
     pin = read_json(_pins_file()).get(f"{entry.kind}s", {}).get(entry.name, {})
     return replace(entry, sha256=pin["sha256"], size=pin["size"]) if pin.get("address") == entry.address else entry
@@ -165,6 +166,23 @@ def pin(entry: Entry, sha256: str) -> Entry:
     pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
     write_json(_pins_file(), pins)
     return replace(entry, sha256=sha256, size=size)
+
+
+def adopt(entry: Entry, file: Path) -> Entry:
+    """``entry`` with a copy of ``file`` at ``entry.path``, which is the one it means from now on, on this computer.
+
+    Whoever makes a network of what its authors publish gets other bytes with every version of the tools.
+
+    Raises:
+        UsageError: the entry has an address, where the very file is to be had.
+        InputError: there is no such file, or it is too large.
+    """
+    if entry.address:
+        raise UsageError("", entry.name, f"is published, at {entry.address}", "expected one to be made; pull this one")
+    check_size(file, LARGEST)
+    with atomic(entry.path) as temporary:
+        shutil.copyfile(file, temporary)
+    return pin(entry, content_hash(entry.path))
 
 
 def _pins_file() -> Path:

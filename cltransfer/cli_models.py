@@ -48,6 +48,28 @@ def models_pull(
     _pull("model", names, catalogue, accept_new, as_json, quiet)
 
 
+@models_app.command("adopt")
+def models_adopt(
+    name: Annotated[str, typer.Argument(help="A network of the catalogue that is to be made: see `models list`.")],
+    file: Annotated[Path, typer.Argument(help="The file that you made.")],
+    catalogue: Catalogue = None,
+    as_json: Json = False,
+) -> None:
+    """Take FILE for the network NAME: it is copied into the cache, where clips are then read with it.
+
+    cltransfer models adopt mp_pose_landmark_lite blazepose.onnx
+
+    Its sha256 is pinned in place of the catalogue's, because what one makes has other bytes with every version of the
+    tools. What is published as a file is pulled instead. Inputs and outputs are checked when it is first used.
+    """
+    from .catalogue import adopt
+
+    (entry,) = _chosen("model", [name], catalogue)
+    had = adopt(entry, file)
+    values = {"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": True}
+    show(values, f"{had.path} sha256 {had.sha256}, pinned", as_json)
+
+
 @models_app.command("check")
 def models_check(
     names: Annotated[list[str] | None, typer.Argument(help="Names; by default all that are here.")] = None,
@@ -88,7 +110,11 @@ def models_align(
 ) -> None:
     """Read a depth network's scale and shift off SCENE, and print the overrides that treat a clip the same way.
 
-    The policy is the config's: extractors.depth_onnx.align=shift or metric.
+    cltransfer models align scene.ply 'extractors.depth_onnx={model: depth_anything_v2_small.onnx, kind: disparity,
+    multiple: 14, align: shift}'
+
+    The policy is the config's: align=shift or metric. Add what is printed, with the same options, to evaluate and
+    inspect, which have no scene; transfer finds it by itself.
     """
     from .plugins import allow
 

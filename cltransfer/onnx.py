@@ -61,9 +61,9 @@ def find_model(name: str) -> Path:
         raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
     digest = f" with sha256 {known.sha256}" if known.sha256 else ""
     accept = "" if known.sha256 else " --accept-new"
-    get = f"run: cltransfer models pull {known.name}{accept}" if known.address else known.made_by
+    get = f"cltransfer models pull {known.name}{accept}" if known.address else known.made_by
     what = f"no such file{digest} ({known.licence}, from {known.source})"
-    raise ModelError(name, "model", what, f"{get}; or put it in {places[0].parent}")
+    raise ModelError(name, "model", what, f"run: {get}; or put it in {places[0].parent}")
 
 
 def reading(extractor: Any) -> dict[str, Any]:
@@ -215,7 +215,10 @@ class Network:
         digest = hashlib.sha256(data).hexdigest()
         if known and known.sha256 not in ("", digest):
             reason = f"expected {known.sha256}, got {digest}"
-            raise ModelError(self.path, "sha256", reason, "rename the file if it is another network")
+            hint = "rename the file if it is another network"
+            if not known.address:
+                hint += f"; if you made it: cltransfer models adopt {known.name} {self.path.name}"
+            raise ModelError(self.path, "sha256", reason, hint)
         if _EXTERNAL in data:
             raise ModelError(self.path, "external data", "weights in another file are refused", "store them inside")
         return data

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.catalogue import Entry, catalogue, entry_of_file, pin, pinned, read_catalogue
+from cltransfer.catalogue import Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.files import content_hash
+from cltransfer.onnx import Network, find_model
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 HASH = "0123456789abcdef" * 4
@@ -119,6 +120,34 @@ def test_a_pin_holds_for_its_address_only(tmp_path, monkeypatch):
     assert pinned(moved).sha256 == ""
     asset = Entry("mine", "asset", **USUAL, address="https://example.org/a")
     assert pinned(asset).sha256 == ""
+
+
+def test_what_one_made_is_the_network_from_then_on(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("CLTRANSFER_MODELS", "")
+    monkeypatch.setenv("CLTRANSFER_CATALOGUE", str(written(tmp_path / "mine.yaml", file="mine.onnx", sha256=HASH)))
+    made = tmp_path / "made.onnx"
+    made.write_bytes(b"other bytes")
+    mine = catalogue("model")["mine"]
+    mine.folder.mkdir(parents=True)
+    mine.path.write_bytes(b"other bytes")  # put there by hand: another network by the same name
+    with pytest.raises(ModelError, match=r"if you made it: cltransfer models adopt mine mine\.onnx"):
+        _ = Network(find_model("mine.onnx"), {}, {}).session
+    mine.path.unlink()
+    had = adopt(mine, made)
+    assert had.path.read_bytes() == b"other bytes"
+    assert catalogue("model")["mine"].sha256 == had.sha256 == content_hash(made) != HASH
+    with pytest.raises(
+        ModelError, match=r"mine\.onnx: model: "
+    ):  # its content is right now, only that it is no network
+        _ = Network(find_model("mine.onnx"), {}, {}).session
+
+
+def test_what_is_published_is_not_adopted(tmp_path):
+    with pytest.raises(UsageError, match=r"is published, at https://example\.org/a"):
+        adopt(Entry("mine", "model", **USUAL, address="https://example.org/a"), tmp_path / "made.onnx")
+    with pytest.raises(InputError, match="no such file"):
+        adopt(Entry("mine", "model", **USUAL), tmp_path / "made.onnx")
 
 
 def test_errors_of_networks_and_of_assets_have_their_own_exit_codes():

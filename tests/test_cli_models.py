@@ -110,6 +110,20 @@ def test_a_catalogue_can_be_named_on_the_command_line(command: Command, mine: Pa
     assert command("models", "pull", "known_net", "--catalogue", mine).code == 0
 
 
+def test_a_network_that_one_made_is_adopted_and_right(
+    command: Command, tmp_path: Path, cache: Path, monkeypatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_MODELS", "")
+    (tmp_path / "blazepose.onnx").write_bytes(CONTENT)
+    answer = command("models", "adopt", "mp_pose_landmark_lite", tmp_path / "blazepose.onnx")
+    path = cache / "models" / "mp_pose_landmark_lite.onnx"
+    assert (answer.code, answer.out) == (0, f"{path} sha256 {HASH}, pinned\n")
+    assert command("models", "check").out == "mp_pose_landmark_lite.onnx: ok\n"
+    answer = command("models", "adopt", "yolox_nano", tmp_path / "blazepose.onnx")
+    assert answer.code == 2
+    assert "pull this one" in answer.err
+
+
 def test_offline_the_one_line_names_file_address_hash_and_folder(command: Command, mine: Path, cache: Path) -> None:
     away = mine.with_name("away.yaml")
     away.write_text(
