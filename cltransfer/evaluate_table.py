@@ -10,19 +10,9 @@ from typing import Any
 from .evaluate_many import CONFIDENCE, RESAMPLES, ClipScore, Interval
 from .files import csv_text, write_json, write_text
 from .report.metrics import number
+from .report.tables import Table, to_latex, to_markdown
 
 Summary = Mapping[str, Mapping[str, Interval]]
-
-_ESCAPES = {
-    "\\": r"\textbackslash{}",
-    "_": r"\_",
-    "&": r"\&",
-    "%": r"\%",
-    "#": r"\#",
-    "$": r"\$",
-    "{": r"\{",
-    "}": r"\}",
-}
 
 
 def write_methods(folder: Path, rows: Sequence[ClipScore], summary: Summary) -> None:
@@ -75,25 +65,19 @@ def methods_markdown(summary: Summary) -> str:
 
     Clips that have a value are counted where not all have one, frames where another method has more.
     """
-    terms, best, most = _terms(summary), _best(summary), _most_frames(summary)
-    lines = [["method", *terms], ["---", *["--:"] * len(terms)]]
-    for method, found in summary.items():
-        cells = [_cell(found[t], most[t]) for t in terms]
-        lines.append([method, *(f"**{c}**" if (method, t) in best else c for t, c in zip(terms, cells))])
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return "\n".join(to_markdown(_table(summary)))
 
 
 def methods_latex(summary: Summary) -> str:
     """The same table for LaTeX with booktabs."""
+    return "\n".join([*to_latex(_table(summary)), ""])
+
+
+def _table(summary: Summary) -> Table:
     terms, best, most = _terms(summary), _best(summary), _most_frames(summary)
-    lines = [rf"\begin{{tabular}}{{l{'r' * len(terms)}}}", r"\toprule"]
-    lines.append(" & ".join(["method", *map(_escaped, terms)]) + r" \\")
-    lines.append(r"\midrule")
-    for method, found in summary.items():
-        cells = [_escaped(_cell(found[t], most[t]).replace("–", "--")) for t in terms]
-        shown = [rf"\textbf{{{c}}}" if (method, t) in best else c for t, c in zip(terms, cells)]
-        lines.append(" & ".join([_escaped(method), *shown]) + r" \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    rows = tuple((method, *(_cell(found[t], most[t]) for t in terms)) for method, found in summary.items())
+    bold = {(i, j + 1) for i, method in enumerate(summary) for j, term in enumerate(terms) if (method, term) in best}
+    return Table(("method", *terms), rows, frozenset(bold))
 
 
 def _terms(summary: Summary) -> list[str]:
@@ -125,7 +109,3 @@ def _cell(found: Interval, most: int) -> str:
     if found.clips < found.of:
         return f"{text} ({found.clips}/{found.of})"
     return text if found.defined == most else f"{text} ({found.defined}/{most} frames)"
-
-
-def _escaped(text: str) -> str:
-    return "".join(_ESCAPES.get(letter, letter) for letter in text)

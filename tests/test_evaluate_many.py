@@ -92,6 +92,12 @@ def test_latex_escapes_names() -> None:
     assert latex.count(r"\\") == 3
 
 
+def test_no_name_breaks_a_table() -> None:
+    summary = summarise([replace(row, method="a|b^c~d") if row.method == "ours" else row for row in ROWS])
+    assert methods_markdown(summary).splitlines()[2].startswith(r"| a\|b^c~d |")
+    assert r"a\textbar{}b\textasciicircum{}c\textasciitilde{}d & " in methods_latex(summary)
+
+
 def test_every_clip_has_its_row_in_the_csv() -> None:
     rows = list(csv.DictReader(io.StringIO(clips_csv([*ROWS, MISSING]))))
     assert [row["clip"] for row in rows] == ["a", "b", "a", "b", "c"]

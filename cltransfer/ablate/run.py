@@ -12,13 +12,14 @@ from ..components import Components
 from ..errors import UsageError
 from ..files import check_out, write_json, write_text
 from ..progress import Progress, silent
+from ..report.tables import to_latex, to_markdown
 from ..revision import commit
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
 from .summary import CONFIDENCE, FEWEST, RowSummary, summarise
 from .sweep import Sweep
-from .tables import differences_table, directions_table, failure_lines, to_csv, to_latex, to_markdown, values_table
+from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
 from .trial import Job, Outcome, trials
 
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"

@@ -1,13 +1,13 @@
-"""The summary of an ablation as CSV (every number), Markdown and LaTeX (to be read)."""
+"""The summary of an ablation: every number as CSV, and tables to be read."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from ..files import csv_text
 from ..report.metrics import number
+from ..report.tables import Table
 from .summary import Estimate, Measure, RowSummary
 from .trial import Outcome
 
@@ -17,15 +17,6 @@ CSV_HEADER = (
     *("difference_mean", "difference_low", "difference_high", "difference_count"),
     *("defined_frames", "frames", "trials", "failed", "evaluations_per_frame", "seconds_per_trial"),
 )
-
-
-@dataclass(frozen=True)
-class Table:
-    """Cells of text under a header; ``bold`` are those whose interval excludes zero."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    bold: frozenset[tuple[int, int]] = frozenset()
 
 
 def values_table(rows: Sequence[RowSummary]) -> Table:
@@ -90,39 +81,6 @@ def _interval(estimate: Estimate, write: Callable[[float | None], str]) -> str:
     if estimate.low is None:
         return write(estimate.mean)
     return f"{write(estimate.mean)} [{write(estimate.low)}, {write(estimate.high)}]"
-
-
-def to_markdown(table: Table) -> list[str]:
-    """Lines of a Markdown table."""
-    cells = [
-        [f"**{_escape(c)}**" if (i, j) in table.bold else _escape(c) for j, c in enumerate(row)]
-        for i, row in enumerate(table.rows)
-    ]
-    rule = ["---"] + ["--:"] * (len(table.header) - 1)
-    return ["| " + " | ".join(line) + " |" for line in [map(_escape, table.header), rule, *cells]]
-
-
-def _escape(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*").replace("<", "&lt;").replace("\n", " ")
-
-
-def to_latex(table: Table) -> list[str]:
-    """Lines of a tabular with booktabs' rules."""
-    lines = [rf"\begin{{tabular}}{{l{'r' * (len(table.header) - 1)}}}", r"\toprule"]
-    lines += [" & ".join(map(_tex, table.header)) + r" \\", r"\midrule"]
-    for i, row in enumerate(table.rows):
-        cells = [rf"\textbf{{{_tex(c)}}}" if (i, j) in table.bold else _tex(c) for j, c in enumerate(row)]
-        lines.append(" & ".join(cells) + r" \\")
-    return [*lines, r"\bottomrule", r"\end{tabular}"]
-
-
-_TEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "\n": " "}
-_TEX |= {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}  # other signs in TeX's oldest fonts
-_TEX |= {character: f"\\{character}" for character in "&%$#_{}"}
-
-
-def _tex(text: str) -> str:
-    return "".join(_TEX.get(character, character) for character in text)
 
 
 def to_csv(rows: Sequence[RowSummary]) -> str:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cltransfer.ablate.summary import estimate, summarise
-from cltransfer.ablate.tables import differences_table, directions_table, to_csv, to_latex, to_markdown, values_table
+from cltransfer.ablate.tables import differences_table, directions_table, to_csv, values_table
 from cltransfer.ablate.trial import Case, Metric, Outcome
+from cltransfer.report.tables import to_latex, to_markdown
 
 
 def outcome(row: str, seed: int, size: float | None, defined: int = 4) -> Outcome:
