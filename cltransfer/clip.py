@@ -169,11 +169,12 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
         path: ``.mp4`` (H.264, yuv420p, crf 18, BT.709; an odd side is padded by one repeated row or column)
             or, where ``lossless``, ``.mkv`` (FFV1, RGB exact to the bit).
         image: RGB, (N, 3, H, W) uint8.
-        times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv.
+        times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv, and where two
+            would be one, the later ones that much later.
         lossless: which of the two.
 
     Raises:
-        ValueError: a shape, type or suffix is wrong, or two times are equal once rounded.
+        ValueError: a shape, type or suffix is wrong, or the times do not increase.
         ResourceError: the file cannot be written or does not read back.
     """
     path = Path(path)
@@ -182,9 +183,10 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
     suffix, rate = (".mkv", 1000) if lossless else (".mp4", 90_000)
     if path.suffix.lower() != suffix:
         raise ValueError(f"path must end in {suffix}, got {path.name}")
-    pts = ((times - times[0]) * rate).round().long()  # (N,) [1/rate s]
-    if len(pts) != len(image) or bool((pts.diff() <= 0).any()):
-        raise ValueError(f"expected {len(image)} times that increase by at least 1/{rate} s, got {times.tolist()}")
+    if len(times) != len(image) or not bool((times.diff() > 0).all()):
+        raise ValueError(f"expected {len(image)} times that increase, got {times.tolist()}")
+    number = torch.arange(len(times))
+    pts = (((times - times[0]) * rate).round().long() - number).cummax(0).values + number  # (N,) [1/rate s]
     try:
         with atomic(path) as temporary:
             _encode(temporary, image, pts, Fraction(1, rate))

@@ -93,9 +93,14 @@ def test_write_video_leaves_nothing_behind_when_it_fails(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
 
 
-def test_write_video_refuses_times_that_would_collide(tmp_path):
+def test_frames_that_would_share_a_millisecond_are_written_one_after_the_other(tmp_path):
+    write_video(tmp_path / "a.mkv", noise(5), seconds(0, 0.0004, 0.0008, 0.0333, 0.0667), lossless=True)
+    torch.testing.assert_close(read_clip(tmp_path / "a.mkv").times, seconds(0, 0.001, 0.002, 0.033, 0.067))
+
+
+def test_write_video_refuses_times_that_do_not_increase(tmp_path):
     with pytest.raises(ValueError, match="increase"):
-        write_video(tmp_path / "a.mkv", noise(2), seconds(0, 0.0004), lossless=True)
+        write_video(tmp_path / "a.mkv", noise(2), seconds(0, 0), lossless=True)
     assert not list(tmp_path.iterdir())
 
 
