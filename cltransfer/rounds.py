@@ -86,8 +86,8 @@ class Take:
 
     @property
     def total(self) -> float:
-        """Mean total in the scene that was searched."""
-        return float(self.found.totals.mean()) if self.path is None else self.path.total
+        """Mean total in the scene that was searched, of all weights; a view that is blocked pays every penalty."""
+        return _total(self, self.clip.stage) if self.path is None else self.path.total
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,9 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
         last = number == rounds
         seen = None if last and job.stage.guard is None else read_path(job.stage, cameras)
-        made.append(Attempt(take.found, cameras, take.path, shown, _blocked(job.stage, seen), take.left_out))
+        made.append(
+            Attempt(take.found, cameras, take.path, shown, _blocked(job.stage, seen, job.wanted), take.left_out)
+        )
         clock.lap("reading back")
         if last or seen is None:
             break
@@ -153,13 +155,13 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
-    first, left_out = _past_floaters(job, first, _left_out(job, first, first.total))
+    first, left_out = _past_floaters(job, first, _left_out(job, first))
     if not left_out.matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
     second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
-    better = _left_out(job, second, _total(first.clip.stage, second)).better(left_out)
-    return second if better else replace(first, left_out=left_out)
+    there = LeftOut(job.floaters, _total(second, first.clip.stage), second.total)
+    return second if there.better(left_out) else replace(first, left_out=left_out)
 
 
 def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
@@ -179,19 +181,19 @@ def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftO
     residuals = clip.residuals(x)
     moved = replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), aside=True)
     there = replace(take, path=moved)
-    found = _left_out(job, there, moved.total)
+    found = _left_out(job, there)
     return (there, found) if found.better(left_out) else (take, left_out)
 
 
-def _left_out(job: Job, take: Take, alone: float) -> LeftOut:
-    return LeftOut(job.floaters, alone, _total(job.stage, take))
+def _left_out(job: Job, take: Take) -> LeftOut:
+    """What floaters cost the cameras of ``take``, found in a scene without them."""
+    return LeftOut(job.floaters, take.total, _total(take, job.stage))
 
 
-def _total(stage: Stage, take: Take) -> float:
-    """Mean total of what was found, in the scene of ``stage``."""
-    reference, objective = take.clip.reference, stage.objective
-    terms = objective.terms(reference, read_path(stage, take.cameras))
-    return float(objective.totals(terms, objective.defined(reference)).mean())
+def _total(take: Take, stage: Stage) -> float:
+    """Mean total of what was found, in the scene of ``stage``; a view that is blocked there pays every penalty."""
+    terms = stage.path_terms(take.clip.reference, take.cameras, guarded=True)
+    return float(stage.objective.totals(terms, take.clip.defined).mean())
 
 
 def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
@@ -246,5 +248,5 @@ def _counting(progress: Progress, step: str, count: int) -> Report:
     return report
 
 
-def _blocked(stage: Stage, seen: Features | None) -> dict[str, Tensor]:
-    return {} if stage.guard is None or seen is None else stage.guard.reasons(seen)
+def _blocked(stage: Stage, seen: Features | None, reference: Features) -> dict[str, Tensor]:
+    return {} if stage.guard is None or seen is None else stage.guard.reasons(seen, reference)

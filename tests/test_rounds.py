@@ -73,6 +73,17 @@ def test_floaters_that_spoil_a_result_are_told(clean: Result, hung: Result) -> N
     assert "left out of the search" in told
 
 
+def test_frames_as_they_were_found_are_measured_alike_with_floaters_and_without() -> None:
+    found = transfer(
+        Inputs("builtin:plaza", "builtin:push_in"),
+        load_config(overrides=[*TINY[:1], "frames=4", *TINY[2:], "path=exact"]),
+    )
+    left_out = found.kept.left_out
+    assert left_out is not None
+    assert left_out.among == pytest.approx(found.searched.total)
+    assert left_out.alone == pytest.approx(left_out.among, rel=0.1)  # the leaves of the plaza are far from the person
+
+
 def test_the_person_of_a_run_is_that_of_the_scene(clean: Result, tmp_path: Path) -> None:
     assert clean.scene.subject is not None
     clean.scene.subject.save(tmp_path / "subject.json")

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..features import Features
+from ..skeleton import VISIBLE
 from ..subject import Subject
 
 BODY = 0.12  # subject heights; a camera nearer to the middle line of the body is inside it
@@ -33,8 +34,11 @@ class Guard:
 
     height: float | None
 
-    def reasons(self, features: Features) -> dict[str, Tensor]:
-        """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it."""
+    def reasons(self, features: Features, reference: Features | None = None) -> dict[str, Tensor]:
+        """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it.
+
+        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden.
+        """
         depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth").flatten(1)  # (B, H W)
         wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
         if self.height is not None:
@@ -45,11 +49,13 @@ class Guard:
             wrong["the camera stands inside the person"] = inside
         if all(features.has(name) for name in READ):
             wrong[HIDDEN] = _hidden(features)
+            if reference is not None and reference.has("keypoints"):
+                wrong[HIDDEN] &= (reference.require("keypoints")[..., 2] > VISIBLE).any(1)
         return wrong
 
-    def blocked(self, features: Features) -> Tensor:
-        """Views that may not be taken, (B,) bool."""
-        return torch.stack(list(self.reasons(features).values())).any(0)
+    def blocked(self, features: Features, reference: Features | None = None) -> Tensor:
+        """Views that may not be taken, (B,) bool; see :meth:`reasons`."""
+        return torch.stack(list(self.reasons(features, reference).values())).any(0)
 
 
 def _from_body(points: Tensor, person: Subject) -> Tensor:

@@ -16,8 +16,7 @@ from ..graph import run
 from ..objective import Objective
 from ..plan import Plan
 from ..scenes import Scene
-from ..skeleton import VISIBLE
-from .guard import HIDDEN, SCENE_DEPTH, Guard
+from .guard import SCENE_DEPTH, Guard
 from .journal import Journal
 from .recent import Context, Recent
 from .working_set import WorkingSet
@@ -153,21 +152,15 @@ class Stage:
         residuals = self.objective.residuals(reference, seen, defined)
         if self.guard is None:
             return residuals
-        blocked = self._blocked(reference, seen)[:, None]
+        blocked = self.guard.blocked(seen, reference)[:, None]
         return torch.where(blocked, self.objective.lost_residuals(defined), residuals)
 
     def _allowed(self, reference: Features, seen: Features) -> Tensor:
         """Raw terms (B, L) of what was seen from B cameras; a view that is blocked has none."""
         terms = self.objective.terms(reference, seen)
-        return terms if self.guard is None else terms.masked_fill(self._blocked(reference, seen)[:, None], torch.nan)
-
-    def _blocked(self, reference: Features, seen: Features) -> Tensor:
-        """Views (B,) bool that may not be taken; where the reference hides the person, they may hide it too."""
-        assert self.guard is not None
-        shown = not reference.has("keypoints") or bool((reference.require("keypoints")[..., 2] > VISIBLE).any())
-        return torch.stack(
-            [wrong for reason, wrong in self.guard.reasons(seen).items() if shown or reason != HIDDEN]
-        ).any(0)
+        return (
+            terms if self.guard is None else terms.masked_fill(self.guard.blocked(seen, reference)[:, None], torch.nan)
+        )
 
     def _answer(self, cameras: Camera, before: Features | None, compute: Callable[[], Tensor]) -> Tensor:
         self.spent.evaluations += len(cameras)

@@ -56,6 +56,14 @@ def test_a_view_is_refused_for_one_reason(features: Features, reason: str) -> No
     assert [name for name, wrong in reasons.items() if bool(wrong[0])] == [reason]
 
 
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_person_whom_the_reference_hides_may_be_hidden(shown: bool) -> None:
+    reference = view()
+    assert reference.keypoints is not None
+    reference.keypoints[..., 2] = float(shown)
+    assert bool(Guard(1.8).blocked(view(person=False), reference)) == shown
+
+
 def test_a_person_before_nothing_may_be_filmed() -> None:
     assert not bool(Guard(1.8).blocked(view(seen=0.15)))
 
@@ -174,7 +182,7 @@ def test_no_frame_is_taken_from_inside_a_wall_though_the_losses_like_it_there() 
 class Thick(Guard):
     """A guard of a scene in which every camera stands inside something."""
 
-    def reasons(self, features: Features) -> dict[str, torch.Tensor]:
+    def reasons(self, features: Features, reference: Features | None = None) -> dict[str, torch.Tensor]:
         return {"walls": torch.ones(len(features), dtype=torch.bool)}
 
 
