@@ -143,17 +143,24 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
     to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
     """
     accepted = max(limit, JUMPS * free.free)
-    enough, best = HOPE * limit if effort.rounds else accepted, None
+    enough, best, tried = HOPE * limit if effort.rounds else accepted, None, False
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
         total, residuals = clip.scored(x)
         path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
         best = path if best is None or path.total < best.total else best
         if path.total <= enough:
-            break
+            found = _accepted(_refined(clip, path, effort), path, accepted)
+            if found is not None:
+                return found
+            enough, tried = accepted, True  # refining does not bring it there, so the next has to be near enough itself
     assert best is not None
-    refined = _refined(clip, best, effort)
-    return next((path for path in (refined, best) if path.total <= accepted), free)
+    return (None if tried else _accepted(_refined(clip, best, effort), best, accepted)) or free
+
+
+def _accepted(refined: LeastPath, path: LeastPath, limit: float) -> LeastPath | None:
+    """The first of the two that costs no more than ``limit``."""
+    return next((found for found in (refined, path) if found.total <= limit), None)
 
 
 def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:

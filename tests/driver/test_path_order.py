@@ -10,6 +10,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
+from cltransfer.driver import path_order
 from cltransfer.driver.joint import Effort
 from cltransfer.driver.path_order import LeastPath, least_path
 from cltransfer.driver.stage import Stage
@@ -187,3 +188,24 @@ def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(m
     path = least_path(clip, x, None, 0.0, Effort(1, 4))
     assert path.filtered
     assert not path.refined
+
+
+@dataclass
+class Priced:
+    """A clip of which only what a filtered path costs is known: in turn as listed."""
+
+    totals: list[float]
+
+    def scored(self, x: torch.Tensor) -> tuple[float, torch.Tensor]:
+        return self.totals.pop(0), torch.zeros(len(x), 1)
+
+
+@pytest.mark.parametrize(("totals", "filtered"), [([0.4, 0.3], 1), ([0.3], 0), ([0.4] * 9, None)])
+def test_the_next_filter_is_tried_where_refining_does_not_help(
+    totals: list[float], filtered: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(path_order, "refine_path", lambda clip, x, residuals, moves, effort: (x, residuals))
+    free = LeastPath(torch.zeros(6, 7), None, 0.0, False, 0.2, 0.2, 0.14)
+    path = path_order._filtered(Priced(totals), free, None, 0.34, Effort(4, 6))  # type: ignore[arg-type]
+    assert path.filtered == (0.0 if filtered is None else path_order.FILTERS[filtered])
+    assert path.total == (0.2 if filtered is None else 0.3)
