@@ -82,18 +82,27 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
 def pairs(original: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
     """Which frames go together, (P,) int64 each, of a reference at times (N,) and a render at times (M,) [s].
 
-    Each of the render has the nearest of the reference; of those that have the same one, the nearest is kept.
+    Each of the render has the nearest of the reference; of those that have the same one, the nearest is kept, and none
+    that is shown a whole step of the reference before it begins or after it ends.
 
     Raises:
         InputError: the two share no moment.
 
     >>> pairs(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.0, 0.2, 0.4, 0.9, 1.1, 5.0]))
     (tensor([0, 1, 2]), tensor([0, 2, 3]))
+    >>> pairs(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.0, 5.0]))
+    (tensor([0]), tensor([0]))
     """
     nearest = pair_by_time(original, shown)
     apart = (original[nearest] - shown).abs()
     counts = torch.unique_consecutive(nearest, return_counts=True)[1]
     kept = torch.stack([same[apart[same].argmin()] for same in torch.arange(len(shown)).split(counts.tolist())])
+    if len(original) > 1:
+        steps = original.diff()
+        outside = (shown <= original[0] - steps[0]) | (shown >= original[-1] + steps[-1])
+        kept = kept[~outside[kept]]
+    if not len(kept):
+        raise InputError("", "times", "the clips share no moment: all frames of one lie before or after the other")
     return nearest[kept], kept
 
 

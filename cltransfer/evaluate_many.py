@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from .components import Components
 from .config_options import RunConfig
-from .errors import InputError
+from .errors import CltransferError, InputError
 from .evaluate import evaluate
 from .image_folder import VIDEOS, natural_order
 from .progress import Progress, silent
@@ -97,7 +98,10 @@ def evaluate_many(
 
     Raises:
         InputError: a folder holds no clips, or a method has none that a reference has.
+        UsageError: the config asks for what there is not.
+        ModelError: a network is missing.
     """
+    Components.build(config).plan("image").load_networks()  # what no clip could be scored by shows at once
     known = clips_in(references)
     rendered = {method: clips_in(folder) for method, folder in methods.items()}
     for method, clips in rendered.items():
@@ -116,8 +120,8 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
         return ClipScore(method, name, reason="the method has no clip of this name")
     try:
         report = evaluate(str(reference), str(render), config)
-    except InputError as error:
-        return ClipScore(method, name, reason=str(error))
+    except (CltransferError, OSError, MemoryError) as error:
+        return ClipScore(method, name, reason=str(error) or "out of memory")
     terms = report.scores.terms
     means = {**{term.name: term.mean for term in terms}, "total": finite(report.scores.total)}
     defined = {term.name: term.defined for term in terms} | {"total": int(report.scores.totals.isfinite().sum())}

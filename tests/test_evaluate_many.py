@@ -13,10 +13,12 @@ import torch
 
 from cltransfer.clip import write_video
 from cltransfer.config import load_config
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, ModelError
 from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
+from cltransfer.features import Features
 from cltransfer.open_clip import ASSUMED
+from cltransfer.registry import LOSSES
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
@@ -169,6 +171,32 @@ def test_folders_are_scored_clip_by_clip(command: Any, mean_flow: tuple[str, ...
     ]
     written = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json"]
+
+
+def test_a_clip_that_a_loss_fails_on_is_a_row_and_the_others_are_scored(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loss = LOSSES._classes["mean_flow"]
+    measure = loss.__call__
+
+    def careful(self: Any, reference: Features, rendered: Features) -> torch.Tensor:
+        if rendered.require("flow")[:, 0].nanmean().abs() > 4:
+            raise ArithmeticError("too fast")
+        return measure(self, reference, rendered)
+
+    monkeypatch.setattr(loss, "__call__", careful)
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2), c=wall(2, 2))
+    ours = folder_of(tmp_path / "ours", a=wall(0, 2), b=wall(1, 6), c=wall(2, 2))
+    rows = evaluate_many(references, {"ours": ours}, load_config(overrides=mean_flow))
+    assert [bool(row.means) for row in rows] == [True, False, True]
+    assert "it raised ArithmeticError: too fast" in rows[1].reason
+
+
+def test_without_a_network_no_clip_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_MODELS", "")
+    folder_of(tmp_path / "references", a=wall(0, 2))
+    with pytest.raises(ModelError, match="no such file"):
+        evaluate_many(tmp_path / "references", {"same": tmp_path / "references"}, load_config())
 
 
 def test_what_a_reader_should_know_of_the_clips_is_told(
