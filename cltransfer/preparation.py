@@ -159,7 +159,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     check_result(len(reference), output)  # rather than after the search
     journal = None
     if record is not None:
-        journal = record.open(_header(inputs, config, parts, scene, reference))
+        journal = record.open(_header(inputs, config, parts, search, scene, reference))
     stage = Stage(
         scene, parts.renderer, plan, Objective(parts.losses), small, guard=_guard(config, scene), journal=journal
     )
@@ -178,10 +178,13 @@ def _guard(config: RunConfig, scene: Scene) -> Guard | None:
     return Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
 
 
-def _header(inputs: Inputs, config: RunConfig, parts: Components, scene: Scene, reference: Reference) -> dict[str, Any]:
+def _header(
+    inputs: Inputs, config: RunConfig, parts: Components, search: Any, scene: Scene, reference: Reference
+) -> dict[str, Any]:
     """What the answers of a run depend on."""
     networks = {name: model_content(e.model) for name, e in parts.extractors.items() if hasattr(e, "model")}
-    code = {name: code_of(part) for name, part in {**parts.extractors, **parts.losses}.items()}
+    named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
+    code = {name: code_of(part) for name, part in named.items()}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,

@@ -42,8 +42,8 @@ from .transfer import Result
 
 
 def default_folder(scene: str, reference: str) -> Path:
-    """``outputs/<scene>/<reference>/<UTC time>``."""
-    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    """``outputs/<scene>/<reference>/<UTC time>-<process>``: runs that are begun at one time keep apart."""
+    stamp = datetime.now(UTC).strftime(f"%Y%m%d-%H%M%S-{os.getpid()}")
     return Path("outputs") / _name(scene) / _name(reference) / stamp
 
 

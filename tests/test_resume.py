@@ -10,13 +10,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cltransfer.components import Components
+from cltransfer.config import load_config
 from cltransfer.driver.journal import _read
+from cltransfer.files import content_hash
+from cltransfer.preparation import Inputs, _header
+from cltransfer.reference import Reading, read_reference
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run_files import DONE, JOURNAL
+from cltransfer.scenes.load import load_scene
+from cltransfer.search.subject_orbit import SubjectOrbit
 
 ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
 ARGS += ("threads=1", "-q")
@@ -106,3 +115,17 @@ def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
     assert reason in refused.err
     assert refused.err.count("\n") == 1
     assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
+
+
+class Plugin(GaussianSplats):
+    """A renderer whose code lies in this file."""
+
+
+def test_a_journal_is_of_the_code_of_every_plugin() -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, scene = Components.build(config), load_scene("builtin:plaza")
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    ours = _header(given, config, parts, SubjectOrbit(), scene, reference)
+    plugged = _header(given, config, replace(parts, renderer=Plugin()), SubjectOrbit(), scene, reference)
+    assert {key for key in plugged if plugged[key] != ours.get(key)} == {"code of the renderer"}
+    assert plugged["code of the renderer"] == content_hash(Path(__file__))

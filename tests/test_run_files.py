@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -46,6 +48,13 @@ def test_what_an_earlier_run_left_is_taken_away_and_nothing_else(tmp_path: Path)
         (tmp_path / name).touch()
     clear(tmp_path)
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["camera", "notes.txt", "video"]
+
+
+def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
+    ask = "from cltransfer.run_folder import default_folder; print(default_folder('s.ply', 'r.mp4').name)"
+    begun = [subprocess.Popen([sys.executable, "-c", ask], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    names = [process.communicate()[0].strip() for process in begun]
+    assert [name.rpartition("-")[2] for name in names] == [str(process.pid) for process in begun]
 
 
 def test_only_a_run_that_was_begun_is_resumed(tmp_path: Path) -> None:
