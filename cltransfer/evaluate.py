@@ -19,7 +19,7 @@ from .image_folder import FOLDER_RATE, TIMES, image_files
 from .objective import Objective
 from .open_clip import open_clip, rate_assumed
 from .progress import Progress, silent
-from .read_frames import read_frames
+from .read_frames import check_maps, read_frames
 from .report.data import Flag, ReportData
 from .run_files import kept_frames
 from .scores import score
@@ -44,6 +44,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     Raises:
         InputError: a clip is missing, damaged or of an unfinished run, the reference has a cut or shows no person, or
             the two do not overlap in time.
+        ResourceError: there is not memory enough to read both.
     """
     start = time.perf_counter()
     parts = Components.build(config)
@@ -61,6 +62,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     first, second = pairs(original.times, shown.times)
     drawn += _not_scored(original.times, shown.times, len(second))
     taught, made = original.image[first], shown.image[second]
+    check_maps(taught, made)
     times = shown.times[second]
     whom, who = asked.who(times, original.size), found.who(times, shown.size)
     features, read = read_frames(taught, plan, whom, progress)

@@ -14,14 +14,29 @@ from .camera import Camera
 from .errors import UsageError
 from .features import Features
 from .graph import CHUNK, run_clip
+from .memory import require_free
 from .persons import Who, join
 from .plan import Plan
 from .progress import Progress, silent
 from .scenes.find_people import Found, boxes_of
 from .subject import Subject
 
+MAPS = 48  # bytes a pixel of a clip, at the peak: 37 measured without a depth network, whose maps are added
+HINT = "thin the clip by frames=, or take a part, #t=START,END"
+
 Follow = Callable[[list[np.ndarray]], tuple[np.ndarray, tuple[str, ...]]]
 """Of all persons' boxes (P, 5) in each of N frames the one person's, (N, 5), NaN where it is not seen; and flags."""
+
+
+def check_maps(*images: Tensor) -> None:
+    """Refuse clips, each (N, 3, H, W), of which more would be read than there is memory for.
+
+    Raises:
+        ResourceError: less is free than the maps of all their frames take.
+    """
+    need = sum(MAPS * len(image) * image.shape[2] * image.shape[3] for image in images)
+    what = " and ".join(f"{len(image)} of {image.shape[3]}x{image.shape[2]}" for image in images)
+    require_free(need, "", f"the maps of frames, {what},", HINT)
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
@@ -57,6 +72,7 @@ def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent
 
     Raises:
         UsageError: there is no such person.
+        ResourceError: see :func:`check_maps`.
     """
     if _detector(plan) is None and who not in (None, 0):
         raise UsageError("", "#person", "no extractor tells persons apart", "add extractors.detect_yolox={}")
@@ -69,6 +85,7 @@ def _detector(plan: Plan) -> Any:
 
 
 def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
+    check_maps(image)
     count, detector = len(image), _detector(plan)
     load = partial(_loaded, image, None)
     flags: tuple[str, ...] = ()

@@ -16,6 +16,7 @@ from torch import Tensor
 from cltransfer.clip import write_video
 from cltransfer.config import load_config
 from cltransfer.config_options import RunConfig
+from cltransfer.errors import ResourceError
 from cltransfer.evaluate import evaluate
 from cltransfer.features import Features
 from cltransfer.open_clip import ASSUMED
@@ -227,3 +228,11 @@ def test_bars_of_a_render_are_cropped_only_when_asked(tmp_path: Path, config: Ru
     cropped = evaluate(reference, f"{render}#letterbox=crop", config)
     assert cropped.render_frames.shape[2] == 36
     assert cropped.scores.total == 0.0
+
+
+def test_clips_that_memory_has_no_room_for_are_refused_before_they_are_read(
+    clip: Path, config: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1")  # MB, less than this process takes
+    with pytest.raises(ResourceError, match="the maps of frames, 10 of 64x48 and 10 of 64x48, need"):
+        evaluate(str(clip), str(clip), config)
