@@ -29,8 +29,12 @@ def simplify(
 ) -> None:
     """Merge the Gaussians of SCENE that no view can tell apart, and leave out those that no view shows.
 
-    `transfer` does the first by itself while searching: lod=2. `k=0 floaters=drop` leaves out those that hang in the
-    air by themselves and nothing else, as `transfer` does for its search, and needs no view.
+    cltransfer simplify scene.ply --view run/trajectory.json --out small.ply k=2
+
+    cltransfer simplify scene.ply --out clean.ply k=0 floaters=drop
+
+    `transfer` does the first by itself while searching: lod=2. The second leaves out those that hang in the air by
+    themselves and nothing else, as `transfer` does for its search, and needs no view.
     """
     from .convert_scene import Simplification, simplify_file
 

@@ -54,10 +54,11 @@ def _floaters(result: Result) -> Iterator[Flag]:
     if left_out is None:
         yield Flag(None, f"{hanging}, searched with them: what is found without is far worse among them")
         return
-    yield Flag(None, f"{hanging}, left out of the search (floaters=keep)")
+    yield Flag(None, f"{hanging}, left out of the search (floaters=keep would search with them)")
     if left_out.matters:
         totals = f"the total is {left_out.among:.3g} for {left_out.alone:.3g} without"
-        yield Flag(None, f"they spoil the result, {totals}: `cltransfer simplify SCENE k=0 floaters=drop` removes them")
+        removed = "`cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them"
+        yield Flag(None, f"they spoil the result, {totals}: {removed}")
 
 
 def _reference(result: Result) -> Iterator[Flag]:

@@ -64,11 +64,10 @@ def test_a_result_is_of_the_scene_as_it_was_given(clean: Result, hung: Result) -
 
 def test_floaters_that_spoil_a_result_are_told(clean: Result, hung: Result) -> None:
     told, why = [flag.reason for flag in run_flags(hung) if flag.frame is None]
-    assert (
-        told == f"Gaussians that hang in the air by themselves: {hung.floaters}, left out of the search (floaters=keep)"
-    )
+    hanging = f"Gaussians that hang in the air by themselves: {hung.floaters}"
+    assert told == f"{hanging}, left out of the search (floaters=keep would search with them)"
     assert why.startswith("they spoil the result, the total is ")
-    assert why.endswith(" without: `cltransfer simplify SCENE k=0 floaters=drop` removes them")
+    assert why.endswith(" without: `cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them")
     (told,) = [flag.reason for flag in run_flags(clean)]
     assert "left out of the search" in told
 

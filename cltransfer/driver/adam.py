@@ -153,8 +153,8 @@ class Moments:
 class GradNorm:
     """Weights of K terms that keep their gradients alike, faster for terms that have decreased less.
 
-    They start at 1, add up to K and stay above :data:`LEAST_WEIGHT`. Where a term is 0 at the start no ratio is
-    defined and nothing moves, as in JAWS.
+    They start at 1, add up to K and stay above :data:`LEAST_WEIGHT`. As long as a term that was 0 at the start is 0
+    no ratio is defined and nothing moves, as in JAWS.
     """
 
     def __init__(self, count: int) -> None:
