@@ -19,7 +19,7 @@ from .cli_fit import fit
 from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, simplify
-from .cli_shared import Allow, Json, Quiet, show
+from .cli_shared import Allow, Config, Json, Overrides, Quiet, show
 from .cli_study import study
 from .errors import CltransferError, UsageError, shortened
 from .files import check_out
@@ -51,12 +51,12 @@ app.command()(evaluate)
 app.command()(describe)
 app.command()(inspect)
 
-CONFIG_HELP = "YAML over the preset, or a shipped one by name (networks/paper); key=value goes on top."
-Config = Annotated[Path | None, typer.Option("--config", "-c", help=CONFIG_HELP)]
-Up = Annotated[str | None, typer.Option(help="The scene's up as X,Y,Z; splats usually have 0,-1,0.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")]
+Up = Annotated[
+    str | None,
+    typer.Option(help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes."),
+]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; by default one in outputs/.")]
 SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")]
-Overrides = Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")]
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 
@@ -123,9 +123,11 @@ def transfer(
         typer.Argument(
             metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
             help="Scene: splats (.ply, .splat, .spz), a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with "
-            "renderer.mesh={}), a .yaml of meshes or builtin:NAME (default builtin:courtyard). Reference: a video, an "
-            "image folder (24 images/s unless FOLDER#fps=30 or its times.json says), CLIP#t=START,END for a part, a "
-            ".safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT (default builtin:dolly_zoom).",
+            "renderer.mesh={}), a .yaml of meshes or builtin:NAME (courtyard, the default, plaza, room, stage, path). "
+            "Reference: a video, an image folder (24 images/s unless FOLDER#fps=30 or its times.json says), "
+            "CLIP#t=START,END for a part, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT "
+            "(dolly_zoom, the default, push_in, pull_out, pan, tilt, orbit, zoom, crash_zoom, dutch, boom, truck, "
+            "static, handheld).",
         ),
     ] = None,
     out: Out = None,
@@ -139,7 +141,8 @@ def transfer(
     subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
     up: Up = None,
     resume: Annotated[
-        Path | None, typer.Option(help="Go on with the run of this folder that was killed; the rest as it was given.")
+        Path | None,
+        typer.Option(help="Go on with the killed run in this folder: the same command again with --resume FOLDER."),
     ] = None,
     config: Config = None,
     print_config: Annotated[bool, typer.Option("--print-config", help="Print the merged config and stop.")] = False,
@@ -149,8 +152,11 @@ def transfer(
 ) -> None:
     """Find the cameras that shoot SCENE the way REFERENCE is shot.
 
+    cltransfer transfer builtin:room-3 builtin:orbit preset=fast frames=12 --out run
+
     Leaves trajectory.json, camera/camera_path.json (nerfstudio), metrics.json, metrics.csv, video/render.mp4,
-    video/side_by_side.mp4 and report.html in the run folder, and prints the five metrics.
+    video/side_by_side.mp4, video/frames.mkv, subject.json, config.yaml and report.html in the run folder, and prints
+    the five metrics. Clips and scenes of your own need two networks: cltransfer models list.
     """
     paths, overrides = _split(arguments or [], 2)
     if resume is not None and out not in (None, resume):

@@ -23,7 +23,7 @@ def ablate(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder; a sweep begun there goes on."),
+        typer.Option("--out", "-o", help="Folder; a sweep begun there goes on; by default outputs/ablations/NAME."),
     ] = None,
     keep_runs: Annotated[bool, typer.Option("--keep-runs", help="Keep every run's whole folder in OUT/runs.")] = False,
     retry: Annotated[bool, typer.Option("--retry", help="Run failed trials again.")] = False,
@@ -32,6 +32,8 @@ def ablate(
     quiet: Quiet = False,
 ) -> None:
     """Run a table of overrides on the same cases, and compare the rows.
+
+    cltransfer ablate leave_one_out 'seeds=[0]' 'references=[drawn:orbit]' --out first
 
     Every finished trial is on disk at once; the same command goes on after a kill. Leaves trials.jsonl, table.csv,
     table.md and table.tex. The exit code is 1 where a trial failed; its reason is in the table.

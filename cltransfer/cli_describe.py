@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .cli_shared import Allow, Json, Quiet, show
+from .cli_shared import Allow, Config, Json, Overrides, Quiet, show
 from .config import load_config
 from .files import check_out, write_json, write_text
 
@@ -16,10 +16,10 @@ def describe(
     source: Annotated[
         str, typer.Argument(help="A clip as in `transfer`, the folder of a run, or a trajectory.json with its person.")
     ],
-    overrides: Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")] = None,
+    overrides: Overrides = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
     subject: Annotated[Path | None, typer.Option(help="subject.json of the person a trajectory films.")] = None,
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset.")] = None,
+    config: Config = None,
     allow_plugin: Allow = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -51,9 +51,9 @@ def describe(
 
 def inspect(
     source: Annotated[str, typer.Argument(help="A clip as in `transfer`.")],
-    overrides: Annotated[list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Config overrides.")] = None,
+    overrides: Overrides = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the page.")] = Path("inspection"),
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset.")] = None,
+    config: Config = None,
     allow_plugin: Allow = None,
     as_json: Json = False,
     quiet: Quiet = False,

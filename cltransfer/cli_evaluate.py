@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_shared import Allow, Json, Quiet, show
+from .cli_shared import Allow, Config, Json, Quiet, show
 from .config import load_config
 from .errors import UsageError
 from .files import check_out
@@ -25,20 +25,28 @@ def evaluate(
     render: Annotated[
         str,
         typer.Argument(
-            help="Video, image folder or run folder, named as REFERENCE is; its frames are paired by time. For a "
-            "folder of clips METHOD=FOLDER."
+            help="Video, image folder or run folder, named as REFERENCE is; its frames are paired by time. Where "
+            "REFERENCE is a folder of clips: METHOD=FOLDER, of clips with the same names."
         ),
     ],
     more: Annotated[
-        list[str] | None, typer.Argument(metavar="[METHOD=FOLDER]... [KEY=VALUE]...", help="More, then config.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[METHOD=FOLDER]... [KEY=VALUE]...",
+            help="Further methods, where REFERENCE is a folder of clips; then what goes over the config.",
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="YAML over the preset.")] = None,
+    config: Config = None,
     allow_plugin: Allow = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Score the clip RENDER against the clip REFERENCE, or whole folders of clips; no scene is needed.
+
+    cltransfer evaluate clip.mp4 render.mp4 --json
+
+    cltransfer evaluate references/ ours=runs/ theirs=clips/ --out table
 
     With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
     and methods.csv, .md and .tex with bootstrap intervals over the clips.

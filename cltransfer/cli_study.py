@@ -29,9 +29,9 @@ def study(
     reference: Annotated[
         list[Path] | None, typer.Option(help="Reference clip of each sample (repeatable); runs know their own.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the names under which the videos are shown.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the shuffled names under which the videos are shown.")] = 0,
     analyse: Annotated[
-        bool, typer.Option("--analyse", help="PATHS are the CSV files that participants saved.")
+        bool, typer.Option("--analyse", help="Read the arguments as the CSV files that participants saved.")
     ] = False,
     key: Annotated[Path | None, typer.Option(help="The key beside the page, for --analyse.")] = None,
     as_json: Json = False,

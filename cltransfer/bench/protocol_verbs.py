@@ -27,7 +27,9 @@ Networks = Annotated[bool, typer.Option(help="Read the results by the networks t
 def bench_table1(
     tier: Tier = "standard",
     seed: Seeds = None,
-    baseline: Annotated[list[str] | None, typer.Option(help="Methods to beat (repeatable).")] = None,
+    baseline: Annotated[
+        list[str] | None, typer.Option(help="Methods to beat (repeatable); by default jaws_clean.")
+    ] = None,
     ours: Annotated[str, typer.Option(help="The method held against them.")] = "balanced",
     form: Annotated[
         Literal["splats", "mesh", "grid"], typer.Option(help="Of the scenes that are taught: the same geometry.")

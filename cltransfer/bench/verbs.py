@@ -122,10 +122,15 @@ def bench_lod(
 @app.command("driver")
 def bench_driver(
     seeds: Annotated[
-        list[str] | None, typer.Argument(metavar="[seeds=FIRST:LAST]", help="Seeds of where the shots stand, 500:520.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[seeds=FIRST:LAST]", help="Where the shots stand; seeds=500:520 are published, 0 is the default."
+        ),
     ] = None,
-    seed: Annotated[list[int] | None, typer.Option(help="One of them (repeatable).")] = None,
-    preset: Annotated[list[str] | None, typer.Option(help="Presets to compare (repeatable).")] = None,
+    seed: Annotated[list[int] | None, typer.Option(help="A single seed (repeatable).")] = None,
+    preset: Annotated[
+        list[str] | None, typer.Option(help="Presets to compare (repeatable); by default fast and balanced.")
+    ] = None,
     shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
     paper_shots: Annotated[
         int, typer.Option(help="Shots of each seed, in turn, on which the paper's setting runs too; 2 minutes each.")

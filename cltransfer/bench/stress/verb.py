@@ -15,7 +15,12 @@ def bench_stress(
     tier: Annotated[
         Literal["smoke", "standard", "full"], typer.Option(help="How much; full takes about a day on two cores.")
     ] = "standard",
-    method: Annotated[list[str] | None, typer.Option(help="Methods to compare (repeatable).")] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Methods (repeatable); by default balanced, jaws_clean and replay; two in smoke, seven in full."
+        ),
+    ] = None,
     stressor: Annotated[list[str] | None, typer.Option(help="Stressors; all of the tier where none is named.")] = None,
     seed: Annotated[
         list[int] | None, typer.Option("--seed", "--seeds", help="Seeds (repeatable) instead of the tier's.")
