@@ -26,17 +26,17 @@ from .files import check_out
 
 HELP = """Transfer the camera language of a reference clip into a 3D scene, and score it.
 
-[bold]Try it[/bold]: `cltransfer transfer` runs on built-in scenes, nothing to download.
+**Try it**: `cltransfer transfer` runs on built-in scenes, nothing to download.
 
-[bold]Your own[/bold]: `cltransfer transfer scene.ply clip.mp4 --out run frames=24`
+**Your own**: `cltransfer transfer scene.ply clip.mp4 --out run frames=24`
 
-[bold]Score two clips[/bold]: `cltransfer evaluate clip.mp4 render.mp4`
+**Score two clips**: `cltransfer evaluate clip.mp4 render.mp4`
 
 Anything in a config can be set as key=value: `generations=20 losses.framing=null search.paper_box={}`.
 """
 
 app = typer.Typer(
-    help=HELP, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_enable=False, add_completion=True
+    help=HELP, no_args_is_help=True, rich_markup_mode="markdown", pretty_exceptions_enable=False, add_completion=True
 )
 app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
