@@ -35,7 +35,7 @@ def test_what_was_left_out_of_the_search_is_told(plain: Result) -> None:
     assert isinstance(geometry, Splats)
     assert plain.floaters == int(floaters(geometry).sum()) > 0
     (told,) = [flag.reason for flag in run_flags(plain) if "hang in the air" in flag.reason]
-    assert told.endswith(f": {plain.floaters}, left out of the search (floaters=keep)")
+    assert told.endswith(f": {plain.floaters}, left out of the search (floaters=keep would search with them)")
     (told,) = [flag.reason for flag in run_flags(kept(plain, left_out=None)) if "hang in the air" in flag.reason]
     assert told.endswith(f": {plain.floaters}, searched with them: what is found without is far worse among them")
     whole = transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "floaters=keep"]))
