@@ -62,7 +62,7 @@ def go_aside(
 
 
 def _runs(frames: NDArray) -> list[tuple[int, int]]:
-    """First and last but one of the frames (N,) bool that follow one another.
+    """Of frames (N,) bool that follow one another the first, and the one after the last.
 
     >>> _runs(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]
