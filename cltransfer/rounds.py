@@ -15,7 +15,7 @@ from .driver.follow import Path, follow
 from .driver.frame import Solved
 from .driver.joint import Effort
 from .driver.path_order import LeastPath, least_path
-from .driver.second_guide import first_views, second_guide
+from .driver.second_guide import second_guide
 from .driver.stage import Stage
 from .driver.starts import Starts
 from .driver.whole_clip import WholeClip
@@ -213,17 +213,17 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
 def _followed(job: Job, stage: Stage, target: Features, starts: Starts, report: Report) -> Path:
     """The clip followed leanly where that is good enough, else thoroughly too; the best.
 
-    Where part of it ended right and the rest at other distances, it is followed once more, at those of the former.
+    Where part of it ended right, and the rest would cost less at its distances, it is followed once more, at those.
     """
-    schedule, subject, home = job.schedule, stage.scene.subject, starts.homes[0]
     found = _followed_from(job, stage, target, starts, report)
-    if found.local is None or starts.guide is None or subject is None:
+    if found.local is None or starts.guide is None or stage.scene.subject is None:
         return found
-    again = second_guide(job.search, target, home, subject, starts.guide, found.x, found.totals)
-    if again is None:
+    clip = WholeClip(stage, job.search, target, starts.homes[0])
+    again = second_guide(clip, starts.guide, found.x, found.totals)
+    if again is None or not again.gains(clip, found.x, found.totals):
         return found
-    homes = concatenate([starts.homes, first_views(job.search, target, home, subject, again)])
-    return _better(found, follow(stage, job.search, target, homes, schedule.lean, report, again))
+    homes = concatenate([starts.homes, again.first_views(clip)])
+    return _better(found, follow(stage, job.search, target, homes, job.schedule.lean, report, again.x))
 
 
 def _followed_from(job: Job, stage: Stage, target: Features, starts: Starts, report: Report) -> Path:

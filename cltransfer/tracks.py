@@ -122,6 +122,16 @@ def along(x: Tensor, frames: float) -> Tensor:
     return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
 
 
+def runs(frames: Tensor) -> list[tuple[int, int]]:
+    """Of ``frames`` (N,) bool that follow one another the first, and the one after the last.
+
+    >>> runs(torch.tensor([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
+    edges = torch.nn.functional.pad(frames.int(), (1, 1)).diff().nonzero()
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
 def _steady_angles(angles: Tensor, frames: float) -> Tensor:
     known = torch.isfinite(angles).all(1)
     if int(known.sum()) < 3:

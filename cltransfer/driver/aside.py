@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..tracks import along
+from ..tracks import along, runs
 from .joint import PROMISE
 from .spline import bending
 from .whole_clip import WholeClip
@@ -47,11 +47,11 @@ def go_aside(
     ways = clip.aside(x.shape[1], lens_kept)
     if ways is None or not bool(wanted.any()):
         return x, residuals
-    frames = binary_dilation(wanted.numpy(), iterations=BESIDE)
+    frames = torch.from_numpy(binary_dilation(wanted.numpy(), iterations=BESIDE))
     moves = torch.cat([torch.zeros_like(ways[:1]), ways])  # (W, D), the first is none
     costs = np.full((len(moves), len(x)), np.inf)
     costs[0] = clip.totals(residuals).numpy()
-    for first, last in _runs(frames):
+    for first, last in runs(frames):
         for way, move in enumerate(ways, 1):
             costs[way, first:last] = clip.totals(clip.part(x + move, x, first, last)).numpy()
     sway = SWAY * (moves[:, None] - moves).abs().sum(-1).numpy()
@@ -59,16 +59,6 @@ def go_aside(
     found = clip.residuals(there)
     before, after = (clip.mean_total(r) + bending(path, about) for r, path in ((residuals, x), (found, there)))
     return (there, found) if after < before - PROMISE else (x, residuals)
-
-
-def _runs(frames: NDArray) -> list[tuple[int, int]]:
-    """Of frames (N,) bool that follow one another the first, and the one after the last.
-
-    >>> _runs(np.array([True, True, False, True]))
-    [(0, 2), (3, 4)]
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], frames.astype(int), [0]])))
-    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def steadiest(costs: NDArray, change: NDArray) -> NDArray:
