@@ -13,16 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .clip_part import ClipPart, evenly, files_of, find_part, images_of
 from .decoding import Frame, decode
-from .errors import InputError, ResourceError, UsageError
+from .errors import InputError, ResourceError
 from .features import Features
 from .files import atomic
-from .image_folder import FOLDER_RATE, folder_times, image_files
+from .image_folder import FOLDER_RATE, folder_times
 from .threads import thread_count
-
-FRAME_LIMIT = 2000  # frames kept in memory
-BYTE_LIMIT = 4 * 2**30  # of all frames kept
-_TICK = 1e-6  # [s] by which a time may miss the end of a span
 
 
 @dataclass(frozen=True)
@@ -74,92 +71,39 @@ def read_clip(
 
     Raises:
         InputError: the clip is missing, damaged, too large or not what its header says.
+        ResourceError: its frames do not fit in memory.
         UsageError: ``fps`` is given for a clip that has times of its own.
         ValueError: ``frames``, ``max_side`` or ``fps`` is not positive.
     """
-    path = Path(path)
     if (frames is not None and frames < 1) or max_side < 1 or (fps is not None and fps <= 0):
         raise ValueError(f"frames, max_side and fps must be positive, got {frames}, {max_side} and {fps}")
-    files = _files(path, fps)
-    times = folder_times(path, files, fps) if files else np.array([frame.time for frame in decode(path)])
-    times = times - times[0]
-    inside = np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
-    if len(inside) == 0:
-        raise InputError(path, "t", f"no frame between {span[0]:g} and {span[1]:g} s, it ends at {times[-1]:.3f} s")
-    kept = inside[_evenly(times[inside], frames)]
-    if len(kept) > FRAME_LIMIT:
-        reason = f"expected at most {FRAME_LIMIT} to keep, got {len(kept)}"
-        raise InputError(path, "frames", reason, "keep fewer of them, or cut the clip")
-    chosen = _images([files[i] for i in kept]) if files else _video_frames(path, set(kept.tolist()))
-    image, source_size = _stack(path, chosen, len(kept), max_side)
-    start = float(times[kept[0]])
-    return Clip(image, torch.from_numpy(times[kept] - start), path, source_size, start)
+    part = find_part(Path(path), span, fps)
+    return clip_of(part, evenly(part.times, frames), max_side)
+
+
+def clip_of(part: ClipPart, kept: Tensor, max_side: int = 960) -> Clip:
+    """Those frames of ``part`` that are ``kept``, (K,) int64 increasing; see :func:`read_clip`.
+
+    Raises:
+        InputError: they are damaged or too many.
+        ResourceError: they do not fit in memory.
+    """
+    image, source_size = part.images(kept.tolist(), max_side)
+    times = part.times[kept]
+    return Clip(image, times - times[0], part.path, source_size, float(times[0]))
 
 
 def timed_frames(path: Path, fps: float | None = None) -> Iterator[tuple[float, Frame]]:
     """Every frame of a video, or of an image folder that may need ``fps``, with its time after the first [s]."""
-    files = _files(path, fps)
+    files = files_of(path, fps)
     if files:
         times = folder_times(path, files, fps)
-        yield from zip((times - times[0]).tolist(), _images(files))
+        yield from zip((times - times[0]).tolist(), images_of(files))
         return
     first = None
     for frame in decode(path):
         first = frame.time if first is None else first
         yield frame.time - first, frame
-
-
-def _files(path: Path, fps: float | None) -> list[Path]:
-    """The images of a folder, none of a video."""
-    if path.is_dir():
-        return image_files(path)
-    if fps is not None and path.exists():
-        raise UsageError(path, "#fps", "expected a folder of images, a video has times of its own", "leave out #fps")
-    return []
-
-
-def _evenly(times: np.ndarray, wanted: int | None) -> np.ndarray:
-    """Indices of ``wanted`` frames that are nearest to evenly spaced times, each another one."""
-    count = len(times)
-    if wanted is None or wanted >= count:
-        return np.arange(count)
-    even = np.linspace(times[0], times[-1], wanted)
-    after = np.searchsorted(times, even).clip(1, count - 1)
-    nearest = np.where(even - times[after - 1] <= times[after] - even, after - 1, after)
-    order = np.arange(wanted)
-    distinct = np.maximum.accumulate(nearest - order) + order  # pushed on where two would be the same
-    return np.minimum(distinct, count - wanted + order)
-
-
-def _video_frames(path: Path, wanted: set[int]) -> Iterator[Frame]:
-    # decoded a second time, so that only the frames kept take memory
-    return (frame for index, frame in enumerate(decode(path)) if index in wanted)
-
-
-def _images(files: list[Path]) -> Iterator[Frame]:
-    first = None
-    for file in files:
-        frame = next(decode(file))
-        first = first or frame
-        if frame.size != first.size:
-            raise InputError(file, "size", f"expected {first.size} as in {files[0].name}, got {frame.size}")
-        yield frame
-
-
-def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tuple[Tensor, tuple[int, int]]:
-    """All ``frames`` at one size, (N, 3, H, W) uint8, and the size (W, H) they came in."""
-    first = next(frames)
-    scale = min(1.0, max_side / max(first.size))
-    size = (max(1, round(first.size[0] * scale)), max(1, round(first.size[1] * scale)))
-    need = 3 * count * size[0] * size[1]
-    if need > BYTE_LIMIT:
-        reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
-        raise InputError(path, "frames", reason, "keep fewer or smaller frames")
-    image = torch.empty((count, 3, size[1], size[0]), dtype=torch.uint8)
-    image[0] = torch.from_numpy(first.rgb(size)).permute(2, 0, 1)
-    for index, frame in enumerate(frames, start=1):
-        image[index] = torch.from_numpy(frame.rgb(size)).permute(2, 0, 1)
-    return image, first.size
 
 
 def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool = False) -> None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .clip import Clip, read_clip
+from torch import Tensor
+
+from .clip import Clip, clip_of
+from .clip_part import ClipPart, evenly, find_part
 from .clip_source import ClipSource
 from .cuts import check_one_shot
 from .image_folder import FOLDER_RATE, TIMES, untimed
@@ -22,21 +25,34 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
 
     Raises:
         InputError: it is missing or damaged, or has a cut.
+        ResourceError: its frames do not fit in memory.
         UsageError: images a second are named for what has times of its own.
     """
-    clip = read_clip(where.path, frames, span=where.span, fps=where.fps)
+    part = find_part(where.path, where.span, where.fps)
+    return open_part(where, part, evenly(part.times, frames))
+
+
+def open_part(where: ClipSource, part: ClipPart, kept: Tensor) -> tuple[Clip, tuple[str, ...]]:
+    """The frames of ``part`` that are ``kept``, (K,) int64, as ``where`` asks for them; see :func:`open_clip`."""
+    clip = clip_of(part, kept)
     if where.cuts != "keep":
         check_one_shot(where)
     flags = (*([ASSUMED] if rate_assumed(where) else []), *_sparse(clip))
     if where.letterbox == "keep":
         return clip, flags
+    shown, bars = without_bars(clip)
+    return shown, (*bars, *flags)
+
+
+def without_bars(clip: Clip) -> tuple[Clip, tuple[str, ...]]:
+    """The clip without black bars, and what was cropped; nothing where it has none."""
     picture = find_letterbox(clip.image)
     width, height = picture[2] - picture[0], picture[3] - picture[1]
     if (width, height) == clip.size:
-        return clip, flags
+        return clip, ()
     was = f"{clip.size[0]}x{clip.size[1]}"
     flag = f"black bars cropped: {was} to {width}x{height} at {picture[0]}, {picture[1]} (#letterbox=keep keeps them)"
-    return replace(clip, image=cropped(clip.image, picture)), (flag, *flags)
+    return replace(clip, image=cropped(clip.image, picture)), (flag,)
 
 
 def rate_assumed(where: ClipSource) -> bool:

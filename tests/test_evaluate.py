@@ -14,9 +14,11 @@ import torch
 from torch import Tensor
 
 from cltransfer.clip import write_video
+from cltransfer.clip_pairs import open_pairs
+from cltransfer.clip_source import ClipSource
 from cltransfer.config import load_config
 from cltransfer.config_options import RunConfig
-from cltransfer.errors import ResourceError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.evaluate import evaluate
 from cltransfer.features import Features
 from cltransfer.open_clip import ASSUMED
@@ -218,21 +220,57 @@ def test_two_clips_of_which_nothing_can_be_measured_have_no_total(tmp_path: Path
     assert total["reason"] == "no term is defined on any frame of the reference"
 
 
-def test_bars_of_a_render_are_cropped_only_when_asked(tmp_path: Path, config: RunConfig) -> None:
+def barred(path: Path, bars: int) -> str:
+    """The pan with black bars on its left and right."""
     image = pan() // 2 + 60
-    image[:, :, :6] = image[:, :, 42:] = 0
-    for name in ("reference", "render"):
-        write_video(tmp_path / f"{name}.mkv", image, torch.arange(10).double() / 24, lossless=True)
-    reference, render = str(tmp_path / "reference.mkv"), str(tmp_path / "render.mkv")
+    image[:, :, :bars] = image[:, :, 48 - bars :] = 0
+    write_video(path, image, torch.arange(10).double() / 24, lossless=True)
+    return str(path)
+
+
+def test_bars_of_a_render_are_cropped_where_the_reference_has_the_same(tmp_path: Path, config: RunConfig) -> None:
+    reference, render = barred(tmp_path / "reference.mkv", 6), barred(tmp_path / "render.mkv", 6)
+    report = evaluate(reference, render, config)
+    assert report.render_frames.shape[2] == 36
+    assert report.scores.total == 0.0
+    assert [note.split(":")[0] for note in report.notes] == ["reference", "render"]  # both are told to be cropped
     assert evaluate(f"{reference}#letterbox=keep", render, config).render_frames.shape[2] == 48
-    cropped = evaluate(reference, f"{render}#letterbox=crop", config)
-    assert cropped.render_frames.shape[2] == 36
-    assert cropped.scores.total == 0.0
+
+
+def test_other_bars_of_a_render_are_cropped_only_when_asked(tmp_path: Path) -> None:
+    reference, render = barred(tmp_path / "reference.mkv", 6), barred(tmp_path / "render.mkv", 8)
+    both, _, notes = open_pairs(ClipSource.parse(reference), ClipSource.parse(render), None)
+    assert (both.reference.size, both.render.size) == ((64, 36), (64, 48))
+    assert notes[-1].startswith("its frames and those of the reference, 64x48 and 64x36, are not of one shape")
+    both = open_pairs(ClipSource.parse(reference), ClipSource.parse(f"{render}#letterbox=crop"), None)[0]
+    assert both.render.size == (64, 32)
 
 
 def test_clips_that_memory_has_no_room_for_are_refused_before_they_are_read(
     clip: Path, config: RunConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CLTRANSFER_MEMORY", "1")  # MB, less than this process takes
+    with pytest.raises(ResourceError, match=r"clip\.mkv: memory: 10 frames of 64x48 need 0 MB, 0 MB are free"):
+        evaluate(str(clip), str(clip), config)
+
+
+def test_maps_that_memory_has_no_room_for_are_refused(
+    clip: Path, config: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltransfer.read_frames.MAPS", 10**9)
     with pytest.raises(ResourceError, match="the maps of frames, 10 of 64x48 and 10 of 64x48, need"):
+        evaluate(str(clip), str(clip), config)
+
+
+def test_pairs_are_thinned_whichever_clip_is_longer(
+    clip: Path, config: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    thin = replace(config, frames=4)
+    for first, second in ((f"{clip}#t=0,0.2", str(clip)), (str(clip), f"{clip}#t=0,0.2"), (str(clip), str(clip))):
+        report = evaluate(first, second, thin)
+        assert len(report.times) == 4
+        assert report.scores.totals[1:].tolist() == [0.0] * 3
+    monkeypatch.setattr("cltransfer.clip_part.FRAME_LIMIT", 4)  # of those that are kept
+    assert len(evaluate(str(clip), str(clip), thin).times) == 4
+    with pytest.raises(InputError, match=r"clip\.mkv: frames: expected at most 4 to keep, got 10"):
         evaluate(str(clip), str(clip), config)
