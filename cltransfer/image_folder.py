@@ -28,12 +28,12 @@ def natural_order(name: str) -> list[tuple[int, str]]:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """PNG and JPEG files of ``folder`` as people count.
+    """PNG and JPEG files of ``folder`` as people count; hidden ones, as a Mac leaves beside each, are none.
 
     Raises:
         InputError: there are none, or one is a link that leads out of the folder.
     """
-    files = [f for f in folder.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS]
+    files = [f for f in folder.iterdir() if _is_image(f)]
     files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise InputError(folder, "images", "expected PNG or JPEG files, found none")
@@ -42,6 +42,10 @@ def image_files(folder: Path) -> list[Path]:
         if file.is_symlink() and not file.resolve().is_relative_to(here):
             raise InputError(file, "", "is a link that leads out of its folder", "put the image itself there")
     return files
+
+
+def _is_image(file: Path) -> bool:
+    return file.suffix.lower() in IMAGE_DEMUXERS and not file.name.startswith(".")
 
 
 def untimed(path: Path) -> bool:
@@ -87,5 +91,5 @@ def _check_no_gap(files: list[Path]) -> None:
 def holds_clips(folder: Path) -> bool:
     """Whether ``folder`` holds videos or folders, and is no image folder itself."""
     entries = list(folder.iterdir()) if folder.is_dir() else []
-    images = any(entry.suffix.lower() in IMAGE_DEMUXERS for entry in entries)
+    images = any(_is_image(entry) for entry in entries)
     return not images and any(entry.is_dir() or entry.suffix.lower() in VIDEOS for entry in entries)

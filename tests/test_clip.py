@@ -310,6 +310,12 @@ def test_a_folder_with_a_gap_a_foreign_size_or_a_broken_image_names_the_file(fol
     assert refused(folder, "number").where.endswith("f8.png")
 
 
+def test_what_a_mac_leaves_beside_the_images_is_none_of_them(folder):
+    for i in range(12):
+        (folder / f"._f{i}.png").write_bytes(b"a Mac has been here")
+    assert torch.equal(read_clip(folder).image, noise(12, (20, 10)))
+
+
 def test_a_link_out_of_the_folder_is_not_followed(folder, tmp_path_factory):
     private = tmp_path_factory.mktemp("private") / "me.png"
     (folder / "f7.png").rename(private)

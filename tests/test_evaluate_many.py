@@ -239,7 +239,8 @@ def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
     folder_of(tmp_path / "references", a=wall(0, 2))
     folder_of(tmp_path / "ours", a=wall(0, 2))
     (tmp_path / "3").mkdir()
-    (tmp_path / "references" / "._a.mkv").write_bytes(b"a Mac has been here")
+    for name in ("._a.mkv", "._poster.png"):
+        (tmp_path / "references" / name).write_bytes(b"a Mac has been here")
     monkeypatch.chdir(tmp_path)
     words = ("frames=3", "losses.filmic_space=", "--json")
     said = command("evaluate", "references", "ours", *mean_flow, *words)
