@@ -11,12 +11,12 @@ from torch import Tensor
 
 from .components import Components
 from .config_options import RunConfig
-from .errors import InputError
+from .errors import InputError, UsageError
 from .features import Features
 from .objective import Objective
 from .placement import frame_joints, visible_joints
 from .progress import Progress, silent
-from .reference import Reading, Reference, read_reference
+from .reference import Reading, Reference, is_scene, read_reference
 from .scores import Scores, score
 from .shot_scale import SCALES, shot_scale
 
@@ -68,13 +68,29 @@ def inspect_clip(source: str, config: RunConfig, progress: Progress = silent) ->
 
     Raises:
         InputError: it is missing, damaged, has a cut, or shows no person in any frame.
+        UsageError: by the config no joints would be read.
     """
     start = time.perf_counter()
     parts = Components.build(config)
+    is_file = source.endswith(".safetensors")  # it has its features, whatever the config asks for
+    if not is_file:
+        _check_joints(source, parts)
     reference = read_reference(source, parts, Reading(config.frames, config.output_side, "scene"), progress)
+    if is_file and not reference.features.has("keypoints"):
+        raise InputError(source, "keypoints", "expected joints of a person, the file has none", "inspect the clip")
     scores = score(Objective(parts.losses), reference.features, reference.features, reference.missing)
     seconds = time.perf_counter() - start
     return Inspection(source, reference, scores, reading_confidence(reference.features), seconds)
+
+
+def _check_joints(source: str, parts: Components) -> None:
+    """Refuse what would read no joints: every line of the page is about them."""
+    plan = parts.plan("scene" if is_scene(source) else "image")
+    if "keypoints" in plan.missing:
+        raise UsageError(source, "keypoints", plan.missing["keypoints"], "an inspection shows the person's joints")
+    if "keypoints" not in plan.wanted:
+        reason = "expected a loss that reads the person's joints, none is left"
+        raise UsageError(source, "losses", reason, "leave losses.shot_size in")
 
 
 def reading_confidence(features: Features) -> Tensor:

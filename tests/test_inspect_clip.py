@@ -78,6 +78,27 @@ def test_confidence_is_0_without_a_person_and_grows_with_joints_and_box() -> Non
     torch.testing.assert_close(reading_confidence(replace(features, box=box)), 0.4 * sure, check_dtype=False)
 
 
+@pytest.mark.parametrize(
+    ("overrides", "reason"),
+    [(("losses.shot_size=null", "losses.framing=null"), "expected a loss that reads the person's joints"),
+     (("extractors.scene_joints=null", "extractors.pose_blazepose=null"), "keypoints: no scene extractor")],
+)  # fmt: skip
+def test_without_joints_nothing_is_read_and_one_line_says_so(
+    command: Any, tmp_path: Path, overrides: tuple[str, ...], reason: str
+) -> None:
+    said = command("inspect", "builtin:push_in", "frames=2", "output_side=96", *overrides, "--out", tmp_path / "page")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert reason in said.err
+
+
+def test_a_feature_file_without_joints_is_named(command: Any, tmp_path: Path) -> None:
+    features = replace(sample_features(0, 3), image=None, alpha=None, label=None, camera=None, person=None)
+    FeatureFile(replace(features, keypoints=None), torch.arange(3).double(), "sample").save(tmp_path / "a.safetensors")
+    said = command("inspect", tmp_path / "a.safetensors", "--out", tmp_path / "page")
+    assert (said.code, said.err.count("\n")) == (3, 1)
+    assert "a.safetensors: keypoints: expected joints of a person" in said.err
+
+
 def test_a_feature_file_has_nothing_to_draw_on(command: Any, tmp_path: Path) -> None:
     features = replace(sample_features(0, 3), image=None, alpha=None, label=None, camera=None, person=None)
     FeatureFile(features, torch.arange(3).double(), "sample").save(tmp_path / "a.safetensors")
