@@ -42,11 +42,12 @@ def describe(
     set_threads(settings.threads or thread_count())
     with progress(quiet) as report:
         found, image = run(source, settings, subject, report)
+    text = "\n".join([found.text(), *(f"note: {flag}" for flag in found.flags)])
     if out is not None:
         write_json(out / "description.json", found.to_json())
-        write_text(out / "description.txt", found.text() + "\n")
+        write_text(out / "description.txt", text + "\n")
         write_strip(out / "strip.svg", found, image)
-    show(found.to_json(), "\n".join([found.text(), *(f"note: {flag}" for flag in found.flags)]), as_json)
+    show(found.to_json(), text, as_json)
 
 
 def inspect(

@@ -82,7 +82,7 @@ def _answers(label: str, path: Trajectory, features: Features, scene: Scene, at:
     assert scene.subject is not None
     where = (at.reader, at.scene, at.seed)
     if label in NAMES:
-        yield Answer("movement", *where, NAMES[label], movement(flow_motion(features, path.times)).name)
+        yield Answer("movement", *where, NAMES[label], movement(flow_motion(features, path.times)).name or "nothing")
     truth = true_scale(path.camera, scene.subject)
     for i, j in zip(truth.tolist(), shot_scale(features).tolist()):
         yield Answer("scale", *where, SCALES[i], SCALES[j] if j >= 0 else "nothing")

@@ -85,6 +85,7 @@ class Description:
             "text": self.text(),
             "movement": {
                 "name": self.movement.name,
+                "reason": self.movement.reason,
                 "beside": list(self.movement.beside),
                 "handheld": self.movement.handheld,
                 "net": {name: round(value, 5) for name, value in self.movement.net.items()},

@@ -35,28 +35,35 @@ class Movement:
     """What the camera does in a clip.
 
     Args:
-        name: the leading motion, one of :data:`WORDS` or :data:`COMPOUND`.
+        name: the leading motion, one of :data:`WORDS` or :data:`COMPOUND`; None where no motion was read.
         beside: motions that go with it, the largest first.
         handheld: whether it shakes as a hand does.
         net: apparent motion from first to last frame by primitive [frame sides].
         shake: motion back and forth [frame sides / s].
+        reason: why there is no name.
     """
 
-    name: str
+    name: str | None
     beside: tuple[str, ...]
     handheld: bool
     net: dict[str, float]
     shake: float
+    reason: str = ""
 
     @property
     def text(self) -> str:
         """In words."""
+        if self.name is None:
+            return f"not told ({self.reason})"
         words = " with ".join([self.name, " and ".join(self.beside)]) if self.beside else self.name
         return f"{words}, handheld" if self.handheld and self.name != "handheld" else words
 
 
 def movement(motion: Motion) -> Movement:
     """The movement that ``motion`` makes."""
+    if motion.read < 2:  # the first frame has none before it
+        reason = "one frame does not move" if len(motion.times) == 1 else "no frame's motion could be read"
+        return Movement(None, (), False, dict.fromkeys(PRIMITIVES, 0.0), 0.0, reason)
     track = _filtered(motion.track)
     net = track[-1] - track[0]
     duration = max(float(motion.times[-1] - motion.times[0]), 1e-9) if len(motion.times) > 1 else 1.0

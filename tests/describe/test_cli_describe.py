@@ -1,11 +1,15 @@
 """The verb: a camera path in words, as text, JSON and files."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import torch
+
+from cltransfer.feature_file import FeatureFile
 from cltransfer.shots import shot
-from cltransfer.testing import sample_subject
+from cltransfer.testing import sample_features, sample_subject
 
 
 def test_a_path_is_described_and_kept(command: Any, tmp_path: Path) -> None:
@@ -19,6 +23,21 @@ def test_a_path_is_described_and_kept(command: Any, tmp_path: Path) -> None:
         "description.txt",
         "strip.svg",
     ]
+
+
+def test_what_could_not_be_read_is_told_in_the_file_too(command: Any, tmp_path: Path) -> None:
+    features = replace(sample_features(0, 3), image=None, alpha=None, label=None, camera=None, person=None)
+    layers = features.layers.clone()
+    layers[1:, 2] = False
+    FeatureFile(replace(features, layers=layers), torch.arange(3).double(), "a").save(tmp_path / "a.safetensors")
+    said = command("describe", tmp_path / "a.safetensors", "--out", tmp_path / "words")
+    assert said.code == 0, said.err
+    written = (tmp_path / "words" / "description.txt").read_text()
+    assert written == said.out
+    assert "Movement: not told (no frame's motion could be read)." in written
+    assert "note: the motion of 2 frames could not be read" in written
+    movement = json.loads((tmp_path / "words" / "description.json").read_text())["movement"]
+    assert (movement["name"], movement["reason"]) == (None, "no frame's motion could be read")
 
 
 def test_a_missing_source_is_one_line(command: Any, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def flowing(right: float = 0.0, down: float = 0.0, growth: float = 0.0, frames: 
     return Features(SIZE, flow=-flow, layers=layers, subject=person)
 
 
-def named(features: Features, fps: float = 12.0) -> str:
+def named(features: Features, fps: float = 12.0) -> str | None:
     times = torch.arange(len(features)).double() / fps
     return movement(flow_motion(features, times)).name
 
@@ -120,5 +120,18 @@ def test_shaking_is_handheld_and_a_shaking_pan_says_both() -> None:
     assert movement(Motion(rates, times, 0.0)).text == "pan right, handheld"
 
 
-def test_samples_of_one_frame_stand_still() -> None:
-    assert named(sample_features(0, 1)) == "static"
+def test_where_no_motion_was_read_none_is_told() -> None:
+    one = movement(flow_motion(sample_features(0, 1), torch.zeros(1).double()))
+    assert (one.name, one.text) == (None, "not told (one frame does not move)")
+    features = flowing(right=-0.02)
+    layers = features.layers.clone()
+    layers[:, 2] = False
+    unread = movement(flow_motion(replace(features, layers=layers), torch.arange(8).double()))
+    assert (unread.name, unread.text) == (None, "not told (no frame's motion could be read)")
+
+
+def test_one_step_that_was_read_is_enough_to_stand_still() -> None:
+    features = flowing()
+    layers = features.layers.clone()
+    layers[2:, 2] = False
+    assert named(replace(features, layers=layers)) == "static"
