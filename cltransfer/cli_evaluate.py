@@ -10,7 +10,7 @@ import typer
 
 from .cli_shared import Allow, Config, Json, Quiet, show
 from .config import load_config
-from .errors import UsageError
+from .errors import InputError, UsageError
 from .files import check_out
 
 
@@ -84,24 +84,24 @@ def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None,
 
 
 def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, Path], list[str]]:
-    """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip."""
-    if not Path(reference).is_dir():
-        return {}, more
-    from .image_folder import holds_clips
-    from .run_files import is_run
+    """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip.
 
-    if is_run(Path(reference)) or not holds_clips(Path(reference)):
+    Raises:
+        UsageError: a folder is not there or named twice, or is one of a method where ``reference`` is one clip.
+    """
+    if _is_one_clip(Path(reference)):
+        _check_one_render(reference, render)
         return {}, more
     methods: dict[str, Path] = {}
     rest = []
     for argument in (render, *more):
-        name, mark, path = (
-            argument.partition("=") if not Path(argument).is_dir() else (Path(argument).name, "=", argument)
-        )
-        if mark and path and not _of_config(name) and Path(path).is_dir():
+        name, path = _method(argument)
+        if path and Path(path).is_dir():
             if name in methods:
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
             methods[name] = Path(path)
+        elif path:
+            raise UsageError(argument, "", f"no such folder, and {name!r} is no key of the config", _nearest_key(name))
         elif argument is render:
             raise UsageError(render, "", "expected a folder of clips, as the reference is one", "METHOD=FOLDER")
         else:
@@ -109,11 +109,50 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     return methods, rest
 
 
+def _is_one_clip(reference: Path) -> bool:
+    """Whether ``reference`` is one clip, and no folder of them."""
+    from .image_folder import holds_clips
+    from .run_files import is_run
+
+    return not reference.is_dir() or is_run(reference) or not holds_clips(reference)
+
+
+def _check_one_render(reference: str, render: str) -> None:
+    """Refuse a folder of a method where the reference is one clip, saying by what it is one."""
+    from .image_folder import image_files
+    from .run_files import is_run
+
+    path, folder = Path(reference), _method(render)[1]
+    if not path.exists() or Path(render).exists() or not folder or not Path(folder).is_dir():
+        return
+    what = "is a file" if path.is_file() else "is a run" if is_run(path) else f"holds {image_files(path)[0].name}"
+    hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
+    raise UsageError(reference, "", f"{what}, so it is taken for one clip: expected one render, got {render}", hint)
+
+
+def _method(argument: str) -> tuple[str, str]:
+    """Name and folder of a method, as in METHOD=FOLDER or by the folder alone; no folder where it is an override."""
+    if Path(argument).is_dir():
+        return Path(argument).name, argument
+    name, _, path = argument.partition("=")
+    return (name, "") if _of_config(name) else (name, path)
+
+
 def _of_config(name: str) -> bool:
     """Whether ``name=`` begins an override, even where a folder is called like its value."""
+    return name.partition(".")[0] in {"base", *_keys()}
+
+
+def _keys() -> list[str]:
     from .config_options import RunConfig
 
-    return name.partition(".")[0] in {field.name for field in fields(RunConfig)}
+    return [field.name for field in fields(RunConfig)]
+
+
+def _nearest_key(name: str) -> str:
+    from .typed import nearest
+
+    return nearest(name, _keys())
 
 
 def evaluate_folders(
@@ -132,3 +171,6 @@ def evaluate_folders(
     lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
     notes = [f"note: {note}" for note in notes_of(rows)]
     show(methods_json(rows, summary), "\n".join([methods_markdown(summary), *lacking, *notes]), as_json)
+    if not any(row.means for row in rows):
+        reason = f"expected one that can be scored, {len(rows)} failed; the first: {rows[0].reason}"
+        raise InputError(references, "clips", reason)

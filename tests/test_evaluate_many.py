@@ -248,3 +248,35 @@ def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
     value = json.loads(said.out)
     assert list(value["methods"]) == ["ours"]
     assert [(clip["clip"], clip["frames"]) for clip in value["clips"]] == [("a", 3)]
+
+
+def test_a_comparison_in_which_every_clip_failed_is_written_and_ends_with_the_first_reason(
+    mean_flow: tuple[str, ...], command: Any, tmp_path: Path
+) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(0, 2))
+    (tmp_path / "ours").mkdir()
+    (tmp_path / "ours" / "a.mkv").write_bytes(b"nothing")
+    words = (references, f"ours={tmp_path / 'ours'}", *mean_flow, "--quiet", "--out", tmp_path / "out")
+    said = command("evaluate", *words)
+    assert (said.code, said.err.count("\n")) == (3, 1)
+    assert "2 failed; the first: " in said.err
+    assert "a.mkv: video: cannot be decoded" in said.err
+    assert "ours, b: the method has no clip of this name" in said.out
+    assert len(json.loads((tmp_path / "out" / "metrics.json").read_text())["clips"]) == 2
+
+
+def test_a_folder_of_a_method_that_is_not_there_is_named(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    for words in ((references, "theirs=thiers"), (references, f"ours={references}", "theirs=thiers")):
+        said = command("evaluate", *words)
+        assert (said.code, said.err.count("\n")) == (2, 1)
+        assert "theirs=thiers: no such folder, and 'theirs' is no key of the config" in said.err
+
+
+def test_a_picture_among_the_clips_is_told_to_make_them_one(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    assert cv2.imwrite(str(references / "poster.png"), wall(0, 2)[0].permute(1, 2, 0).numpy())
+    for reference, what in ((references, "holds poster.png"), (references / "a.mkv", "is a file")):
+        said = command("evaluate", reference, f"ours={references}")
+        assert (said.code, said.err.count("\n")) == (2, 1)
+        assert f"{what}, so it is taken for one clip" in said.err
