@@ -57,7 +57,7 @@ def evaluate(
     methods, overrides = methods_of(reference, render, more or [])
     settings = load_config(config, overrides)
     if out is not None:
-        check_out(out)
+        _check_out(out)
     from .threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
@@ -65,6 +65,16 @@ def evaluate(
         evaluate_folders(Path(reference), methods, settings, out, as_json, quiet)
     else:
         evaluate_clips(reference, render, settings, out, as_json, quiet)
+
+
+def _check_out(folder: Path) -> None:
+    """Refuse the folder of a run: metrics and report there are the run's own, and have these names."""
+    from .run_files import is_run
+
+    check_out(folder)
+    if is_run(folder):
+        reason = "expected another folder than that of a run, whose own metrics and report have the same names"
+        raise UsageError(folder, "--out", reason, f"as in --out {folder / 'scores'}")
 
 
 def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None, as_json: bool, quiet: bool) -> None:

@@ -274,3 +274,14 @@ def test_pairs_are_thinned_whichever_clip_is_longer(
     assert len(evaluate(str(clip), str(clip), thin).times) == 4
     with pytest.raises(InputError, match=r"clip\.mkv: frames: expected at most 4 to keep, got 10"):
         evaluate(str(clip), str(clip), config)
+
+
+def test_what_a_run_has_written_is_not_replaced(command: Any, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "manifest.json").write_text("{}")
+    (run / "metrics.json").write_text("the run's own")
+    said = command("evaluate", tmp_path / "a.mp4", run, "--out", run)
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert "run: --out: expected another folder than that of a run" in said.err
+    assert (run / "metrics.json").read_text() == "the run's own"
