@@ -14,9 +14,11 @@ from .files import check_out
 
 def study(
     paths: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
-            metavar="RUN_A RUN_B...", help="Run folders or clips, one of each method for a sample; or answers."
+            metavar="RUN_A RUN_B...",
+            help="Run folders or clips, one of each method for a sample; or answers. CLIP#t=START,END is a part of "
+            "one; images play at 24 a second unless FOLDER#fps=30 or times.json says.",
         ),
     ],
     out: Annotated[
@@ -27,7 +29,8 @@ def study(
         typer.Option(help="Names of the methods, in the order of the runs (repeatable). Default A, B."),
     ] = None,
     reference: Annotated[
-        list[Path] | None, typer.Option(help="Reference clip of each sample (repeatable); runs know their own.")
+        list[str] | None,
+        typer.Option(help="Reference clip of each sample, named as clips are (repeatable); runs know their own."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the shuffled names under which the videos are shown.")] = 0,
     analyse: Annotated[
@@ -50,16 +53,17 @@ def study(
     if analyse:
         if key is None:
             raise UsageError("", "--key", "expected the key that was written beside the page")
-        return _analyse(paths, key, out, as_json)
+        return _analyse([Path(path) for path in paths], key, out, as_json)
     if out is None:
         raise UsageError("", "--out", "expected a folder for the page")
     from .study.build import Wanted, build_study
 
     wanted = Wanted(tuple(paths), tuple(method or ("A", "B")), tuple(reference or ()), seed)
     made, key_file = build_study(wanted, out)
-    values = {"page": str(out / "index.html"), "key": str(key_file), "study": made.name, "comparisons": len(made.items)}
-    text = f"{out / 'index.html'}: {len(made.items)} comparisons\n{key_file}: whose video is whose; keep it from them"
-    return show(values, text, as_json)
+    count, index, notes = len(made.items), str(out / "index.html"), wanted.notes()
+    values = {"page": index, "key": str(key_file), "study": made.name, "comparisons": count, "notes": notes}
+    lines = [f"{index}: {count} comparisons", f"{key_file}: whose video is whose; keep it from them"]
+    return show(values, "\n".join([*lines, *(f"note: {note}" for note in notes)]), as_json)
 
 
 def _analyse(files: list[Path], key: Path, out: Path | None, as_json: bool) -> None:

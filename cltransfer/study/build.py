@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,10 @@ from markupsafe import Markup
 from torch import Tensor
 
 from ..clip import read_clip, write_video
+from ..clip_source import ClipSource
 from ..errors import InputError, UsageError
 from ..files import check_out, content_hash, csp_hash, read_json, write_json, write_text
+from ..open_clip import ASSUMED, open_clip, rate_assumed
 from ..report.side_by_side import reference_side
 from ..run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
@@ -45,12 +47,20 @@ class Wanted:
         methods: names.
         references: a clip for each sample; may be empty where all are run folders, which show their own.
         seed: of the tokens.
+
+    Clips are named as :class:`cltransfer.clip_source.ClipSource` says; they are shown as they are, black bars and cuts
+    included, unless asked otherwise.
     """
 
-    runs: tuple[Path, ...]
+    runs: tuple[str | Path, ...]
     methods: tuple[str, ...]
-    references: tuple[Path, ...] = ()
+    references: tuple[str | Path, ...] = ()
     seed: int = 0
+
+    def notes(self) -> list[str]:
+        """What its maker should know: which clips play at a rate that nothing says."""
+        named = dict.fromkeys(map(str, (*self.runs, *self.references)))
+        return [f"{source}: {ASSUMED}" for source in named if rate_assumed(_kept(_where(source)))]
 
 
 def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
@@ -61,17 +71,16 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         InputError: a clip cannot be read, or the runs of a sample have different references.
     """
     out = out.resolve()  # its name tells the key's, "." has none
-    groups = _groups(wanted)
+    groups, references = _groups(wanted)
     check_out(out)
     if out.is_dir() and any(out.iterdir()) and not (out / "index.html").is_file():
         raise UsageError(out, "--out", "is neither empty nor a page", "name another folder")
     samples = [f"sample{i + 1}" for i in range(len(groups))]
-    study = design(samples, wanted.methods, [content_hash(path) for group in groups for path in group], wanted.seed)
+    study = design(samples, wanted.methods, [_digest(where) for group in groups for where in group], wanted.seed)
     token_of = {(clip.sample, clip.method): clip.token for clip in study.clips.values()}
     for number, (sample, group) in enumerate(zip(samples, groups)):
-        given = wanted.references[number] if wanted.references else None
-        reference = _reference(group, given)
-        clips = [_clip(path) for path in group]
+        reference = _reference(group, references[number] if references else None)
+        clips = [_clip(where) for where in group]
         height = min(SIDE, *(clip.image.shape[2] for clip in clips))
         for method, clip in zip(wanted.methods, clips):
             _write(out / "videos" / f"{token_of[sample, method]}.mp4", clip, height)
@@ -81,39 +90,67 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     write_text(out / "index.html", page(study))
     write_text(out / "README.txt", _readme(study, out))
     key = out.parent / f"{out.name}.key.json"
-    write_json(key, {**study.to_json(), "runs": _sources(groups, wanted.methods)})
+    write_json(key, {**study.to_json(), "runs": _sources(wanted)})
     return study, key
 
 
-def _groups(wanted: Wanted) -> list[tuple[Path, ...]]:
+def _groups(wanted: Wanted) -> tuple[list[list[ClipSource]], list[ClipSource]]:
+    """What is shown of each sample, in the order of the methods, and their references."""
     size = len(wanted.methods)
     if not wanted.runs or len(wanted.runs) % size:
         raise UsageError("", "RUN", f"expected {size} for each sample ({', '.join(wanted.methods)})", _got(wanted.runs))
-    groups = [wanted.runs[i : i + size] for i in range(0, len(wanted.runs), size)]
+    runs = [_where(source) for source in wanted.runs]
+    groups = [runs[i : i + size] for i in range(0, len(runs), size)]
     if wanted.references and len(wanted.references) != len(groups):
         raise UsageError("", "--reference", f"expected one for each of {len(groups)} samples", _got(wanted.references))
-    for path in (*wanted.runs, *wanted.references):
-        if not path.exists():
-            raise InputError(path, "", "no such file or folder")
-        require_done(path)
-    return groups
+    return groups, [_where(source) for source in wanted.references]
 
 
-def _got(paths: Sequence[Path]) -> str:
-    return f"got {len(paths)}"
+def _got(sources: Sequence[str | Path]) -> str:
+    return f"got {len(sources)}"
 
 
-def _clip(path: Path) -> Shown:
+def _where(source: str | Path) -> ClipSource:
+    """A run folder or a clip that is there, and which part of it is shown."""
+    where = ClipSource.parse(str(source))
+    if not where.path.exists():
+        raise InputError(where.path, "", "no such file or folder")
+    if where.person is not None:
+        raise UsageError(source, "#person", "expected a whole clip, a study follows nobody", "leave out #person")
+    require_done(where.path)
+    return where
+
+
+def _kept(where: ClipSource) -> ClipSource:
+    """``where``, or of a run the frames that it has kept."""
+    return replace(where, path=kept_frames(where.path))
+
+
+def _digest(where: ClipSource) -> str:
+    """Of what is shown: of another part of the same clip, another."""
+    part = replace(where, path=Path())
+    return content_hash(where.path) + ("" if part == ClipSource(Path()) else str(part))
+
+
+def _clip(where: ClipSource) -> Shown:
     """The frames of a run folder, as they were kept, or of a clip."""
-    clip = read_clip(kept_frames(path))
+    as_is = replace(_kept(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
+    clip, _ = open_clip(as_is)
     return Shown(clip.image, clip.times)
 
 
-def _reference(group: Sequence[Path], given: Path | None) -> Shown:
+def _reference(group: Sequence[ClipSource], given: ClipSource | None) -> Shown:
     if given is not None:
         return _clip(given)
-    if not all(is_run(path) for path in group):
+    if not all(is_run(where.path) for where in group):
         raise UsageError("", "--reference", "clips do not know theirs", "name one for each sample")
+    if any(where != ClipSource(where.path) for where in group):
+        raise UsageError("", "--reference", "a part of a run does not know its own", "name it: --reference CLIP#t=1,2")
+    return _own_reference([where.path for where in group])
+
+
+def _own_reference(group: Sequence[Path]) -> Shown:
+    """The one reference of the runs of ``group``, which keep it beside their results."""
     digests = {str(read_json(path / MANIFEST).get("reference", {}).get("sha256")) for path in group}
     if len(digests) > 1:
         raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
@@ -136,8 +173,9 @@ def _reference_token(study: Study, sample: str) -> str:
     return hashlib.sha256(f"{study.name}:{sample}".encode()).hexdigest()[:6] + "r"
 
 
-def _sources(groups: Sequence[Sequence[Path]], methods: Sequence[str]) -> list[dict[str, str]]:
-    return [dict(zip(methods, map(str, group))) for group in groups]
+def _sources(wanted: Wanted) -> list[dict[str, str]]:
+    size, named = len(wanted.methods), [str(source) for source in wanted.runs]
+    return [dict(zip(wanted.methods, named[i : i + size])) for i in range(0, len(named), size)]
 
 
 def page(study: Study) -> str:

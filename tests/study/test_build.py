@@ -10,11 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 import torch
 
 from cltransfer.clip import read_clip
 from cltransfer.errors import InputError, UsageError
+from cltransfer.open_clip import ASSUMED
 from cltransfer.report.side_by_side import reference_side, side_by_side
 from cltransfer.study.build import Wanted, build_study
 from cltransfer.study.design import NO_STUDY, Study, design
@@ -129,3 +131,56 @@ def test_what_does_not_go_together_is_refused(clips: Wanted, tmp_path: Path) -> 
     (taken / "thesis.tex").write_text("")
     with pytest.raises(UsageError, match="neither empty nor a page"):
         build_study(clips, taken)
+
+
+def images(folder: Path, count: int) -> Path:
+    folder.mkdir()
+    generator = torch.Generator().manual_seed(1)
+    for i, rgb in enumerate(torch.randint(0, 255, (count, 36, 64, 3), dtype=torch.uint8, generator=generator)):
+        assert cv2.imwrite(str(folder / f"{i}.png"), rgb.numpy())
+    return folder
+
+
+def test_images_play_at_the_rate_and_in_the_part_that_is_named(
+    clips: Wanted, tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    first, second = images(tmp_path / "first", 6), images(tmp_path / "second", 6)
+    words = (f"{first}#fps=10", f"{second}#fps=10&t=0.2,0.4", "--reference", f"{clips.references[0]}#t=0,0.25")
+    answer = command("study", *words, "--out", tmp_path / "page", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["notes"] == []
+    key = json.loads((tmp_path / "page.key.json").read_text())
+    assert key["runs"] == [{"A": words[0], "B": words[1]}]
+    study = Study.load(tmp_path / "page.key.json")
+    times = {
+        clip.method: read_clip(tmp_path / "page" / "videos" / f"{token}.mp4").times
+        for token, clip in study.clips.items()
+    }
+    torch.testing.assert_close(times["A"], torch.arange(6).double() / 10, atol=1e-4, rtol=0)
+    torch.testing.assert_close(times["B"], torch.arange(3).double() / 10, atol=1e-4, rtol=0)
+    (reference,) = (tmp_path / "page" / "videos").glob("*r.mp4")
+    assert len(read_clip(reference)) == 4
+
+
+def test_a_rate_that_nothing_says_is_told_of_every_clip(
+    clips: Wanted, tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    folder = images(tmp_path / "first", 6)
+    answer = command("study", folder, f"{folder}#fps=24", "--reference", folder, "--out", tmp_path / "page")
+    assert answer.code == 0, answer.err
+    assert answer.out.splitlines()[2:] == [f"note: {folder}: {ASSUMED}"]
+
+
+def test_another_part_of_a_clip_makes_another_study(clips: Wanted, tmp_path: Path) -> None:
+    def named(part: str) -> str:
+        runs = tuple(f"{run}{part}" for run in clips.runs)
+        return build_study(replace(clips, runs=runs), tmp_path / "page")[0].name
+
+    assert len({named(""), named("#t=0,0.2"), named("#t=0.1,0.3")}) == 3
+
+
+def test_a_part_that_a_study_cannot_show_is_refused(tiny_run: Path, clips: Wanted, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="#person: expected a whole clip"):
+        build_study(replace(clips, runs=(f"{clips.runs[0]}#person=1", *clips.runs[1:])), tmp_path / "page")
+    with pytest.raises(UsageError, match="a part of a run does not know its own"):
+        build_study(Wanted((f"{tiny_run}#t=0,1", str(tiny_run)), ("a", "b")), tmp_path / "page")
