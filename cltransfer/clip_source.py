@@ -67,6 +67,25 @@ class ClipSource:
             _rate(source, values["fps"]) if "fps" in values else None,
         )
 
+    @property
+    def named(self) -> str:
+        """How it is named, as :meth:`parse` reads it; times to a millisecond.
+
+        >>> ClipSource(Path("a/clip.mp4"), (1.5, 4), letterbox="keep").named
+        'a/clip.mp4#t=1.500,4.000&letterbox=keep'
+        """
+        start, end = self.span
+        whole = (start, end) == (0, math.inf)
+        values = {
+            "t": None if whole else f"{start:.3f},{end:.3f}" if end < math.inf else f"{start:.3f}",
+            "person": ",".join(f"{v:.6g}" for v in self.person) if isinstance(self.person, tuple) else self.person,
+            "letterbox": self.letterbox,
+            "cuts": self.cuts,
+            "fps": None if self.fps is None else f"{self.fps:.9g}",
+        }
+        parts = [f"{key}={value}" for key, value in values.items() if value is not None]
+        return f"{self.path}#{'&'.join(parts)}" if parts else str(self.path)
+
     def who(self, times: Tensor, size: tuple[int, int]) -> Who:
         """Whom to follow in frames at ``times`` (N,) [s] of ``size`` (W, H) [px].
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ BINS = 8  # of each colour's histogram
 DIFFERENT = 0.45  # one minus correlation of two small pictures, in [0, 2]
 RECOLOURED = 0.08  # part of the pixels that changed their bin
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
+_ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # frames on either side that say what is usual
 
 
@@ -62,9 +64,19 @@ def check_one_shot(where: ClipSource) -> None:
     more = f" and {len(cuts) - 1} more" if len(cuts) > 1 else ""
     begins, ends = float(times[cuts[0]]), float(times[cuts[1] - 1] if len(cuts) > 1 else times[inside[-1]])
     reason = f"a cut at {begins:.3f} s{more}; a reference is one shot"
-    rate = f"&fps={where.fps:g}" if where.fps else ""
-    shots = [f"{where.path.name}#t={a:.3f},{b:.3f}{rate}" for a, b in ((first, last), (begins, ends)) if b > a]
-    raise InputError(where.path, f"frame {cuts[0]}", reason, f"take one: {' or '.join(shots)}; no cut? #cuts=keep")
+    shots = [_part(where, first, (a, b)).named for a, b in ((first, last), (begins, ends)) if b > a]
+    hint = f"take one: {' or '.join(shots)}; no cut? #cuts=keep" if shots else "no cut? #cuts=keep"
+    raise InputError(where.path, f"frame {cuts[0]}", reason, hint)
+
+
+def _part(where: ClipSource, first: float, span: tuple[float, float]) -> ClipSource:
+    """A shot of ``where``, which begins at ``first`` [s]; a person who was pointed at is, if in that shot."""
+    person = where.person
+    if isinstance(person, tuple):
+        x, y, moment = person
+        later = first + moment - span[0]  # counted from the shot's beginning
+        person = (x, y, max(0.0, later)) if -_ROUNDED < later < span[1] - span[0] + _ROUNDED else None
+    return replace(where, span=span, person=person)
 
 
 def small_pictures(path: Path, fps: float | None = None) -> tuple[np.ndarray, np.ndarray]:
