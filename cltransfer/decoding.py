@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -21,6 +23,9 @@ PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
 IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
+
+_ORIENTATION = 0x0112  # of EXIF
+_MIRRORED = (2, 4, 5, 7)
 
 # Playlists and scripts that open other files are no clips, whatever their name ends in.
 _OPTIONS = {
@@ -39,15 +44,18 @@ class Frame:
         raw: as decoded, before rotation.
         size: (W, H) as shown, upright and with square pixels.
         time: presentation time in the file [s].
+        mirrored: whether its rows are shown in reverse order before it is rotated.
     """
 
     raw: av.VideoFrame
     size: tuple[int, int]
     time: float
+    mirrored: bool = False
 
     def rgb(self, size: tuple[int, int]) -> np.ndarray:
         """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller."""
-        upright = np.rot90(self.raw.to_ndarray(format="rgb24"), self.raw.rotation // 90)
+        pixels = self.raw.to_ndarray(format="rgb24")
+        upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.raw.rotation // 90)
         if upright.shape[1::-1] == size:
             return np.ascontiguousarray(upright)
         return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
@@ -134,7 +142,34 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream) ->
     size = (max(1, round(raw.width * float(stream.sample_aspect_ratio or 1))), raw.height)
     upright = size if raw.rotation % 180 == 0 else size[::-1]
     _check_size(path, field, upright)
-    return Frame(raw, upright, raw.time)
+    return Frame(raw, upright, raw.time, _mirrored(path, raw))
+
+
+def _mirrored(path: Path, raw: av.VideoFrame) -> bool:
+    """Whether the file asks for ``raw`` to be shown mirrored, of which its rotation says nothing."""
+    if path.suffix.lower() in IMAGE_DEMUXERS:
+        return _exif_orientation(path) in _MIRRORED
+    try:
+        matrix: Any = raw.side_data.get("DISPLAYMATRIX")
+    except ValueError:  # there is a kind that PyAV does not know, as on frames of two views, which nothing mirrors
+        return False
+    if matrix is None:
+        return False
+    a, b, _, c, d, *_ = struct.unpack("=9i", bytes(matrix))
+    return bool(a * d < b * c)
+
+
+def _exif_orientation(path: Path) -> int:
+    """Orientation 1 to 8 that the EXIF of an image file states; 1 where it states none."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    try:
+        with Image.open(path) as image:
+            exif.load(image.info.get("exif", b""))
+        return int(exif.get(_ORIENTATION, 1))
+    except (OSError, ValueError, TypeError, SyntaxError, struct.error):
+        raise InputError(path, "EXIF", "cannot be read, which may turn the picture", "re-encode it") from None
 
 
 def _check_complete(path: Path, container: InputContainer, stream: VideoStream, count: int, end: float) -> None:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from PIL import Image, ImageOps
 
 from cltransfer.clip import pair_by_time, read_clip, write_video
 from cltransfer.errors import InputError, ResourceError, UsageError
@@ -138,6 +139,33 @@ def test_rotation_tag_is_honoured(tmp_path, degrees, turns):
     clip = read_clip(path)
     assert clip.source_size == (expected.shape[3], expected.shape[2])
     assert (clip.image.int() - expected.int()).abs().float().mean() < 4
+
+
+@pytest.mark.parametrize(("degrees", "turns"), [(0, 0), (90, 1), (180, 2), (-90, 3)])
+@pytest.mark.parametrize(("hflip", "vflip"), [(True, False), (False, True), (True, True)])
+def test_a_mirrored_video_is_shown_so(tmp_path, degrees, turns, hflip, vflip):
+    image = smooth()
+    path = encode(tmp_path / "a.mp4", image, change=lambda s: s.set_display_rotation(degrees, hflip, vflip))
+    expected = torch.rot90(image, turns, dims=(2, 3)).flip([side for side, flip in ((3, hflip), (2, vflip)) if flip])
+    assert (read_clip(path).image.int() - expected.int()).abs().float().mean() < 4
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_every_orientation_of_an_image_is_honoured(tmp_path, suffix, orientation):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=exif)
+    expected = np.array(ImageOps.exif_transpose(Image.open(tmp_path / f"0.{suffix}")).convert("RGB"))
+    clip = read_clip(tmp_path)
+    assert clip.size == expected.shape[1::-1]
+    assert np.abs(clip.image[0].permute(1, 2, 0).numpy().astype(int) - expected).mean() < 3
+
+
+def test_exif_that_cannot_be_read_is_refused(tmp_path):
+    picture = Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy())
+    picture.save(tmp_path / "0.jpg", exif=b"Exif\0\0no such thing")
+    refused(tmp_path, "EXIF", "cannot be read")
 
 
 def test_pixels_that_are_not_square_are_made_square(tmp_path):
