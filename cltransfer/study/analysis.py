@@ -115,11 +115,9 @@ def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:
             reason = "no finite value: some methods never lost to the others, or were never compared with them"
             found += [Strength(question, method, None, None, reason) for method in study.methods]
             continue
-        low, high = _interval(wins)
+        intervals, reason = _intervals(wins)
         for i, method in enumerate(study.methods):
-            there = np.isfinite(low[i]) and np.isfinite(high[i])
-            interval = (float(low[i]), float(high[i])) if there else None
-            reason = "" if there else "too few participants for an interval"
+            interval = intervals[i] if intervals else None
             found.append(Strength(question, method, float(values[i]), interval, reason))
     return found
 
@@ -159,12 +157,15 @@ def _wins_by_person(asked: Sequence[Choice], methods: Sequence[str]) -> Array:
     return wins
 
 
-def _interval(wins: Array) -> tuple[Array, Array]:
-    """Percentile interval of the strengths over resampled participants, (M,) each; NaN where one has none."""
+def _intervals(wins: Array) -> tuple[list[tuple[float, float]], str]:
+    """Percentile interval of each strength over resampled participants, or none and the reason."""
     if len(wins) < FEWEST:
-        return (np.full(wins.shape[1], np.nan),) * 2
+        return [], f"too few participants for an interval: {len(wins)}, expected {FEWEST} or more"
     rng = np.random.Generator(np.random.PCG64(0))
     drawn = [bradley_terry(wins[rng.integers(len(wins), size=len(wins))].sum(0)) for _ in range(RESAMPLES)]
+    endless = sum(not np.isfinite(values).all() for values in drawn)
+    if endless:
+        return [], f"no interval: {endless} of {RESAMPLES} resamples of the participants have no finite value"
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(drawn, [tail, 1 - tail], axis=0)
-    return low, high
+    return [(float(a), float(b)) for a, b in zip(low, high)], ""

@@ -47,7 +47,8 @@ def read_answers(files: Iterable[Path], study: Study) -> list[Choice]:
 
 
 def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
-    lines = csv.DictReader(io.StringIO(read_text(path, LIMIT)))
+    text = read_text(path, LIMIT).removeprefix("\ufeff")  # the mark that Excel puts before UTF-8
+    lines = csv.DictReader(io.StringIO(text))
     try:
         if tuple(lines.fieldnames or ()) != COLUMNS:
             raise InputError(path, "line 1", f"expected the columns {', '.join(COLUMNS)}")

@@ -103,6 +103,30 @@ def test_strengths_have_intervals_over_participants() -> None:
     assert sum(s.value or 0 for s in found.values()) == pytest.approx(1)
 
 
+@pytest.mark.parametrize(
+    ("people", "reason"),
+    [
+        (5, "too few participants for an interval: 5, expected 6"),
+        (8, "of 1999 resamples of the participants have no finite"),
+    ],
+)
+def test_why_a_strength_has_no_interval_is_told(people: int, reason: str) -> None:
+    """All but one agree: without that one in a resample, a method never loses."""
+    pairs = (("a", "b"), ("a", "c"), ("b", "c"))
+    choices = [
+        Choice(f"p{i}", "item1", "smoothness", *(pair if i else pair[::-1])) for i in range(people) for pair in pairs
+    ]
+    found = [s for s in strengths(choices, THREE) if s.question == "smoothness"]
+    assert all(s.value is not None and s.by_participant is None and reason in s.reason for s in found)
+
+
+def test_answers_that_excel_has_saved_are_read(tmp_path: Path) -> None:
+    path = written(tmp_path / "p.csv", "p", lambda number: "ours")
+    plain = read_answers([path], TWO)
+    path.write_text(path.read_text(), encoding="utf-8-sig", newline="\r\n")
+    assert read_answers([path], TWO) == plain
+
+
 def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any], tmp_path: Path) -> None:
     key = tmp_path / "page.key.json"
     key.write_text(json.dumps(TWO.to_json()))
