@@ -61,7 +61,7 @@ def methods_csv(summary: Summary) -> str:
 
 
 def methods_markdown(summary: Summary) -> str:
-    """A row a method, a column a term: mean [low, high]; the best is bold.
+    """A row a method, a column a term: mean [low, high]; the best is bold where every method has a value of every clip.
 
     Clips that have a value are counted where not all have one, frames where another method has more.
     """

@@ -73,6 +73,11 @@ def test_the_best_is_bold_only_where_both_have_the_same_clips() -> None:
     assert "(2/3)" in methods_markdown(summarise([*ROWS, MISSING]))
 
 
+def test_none_is_bold_where_a_clip_failed_for_all_alike() -> None:
+    failed = [ClipScore(method, "c", reason="no person") for method in ("ours", "old_way")]
+    assert "**" not in methods_markdown(summarise([*ROWS, *failed]))
+
+
 def test_a_few_frames_that_survived_are_never_the_best() -> None:
     few = replace(ROWS[0], means={"shot_size": 0.01}, defined={"shot_size": 1})
     table = methods_markdown(summarise([few, *ROWS[1:]]))
