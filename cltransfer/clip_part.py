@@ -18,7 +18,7 @@ from .memory import require_free
 FRAME_LIMIT = 2000  # frames kept in memory
 BYTE_LIMIT = 4 * 2**30  # of all frames kept
 HINT = "keep fewer of them, frames=N, or cut the clip, #t=START,END"
-_TICK = 1e-6  # [s] by which a time may miss the end of a span
+_TICK = 0.00051  # [s] by which a time may miss the ends of a span, which are named to a millisecond
 
 
 @dataclass(frozen=True, eq=False)

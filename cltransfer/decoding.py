@@ -165,7 +165,7 @@ def _exif_orientation(path: Path) -> int:
 
     exif = Image.Exif()
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=("JPEG", "PNG")) as image:
             exif.load(image.info.get("exif", b""))
         return int(exif.get(_ORIENTATION, 1))
     except (OSError, ValueError, TypeError, SyntaxError, struct.error):

@@ -105,6 +105,12 @@ def test_write_video_refuses_times_that_do_not_increase(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_part_named_to_a_millisecond_holds_its_first_and_last_frame(tmp_path):
+    write_video(tmp_path / "clip.mp4", torch.zeros(7, 3, 16, 16, dtype=torch.uint8), torch.arange(7).double() / 24)
+    clip = read_clip(tmp_path / "clip.mp4", span=(0.042, 0.208))  # 1/24 and 5/24, rounded
+    assert len(clip) == 5
+
+
 def test_frames_are_picked_evenly_with_first_and_last(tmp_path):
     image = noise(11)
     write_video(tmp_path / "a.mkv", image, torch.arange(11).double() / 10, lossless=True)
