@@ -24,10 +24,9 @@ ROW = 250  # of a binary PLY
 CELL = 130  # of a row of lists in a text
 EDGE = 500
 CORNER = 150  # of a face beyond the usual three or four
-COPIED = 150  # a vertex in each part of an OBJ
+PART = 15_000  # a material of an OBJ, whose faces are a mesh of their own
 
 _FOREIGN = re.compile(rb"[^\t\r\n -~]")
-_TEXTURED = re.compile(rb"-?\d+/-?\d")
 
 
 @dataclass
@@ -57,17 +56,13 @@ def check_obj(path: Path, data: bytes) -> None:
     """
     need = OBJ_LINE * data.count(b"\n") + OBJ_BYTE * len(data)
     _require(path, need)  # before each line is looked at
-    corners = vertices = untextured = 0
-    parts = set()
+    corners, parts = 0, set()
     for line in io.BytesIO(data):
         words = line.split() if line[:1] not in (b"v", b"#") else []
         corners += max(0, len(words) - 4)
-        vertices += line[:2] == b"v "
-        untextured += line[:1] == b"f" and not all(map(_TEXTURED.match, words[1:]))
         if words[:1] == [b"usemtl"]:
             parts.add(b" ".join(words[1:]))
-    copies = vertices * len(parts) if untextured else 0  # each part keeps all vertices
-    _require(path, need + CORNER * corners + COPIED * copies)
+    _require(path, need + CORNER * corners + PART * len(parts))
 
 
 def check_ply(path: Path, data: bytes) -> None:

@@ -117,7 +117,7 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters is raised below
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False, maintain_order=True)
+        scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False)
         if isinstance(files, Beside) and files.refused is not None:
             raise files.refused
         for node in scene.graph.nodes_geometry:

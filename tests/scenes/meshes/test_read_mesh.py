@@ -50,6 +50,34 @@ def test_an_obj_brings_its_texture_the_right_way_up(tmp_path):
     assert {file.name for file in found.files} == {"stage.obj", "stage.mtl", "wood.png"}
 
 
+COLORS = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0], [255, 0, 255], [0, 255, 255]]
+SIDES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]  # of the unit cube
+
+
+def write_box(folder, materials) -> None:
+    """A closed box whose sides are six squares of one texture, two rows of three; each corner is in three of them."""
+    lines = ["mtllib box.mtl", *(f"v {i // 4} {i // 2 % 2} {i % 2}" for i in range(8))]
+    for k, side in enumerate(SIDES):
+        lines += [f"vt {(k % 3 + du) / 3} {(k // 3 + dv) / 2}" for du, dv in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lines += [f"usemtl m{k % materials}", "f " + " ".join(f"{v + 1}/{4 * k + i + 1}" for i, v in enumerate(side))]
+    (folder / "box.obj").write_text("\n".join(lines) + "\n")
+    (folder / "box.mtl").write_text("".join(f"newmtl m{i}\nmap_Kd atlas.png\n" for i in range(materials)))
+    atlas = np.array(COLORS, np.uint8).reshape(2, 3, 3)[::-1]  # v counts from the bottom
+    Image.fromarray(atlas.repeat(8, 0).repeat(8, 1)).save(folder / "atlas.png")
+
+
+@pytest.mark.parametrize("materials", [1, 2])
+def test_each_side_of_a_box_shows_its_own_part_of_the_texture(tmp_path, materials):
+    write_box(tmp_path, materials)
+    mesh = read_mesh(tmp_path / "box.obj").mesh
+    assert mesh.texture.tolist() == [0] * 12
+    corners, places = mesh.vertices[mesh.faces.long()], mesh.uv[mesh.faces.long()].mean(1)
+    for points, (u, v) in zip(corners.tolist(), places.tolist()):
+        found = {int(x * 4 + y * 2 + z) for x, y, z in points}
+        side = next(k for k, side in enumerate(SIDES) if found <= set(side))
+        assert mesh.textures[0][int(v * 16), int(u * 24), :3].tolist() == COLORS[side]
+
+
 @pytest.mark.parametrize("place", ["1e30", "-2e6", "nan", "inf"])
 def test_texture_coordinates_without_sense_are_refused(tmp_path, place):
     write_textured(tmp_path)
