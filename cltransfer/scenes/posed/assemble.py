@@ -46,7 +46,7 @@ class View:
 def posed_images(
     path: Path, views: Sequence[View], points: Array | None = None, colors: Array | None = None
 ) -> PosedImages:
-    """Views as one value, at the size most of them have; the others are cut to its shape.
+    """Views as one value, at the size most of them have; the others are cut to its shape. No points at all are None.
 
     Raises:
         InputError: there are none or too many.
@@ -57,6 +57,8 @@ def posed_images(
     straight = {lens: matrix_at(lens, size) for lens in {view.lens for view in views}}
     K = torch.from_numpy(np.stack([straight[view.lens] for view in views]))
     camera = Camera(torch.from_numpy(np.stack([view.w2c for view in views])), K, size)
+    if points is not None and len(points) == 0:
+        points = colors = None
     return PosedImages(
         path,
         camera,
