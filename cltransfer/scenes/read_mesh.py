@@ -24,6 +24,7 @@ from .gltf_tree import lean
 from .mesh import GREY, Mesh
 from .mesh_need import check_obj, check_ply
 from .moment import START, Moment
+from .ply_header import HEADER_LIMIT
 from .rig import subject_of_rig
 from .textures import Textures, image_of
 
@@ -117,18 +118,44 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters is raised below
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False)
+        # vertices of a PLY are split, and their colours lost, only where there is a texture to be shown
+        split: dict[str, Any] = {"fix_texture": _names_texture(data)} if suffix == ".ply" else {}
+        scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False, **split)
         if isinstance(files, Beside) and files.refused is not None:
             raise files.refused
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
-            if isinstance(scene.geometry[name], trimesh.Trimesh):
-                yield str(node), transform, scene.geometry[name]
+            geometry = scene.geometry[name]
+            if isinstance(geometry, trimesh.Trimesh):
+                if suffix != ".glb" and _is_invented(geometry.visual):
+                    if any(split.values()):
+                        raise InputError(path, "images", "a texture cannot be decoded")
+                    geometry.visual = _own_colours(geometry)
+                yield str(node), transform, geometry
     except (InputError, MemoryError):
         raise
     except Exception as error:  # trimesh lets any exception of its parsers through
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
         raise InputError(path, "", f"cannot be read as {suffix[1:]}: {reason}") from None
+
+
+def _names_texture(data: bytes) -> bool:
+    """Whether the header of a PLY names the file of a texture."""
+    return b"texturefile" in data[:HEADER_LIMIT].partition(b"end_header")[0].lower()
+
+
+def _is_invented(visual: Any) -> bool:
+    """Whether an OBJ or a PLY shows the grey image that trimesh makes up for texture coordinates without a texture."""
+    image = image_of(getattr(visual, "material", None))
+    return image is not None and image.format is None
+
+
+def _own_colours(geometry: Any) -> Any:
+    """The look of an OBJ or a PLY as it were without texture coordinates."""
+    from trimesh.visual import create_visual
+
+    colors = {f"{of}_colors": getattr(geometry, f"{of}_attributes").get("color") for of in ("face", "vertex")}
+    return create_visual(mesh=geometry, **colors)
 
 
 def _part(path: Path, textures: Textures, node: str, transform: Array, geometry: Any) -> Mesh:

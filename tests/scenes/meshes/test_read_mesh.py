@@ -8,10 +8,13 @@ import torch
 from PIL import EpsImagePlugin, Image
 
 from cltransfer.errors import InputError
+from cltransfer.scenes.mesh import GREY
 from cltransfer.scenes.moment import Moment
 from cltransfer.scenes.read_mesh import read_mesh
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
+RGB = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+PLACES = "property float s\nproperty float t\n"
 
 
 def write_ply(path, rows, faces="3 0 1 2\n", count=1, vertices=3, more="") -> None:
@@ -88,11 +91,46 @@ def test_texture_coordinates_without_sense_are_refused(tmp_path, place):
 
 
 def test_a_ply_keeps_its_colours(tmp_path):
-    color = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
-    write_ply(tmp_path / "scan.ply", "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 51\n", more=color)
+    write_ply(tmp_path / "scan.ply", "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 51\n", more=RGB)
     mesh = read_mesh(tmp_path / "scan.ply").mesh
     torch.testing.assert_close(mesh.colors, torch.tensor([[1.0, 0, 0], [0, 1, 0], [0, 0, 0.2]]))
     assert not mesh.shaded.any()
+
+
+@pytest.mark.parametrize("material", ["", "usemtl wood\n"])
+def test_places_in_a_texture_that_is_not_there_change_nothing(tmp_path, material):
+    text = OBJ.replace("f 1 2 3", f"vt 0 0\nvt 1 1\n{material}f 1/1 2/2 3/1").replace("f 1 2 4", "f 1/2 2/2 4/1")
+    (tmp_path / "stage.obj").write_text(text)
+    write_ply(tmp_path / "scan.ply", "0 0 0 0 0\n1 0 0 1 0\n0 1 0 1 1\n", more=PLACES)
+    for name in ("stage.obj", "scan.ply"):
+        mesh = read_mesh(tmp_path / name).mesh
+        assert (mesh.textures, bool(mesh.shaded.all())) == ((), True)
+        assert mesh.colors.unique().tolist() == [pytest.approx(GREY)]
+
+
+def test_colours_beside_places_in_a_texture_that_is_not_there_are_kept(tmp_path):
+    rows = "0 0 0 .5 .5 255 0 0\n1 0 0 0 0 0 255 0\n0 1 0 .5 .5 0 0 255\n"
+    write_ply(tmp_path / "scan.ply", rows, more=PLACES + RGB)
+    (tmp_path / "scan.obj").write_text(
+        "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nvt 1 0\nvt 0 0\nf 1/1 2/2 3/1\nf 1/2 2/1 3/1\n"
+    )
+    for name in ("scan.ply", "scan.obj"):
+        mesh = read_mesh(tmp_path / name).mesh
+        assert not mesh.shaded.any()
+        for corners, colors in zip(mesh.vertices[mesh.faces.long()], mesh.colors[mesh.faces.long()]):
+            assert corners.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+            assert colors.tolist() == np.eye(3).tolist()
+
+
+def test_a_ply_shows_the_texture_that_it_names(tmp_path):
+    write_textured(tmp_path)
+    write_ply(tmp_path / "scan.ply", "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n", more=PLACES)
+    text = (tmp_path / "scan.ply").read_text().replace("element vertex", "comment TextureFile wood.png\nelement vertex")
+    (tmp_path / "scan.ply").write_text(text)
+    assert read_mesh(tmp_path / "scan.ply").mesh.textures[0][0, 0].tolist() == [255, 0, 0, 255]
+    (tmp_path / "wood.png").write_bytes(b"no picture")
+    with pytest.raises(InputError, match="images: a texture cannot be decoded"):
+        read_mesh(tmp_path / "scan.ply")
 
 
 def test_node_transforms_are_applied_and_the_skin_posed(bar, write_glb, write_gltf, tmp_path):
