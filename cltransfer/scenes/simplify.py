@@ -38,7 +38,8 @@ def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
     A voxel is k pixels large as the nearest camera sees it, rounded down to a power of two. Gaussians larger than
     their voxel stay as they are, and so do those alone in theirs; subject and surroundings never share one. What
     replaces several has their mean and covariance (weighted by opacity times area), their mean colour, and their
-    optical depth -log(1 - opacity) times area. The result is a function of the arguments alone.
+    optical depth -log(1 - opacity) times area. What nobody sees, of opacity 0, is left out. The result is a function
+    of the arguments alone.
 
     Args:
         splats: N Gaussians.
@@ -53,6 +54,9 @@ def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
     """
     if not k > 0:
         raise ValueError(f"k must be positive, got {k}")
+    seen = splats.opacity > 0
+    if not bool(seen.all()):
+        splats = subset(splats, seen)
     keys = _cells(splats, cameras, k)
     order = np.argsort(keys, kind="stable")
     starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
@@ -130,7 +134,7 @@ def stacked(opacity: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
         Peak (M,) in (0, MAX_ALPHA], and the factor (M,) >= 1 on standard deviations.
     """
     layers = depth / -torch.log1p(-opacity)
-    peak = 1 - torch.exp(-depth)
+    peak = -torch.expm1(-depth)  # above 0 however thin the stack is
     steps = (torch.arange(STEPS, dtype=torch.float64) + 0.5) / STEPS * opacity[:, None]
     covered = ((1 - (1 - steps) ** layers[:, None]) / steps).mean(1) * opacity
     return peak.clamp(max=MAX_ALPHA), (covered / peak).clamp_min(1) ** (STACKED / 2)

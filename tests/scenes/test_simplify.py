@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -12,7 +13,17 @@ from cltransfer.renderers._splats_torch import render_one
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.kernels.splats import make_view
 from cltransfer.scenes import Scene
-from cltransfer.scenes.simplify import STACKED, face_area, importance, merged, pixel_width, stacked, subset, working_set
+from cltransfer.scenes.simplify import (
+    PARTS,
+    STACKED,
+    face_area,
+    importance,
+    merged,
+    pixel_width,
+    stacked,
+    subset,
+    working_set,
+)
 from cltransfer.scenes.splats import Splats
 
 SETTINGS = GaussianSplats().settings
@@ -55,6 +66,20 @@ def test_two_in_a_voxel_become_one_with_their_mean_and_covariance() -> None:
     torch.testing.assert_close(ratio, expected, rtol=1e-4, atol=1e-4)
     depth = -torch.log1p(-one.opacity[0]) * 0.01 * math.hypot(0.01, 0.01)  # area before it grows to cover
     assert float(depth) == pytest.approx(2 * math.log(2) * 0.01**2, rel=1e-4)
+
+
+def test_what_nobody_sees_is_left_out_and_what_is_hardly_there_stays_a_number() -> None:
+    pair = [[0.01, 0.02, 0.01], [0.03, 0.02, 0.01]]
+    far = [[x + 9, y, z] for x, y, z in pair]
+    for faint, count in ((0.0, 1), (1e-20, 2)):
+        opacity = torch.tensor([0.5, 0.5, faint, faint])
+        found = merged(replace(splats(pair + far), opacity=opacity), camera(), 2)
+        assert len(found) == count
+        assert all(bool(getattr(found, name).isfinite().all()) for name in PARTS)
+        torch.testing.assert_close(found.means[0], merged(splats(pair), camera(), 2).means[0])
+    half = replace(splats(pair), opacity=torch.tensor([0.5, 0.0]))
+    torch.testing.assert_close(merged(half, camera(), 2).means, half.means[:1])
+    assert len(merged(replace(half, opacity=torch.zeros(2)), camera(), 2)) == 0
 
 
 def test_what_is_farther_apart_than_a_voxel_is_left_alone() -> None:
