@@ -5,6 +5,7 @@ trimesh reads meshes, not skins; so the pose is written into the vertices before
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +18,7 @@ from ..errors import InputError
 from ..renderers.kernels import Array
 from .gltf_file import Gltf
 
-POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed
+POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed, of the figure with the skeleton
 
 _REST: dict[str, tuple[float, ...]] = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 
@@ -55,13 +56,31 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
     skinned = [i for i, node in enumerate(gltf.tree.get("nodes", [])) if "skin" in node and "mesh" in node]
     frozen = _with_matrices(gltf, local)
     parts: dict[int, list[tuple[Array, Array]]] = {}
-    for node in skinned:
-        frozen, moved = _freeze(frozen, gltf, node, world)
-        parts.setdefault(gltf.tree["nodes"][node]["skin"], []).extend(moved)
+    skins = [gltf.tree["nodes"][node]["skin"] for node in skinned]
+    figure = _figure(gltf, skins)
+    for node, skin in zip(skinned, skins):
+        frozen, moved = _freeze(frozen, gltf, node, world, POSED if skin in figure else "another figure")
+        parts.setdefault(skin, []).extend(moved)
     if not parts:
         return frozen, None
     skin, moved = next(iter(parts.items()))
     return frozen, _skeleton(gltf, skin, world, moved)
+
+
+def _figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
+    """Those of ``skins`` that hang from a joint that the first one hangs from: a figure, its clothes and its hair."""
+    above = _parents(gltf)
+    joints = {skin: gltf.entry("skins", skin)["joints"] for skin in skins}
+    known = {joint for one in joints.values() for joint in one}
+
+    def top(node: int) -> int:
+        way = [node]
+        while way[-1] in above:
+            way.append(above[way[-1]])
+        return next(joint for joint in reversed(way) if joint in known)
+
+    tops = {skin: {top(joint) for joint in one} for skin, one in joints.items()}
+    return {skin for skin in tops if tops[skin] & tops[skins[0]]}
 
 
 def _channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str], Array]:
@@ -151,8 +170,13 @@ def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
     return replace(gltf, tree={**tree, "nodes": nodes})
 
 
-def _freeze(frozen: Gltf, source: Gltf, node: int, world: list[Array]) -> tuple[Gltf, list[tuple[Array, Array]]]:
-    """``frozen`` with the skinned mesh of ``node`` posed in the world; vertices and strongest joint of its parts."""
+def _freeze(
+    frozen: Gltf, source: Gltf, node: int, world: list[Array], name: str
+) -> tuple[Gltf, list[tuple[Array, Array]]]:
+    """``frozen`` with the skinned mesh of ``node`` posed in the world; vertices and strongest joint of its parts.
+
+    ``name`` begins the name of its new node.
+    """
     about = source.tree["nodes"][node]
     mesh = source.entry("meshes", about["mesh"])
     matrices = _joint_matrices(source, source.entry("skins", about["skin"]), world)
@@ -166,7 +190,7 @@ def _freeze(frozen: Gltf, source: Gltf, node: int, world: list[Array]) -> tuple[
         buffers.append(vertices.astype("<f4").tobytes())
         views.append({"buffer": len(buffers) - 1, "byteLength": len(buffers[-1])})
         parts.append((vertices, strongest))
-    nodes = [*frozen.tree["nodes"], {"name": f"{POSED} {node}", "mesh": len(frozen.tree["meshes"])}]
+    nodes = [*frozen.tree["nodes"], {"name": f"{name} {node}", "mesh": len(frozen.tree["meshes"])}]
     nodes[node] = {key: value for key, value in nodes[node].items() if key not in ("mesh", "skin")}
     scenes = [{**scene, "nodes": [*scene.get("nodes", []), len(nodes) - 1]} for scene in frozen.tree.get("scenes", [])]
     meshes = [*frozen.tree["meshes"], {**mesh, "primitives": primitives}]

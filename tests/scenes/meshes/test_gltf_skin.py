@@ -10,7 +10,7 @@ import pytest
 from cltransfer.errors import InputError
 from cltransfer.scenes.asset_files import Beside
 from cltransfer.scenes.gltf_file import read_gltf
-from cltransfer.scenes.gltf_skin import posed
+from cltransfer.scenes.gltf_skin import POSED, posed
 
 
 @pytest.fixture
@@ -120,3 +120,29 @@ def test_a_damaged_skin_is_one_line(bar, write_glb, tmp_path, what, reason):
     with pytest.raises(InputError, match=reason) as error:
         posed(read_gltf(path, Beside(path)), 0.5)
     assert "\n" not in str(error.value)
+
+
+def test_of_two_figures_only_the_first_is_named_with_what_hangs_on_its_joints(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    joints = {"body": [1, 2], "hair": [4], "other": [6, 7]}
+    tree["nodes"] += [{"name": "lock"}, {"children": [6], "translation": [3, 0, 0]}, {"children": [7]}, {}]
+    tree["nodes"][2]["children"] = [4]  # the lock hangs on the upper joint, which is no joint of its skin
+    tree["scenes"][0]["nodes"].append(5)
+    tree["skins"] = [{"joints": one} for one in joints.values()]
+    primitive = tree["meshes"][0]["primitives"][0]
+    tree["accessors"].append({**tree["accessors"][primitive["attributes"]["JOINTS_0"]]})
+    tree["accessors"][-1]["bufferView"] = len(tree["bufferViews"])
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": 32})
+    lock = {**primitive, "attributes": {**primitive["attributes"], "JOINTS_0": len(tree["accessors"]) - 1}}
+    tree["meshes"].append({"primitives": [lock]})
+    tree["nodes"] += [{"mesh": 1, "skin": 1}, {"mesh": 0, "skin": 2}]
+    frozen, rig = posed(read_gltf(write_glb(tmp_path / "two.glb", *grown(tree, blob)), Beside(tmp_path)), 0.0)
+    names = [node["name"] for node in frozen.tree["nodes"] if "mesh" in node]
+    assert names == [f"{POSED} 3", f"{POSED} 8", "another figure 9"]
+    assert rig.names == ("low", "high")
+
+
+def grown(tree, blob):
+    """With 32 more bytes of nothing."""
+    tree["buffers"][0]["byteLength"] = len(blob) + 32
+    return tree, blob + bytes(32)
