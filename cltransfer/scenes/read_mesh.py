@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ..errors import InputError
 from ..renderers.kernels import Array
 from ..subject import Subject
 from .asset_files import Beside, read_limited
-from .gltf_file import Gltf, read_gltf
+from .gltf_file import read_gltf
 from .gltf_images import shown_images
 from .gltf_skin import POSED, Skeleton, posed
 from .gltf_tree import lean
-from .mesh import GREY, Mesh
+from .mesh import Mesh
 from .mesh_need import check_obj, check_ply
+from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
 from .ply_header import HEADER_LIMIT
 from .rig import subject_of_rig
@@ -31,8 +31,6 @@ from .textures import Textures, image_of
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
 LOST = 0.01  # share of vertices that may be not finite
-PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
-LIT, UNLIT, TEXTURED = "lit", "unlit", " textured"  # marks in the names of materials
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +65,17 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     if suffix not in SUFFIXES:
         raise InputError(path, "", f"no mesh has the suffix {suffix!r}", f"expected {', '.join(SUFFIXES)}")
     files, rig = Beside(path), None
+    looks: Mapping[str, Look] = {}
     beside: Any = files
     if suffix in (".glb", ".gltf"):
-        data, rig, beside = _posed_glb(path, moment, files)
+        data, rig, beside, looks = _posed_glb(path, moment, files)
         suffix = ".glb"
     else:
         data = read_limited(path)
         {".obj": check_obj, ".ply": check_ply}[suffix](path, data)
     found = list(_geometries(path, data, suffix, beside))
     textures = Textures(path, [getattr(geometry.visual, "material", None) for _, _, geometry in found])
-    parts = [_part(path, textures, *part) for part in found]
+    parts = [_part(path, looks, textures, *part) for part in found]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:
         raise InputError(path, "", "holds no faces", "is it a point cloud?")
@@ -90,26 +89,19 @@ def _subject(rig: Skeleton | None, up: tuple[float, float, float]) -> Subject | 
     return None if rig is None else subject_of_rig(rig, np.array(up))
 
 
-def _posed_glb(path: Path, moment: Moment, files: Beside) -> tuple[bytes, Skeleton | None, dict[str, bytes]]:
-    """A file without skins or animation, the skeleton there was, and the images it names."""
+def _posed_glb(
+    path: Path, moment: Moment, files: Beside
+) -> tuple[bytes, Skeleton | None, dict[str, bytes], Mapping[str, Look]]:
+    """A file without skins or animation, the skeleton there was, the images it names, and its materials by name."""
     try:
         gltf, rig = posed(read_gltf(path, files), moment.time, moment.animation)
         gltf, images = shown_images(gltf, files)
-        return _with_marks(gltf).to_glb(), rig, images
+        gltf, looks = with_looks(gltf)
+        return replace(gltf, tree=lean(gltf.tree)).to_glb(), rig, images, looks
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         # what a value may be is checked where it is used; any other shape of the JSON ends here
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
         raise InputError(path, "", f"damaged glTF: {reason}") from None
-
-
-def _with_marks(gltf: Gltf) -> Gltf:
-    """The document with materials named by what trimesh does not pass on: no light wanted, a texture promised."""
-    materials = []
-    for about in gltf.tree.get("materials", []):
-        unlit = UNLIT if "KHR_materials_unlit" in about.get("extensions", {}) else LIT
-        textured = TEXTURED if "baseColorTexture" in about.get("pbrMetallicRoughness", {}) else ""
-        materials.append({**about, "name": unlit + textured})
-    return replace(gltf, tree={**lean(gltf.tree), "materials": materials})
 
 
 def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tuple[str, Array, Any]]:
@@ -158,68 +150,17 @@ def _own_colours(geometry: Any) -> Any:
     return create_visual(mesh=geometry, **colors)
 
 
-def _part(path: Path, textures: Textures, node: str, transform: Array, geometry: Any) -> Mesh:
+def _part(
+    path: Path, looks: Mapping[str, Look], textures: Textures, node: str, transform: Array, geometry: Any
+) -> Mesh:
     """One geometry in the world; a posed one is labelled."""
     vertices = torch.from_numpy(np.asarray(geometry.vertices, np.float64))
     faces = np.asarray(geometry.faces)
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise InputError(path, "faces", f"name vertex {faces.max()} of {len(vertices)}")
     mesh = Mesh.plain(vertices, torch.from_numpy(faces.astype(np.int32)))
-    mesh = _painted(path, textures, mesh, geometry.visual)
+    mesh = painted(path, looks, textures, mesh, geometry.visual)
     return replace(mesh.moved(torch.tensor(transform)), label=torch.full((len(mesh),), float(POSED in node)))
-
-
-def _painted(path: Path, textures: Textures, mesh: Mesh, visual: Any) -> Mesh:
-    """The mesh with the colours and the texture of a trimesh visual."""
-    if visual.kind in ("vertex", "face"):
-        return _vertex_painted(mesh, visual)
-    material = getattr(visual, "material", None)
-    if material is None:
-        return mesh
-    tint = _tint(material)
-    colors = torch.tensor(tint).expand(len(mesh.vertices), 3).contiguous()
-    image = image_of(material)
-    uv, name = getattr(visual, "uv", None), str(getattr(material, "name", ""))
-    if image is None and name.endswith(TEXTURED):
-        raise InputError(path, "images", "a texture cannot be decoded")
-    if image is None or uv is None or len(uv) != len(mesh.vertices):
-        return replace(mesh, colors=colors, shaded=torch.full_like(mesh.shaded, not name.startswith(UNLIT)))
-    places = _places(path, np.asarray(uv, np.float64))
-    return replace(
-        mesh,
-        colors=colors,
-        shaded=torch.full_like(mesh.shaded, name.startswith(LIT)),
-        uv=places,
-        texture=torch.zeros_like(mesh.texture),
-        textures=(textures.of(material),),
-    )
-
-
-def _places(path: Path, uv: Array) -> Tensor:
-    """Texture coordinates (V, 2) float32 from the top left; trimesh counts them from the bottom."""
-    wrong = np.flatnonzero(~(np.abs(uv) <= PLACE_LIMIT).all(1))
-    if len(wrong):
-        got = " ".join(f"{value:g}" for value in uv[wrong[0]])
-        reason = f"expected at most {PLACE_LIMIT:g} in size, got {got} at vertex {wrong[0]}"
-        raise InputError(path, "texture coordinates", reason)
-    places = torch.from_numpy(uv.astype(np.float32))
-    places[:, 1] = 1 - places[:, 1]
-    return places
-
-
-def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
-    rgba = torch.from_numpy(np.asarray(visual.vertex_colors, np.float32)[:, :3].copy() / 255)
-    return replace(mesh, colors=rgba, shaded=torch.zeros_like(mesh.shaded))
-
-
-def _tint(material: Any) -> list[float]:
-    """RGB in [0, 1] that multiplies the texture; glTF's is linear and is shown as a screen would."""
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is not None:
-        return [float(c / 255) ** (1 / 2.2) for c in np.asarray(factor)[:3]]
-    if hasattr(material, "diffuse") and getattr(material, "image", None) is None:
-        return [float(c / 255) for c in np.asarray(material.diffuse)[:3]]
-    return [1.0 if image_of(material) is not None else GREY] * 3
 
 
 def _finite(path: Path, mesh: Mesh) -> Mesh:

@@ -1,0 +1,140 @@
+"""How the parts of a mesh file look: colours and textures of trimesh, and what it does not pass on of a glTF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..renderers.kernels import Array
+from .gltf_file import Gltf
+from .mesh import GREY, Mesh
+from .textures import Textures, image_of
+
+PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
+GAMMA = 2.2  # a glTF's factors and vertex colours are linear, and shown as a screen would
+_MOST = {"f": 1, "B": 255, "H": 65535}  # stored for a colour of 1, by type
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a material of a glTF says and trimesh does not pass on.
+
+    Args:
+        lit: whether a renderer is to light it.
+        textured: whether it promises a texture.
+    """
+
+    lit: bool
+    textured: bool
+
+
+def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
+    """The document with other names for its materials, and what each of them is like.
+
+    Coloured vertices without a material get one: trimesh passes their colours on as stored only beside a material.
+
+    Raises:
+        InputError: there are not as many colours as vertices.
+    """
+    materials = gltf.tree.get("materials", [])
+    looks = {str(i): _look(about) for i, about in enumerate(materials)}
+    looks[str(len(materials))] = Look(lit=False, textured=False)  # light is in the colours already
+    renamed = [{**about, "name": name} for name, about in zip(looks, [*materials, {}])]
+    meshes = [
+        {**mesh, "primitives": [_with_material(gltf, one, len(materials)) for one in mesh["primitives"]]}
+        for mesh in gltf.tree["meshes"]
+    ]
+    return replace(gltf, tree={**gltf.tree, "materials": renamed, "meshes": meshes}), looks
+
+
+def _look(about: dict[str, Any]) -> Look:
+    return Look(
+        lit="KHR_materials_unlit" not in about.get("extensions", {}),
+        textured="baseColorTexture" in about.get("pbrMetallicRoughness", {}),
+    )
+
+
+def _with_material(gltf: Gltf, primitive: dict[str, Any], material: int) -> dict[str, Any]:
+    attributes = primitive["attributes"]
+    if "COLOR_0" not in attributes:
+        return primitive
+    counts = [gltf.entry("accessors", attributes[name])["count"] for name in ("POSITION", "COLOR_0")]
+    if counts[0] != counts[1]:
+        raise InputError(gltf.path, "COLOR_0", f"expected {counts[0]} colours, one of each vertex, got {counts[1]}")
+    return {"material": material, **primitive}
+
+
+def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mesh, visual: Any) -> Mesh:
+    """The mesh with the colours and the texture of a trimesh visual; ``looks`` are of a glTF's materials by name.
+
+    Raises:
+        InputError: a colour or a texture coordinate is no sensible number, or a texture is not there.
+    """
+    if visual.kind in ("vertex", "face"):
+        return _vertex_painted(mesh, visual)
+    material = getattr(visual, "material", None)
+    if material is None:
+        return mesh
+    image, uv = image_of(material), getattr(visual, "uv", None)
+    shown = image is not None and uv is not None and len(uv) == len(mesh.vertices)
+    look = looks.get(str(getattr(material, "name", "")), Look(lit=not shown, textured=False))
+    if image is None and look.textured:
+        raise InputError(path, "images", "a texture cannot be decoded")
+    own = _own_colors(path, visual)
+    tint = torch.tensor(_tint(material, GREY if image is None and own is None else 1.0))
+    colors = tint.expand(len(mesh.vertices), 3).contiguous() if own is None else tint * own
+    mesh = replace(mesh, colors=colors, shaded=torch.full_like(mesh.shaded, look.lit))
+    if not shown:
+        return mesh
+    places = _places(path, np.asarray(uv, np.float64))
+    return replace(mesh, uv=places, texture=torch.zeros_like(mesh.texture), textures=(textures.of(material),))
+
+
+def _places(path: Path, uv: Array) -> Tensor:
+    """Texture coordinates (V, 2) float32 from the top left; trimesh counts them from the bottom."""
+    wrong = np.flatnonzero(~(np.abs(uv) <= PLACE_LIMIT).all(1))
+    if len(wrong):
+        got = " ".join(f"{value:g}" for value in uv[wrong[0]])
+        reason = f"expected at most {PLACE_LIMIT:g} in size, got {got} at vertex {wrong[0]}"
+        raise InputError(path, "texture coordinates", reason)
+    places = torch.from_numpy(uv.astype(np.float32))
+    places[:, 1] = 1 - places[:, 1]
+    return places
+
+
+def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
+    rgba = torch.from_numpy(np.asarray(visual.vertex_colors, np.float32)[:, :3].copy() / 255)
+    return replace(mesh, colors=rgba, shaded=torch.zeros_like(mesh.shaded))
+
+
+def _own_colors(path: Path, visual: Any) -> Tensor | None:
+    """Colours of a glTF's vertices as a screen shows them, (V, 3) in [0, 1]; None where they have none."""
+    stored = visual.vertex_attributes.get("color")
+    if stored is None:
+        return None
+    values = np.asarray(stored)
+    most = _MOST.get(values.dtype.char)
+    if most is None or values.shape[1:] not in ((3,), (4,)):
+        got = f"{values.dtype} {values.shape}"
+        raise InputError(path, "COLOR_0", f"expected three or four columns of float32, uint8 or uint16, got {got}")
+    linear = values[:, :3].astype(np.float32) / most
+    if not np.isfinite(linear).all():
+        raise InputError(path, "COLOR_0", "expected finite numbers")
+    return torch.from_numpy(linear.clip(0, 1) ** np.float32(1 / GAMMA))
+
+
+def _tint(material: Any, default: float) -> list[float]:
+    """RGB in [0, 1] that multiplies texture and vertex colours."""
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is not None:
+        return [float(c / 255) ** (1 / GAMMA) for c in np.asarray(factor)[:3]]
+    if hasattr(material, "diffuse") and getattr(material, "image", None) is None:
+        return [float(c / 255) for c in np.asarray(material.diffuse)[:3]]
+    return [default] * 3

@@ -1,0 +1,83 @@
+"""Colours of vertices, of materials and of textures are multiplied, as glTF says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.mesh import GREY
+from cltransfer.scenes.read_mesh import read_mesh
+
+LINEAR = [[1.0, 0.2, 0.0, 1], [0.0, 1, 0.2, 1], [0.2, 0.2, 0.2, 1], [1, 1, 1, 1]]
+SHOWN = torch.tensor(LINEAR)[:, :3] ** (1 / 2.2)
+
+
+def colored(made, values, component=5126, **accessor):
+    """The bar with colours of its vertices."""
+    tree, blob = made
+    data = np.asarray(values).tobytes()
+    tree["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = len(tree["accessors"])
+    view = {"bufferView": len(tree["bufferViews"]), "componentType": component, "count": 4, "type": "VEC4"}
+    tree["accessors"].append({**view, **accessor})
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)})
+    tree["buffers"][0]["byteLength"] = len(blob) + len(data)
+    return tree, blob + data
+
+
+def painted_with(tree, **material):
+    tree["materials"] = [material]
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    return tree
+
+
+@pytest.mark.parametrize(("dtype", "component", "most"), [("<f4", 5126, 1), ("u1", 5121, 255), ("<u2", 5123, 65535)])
+def test_colours_of_vertices_are_linear_in_whatever_type(bar, write_glb, tmp_path, dtype, component, most):
+    values = (np.array(LINEAR) * most + (0.5 if most > 1 else 0)).astype(dtype)
+    tree, blob = colored(bar(), values, component, normalized=most > 1)
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    torch.testing.assert_close(mesh.colors, SHOWN, atol=2e-3, rtol=0)
+    assert not mesh.shaded.any()  # they hold their light
+
+
+def test_colours_of_vertices_multiply_the_base_colour(bar, write_glb, tmp_path):
+    tree, blob = colored(bar(), np.array(LINEAR, "<f4"))
+    factor = {"pbrMetallicRoughness": {"baseColorFactor": [0.6, 1, 1, 1]}}
+    for material, expected in ((factor, SHOWN * torch.tensor([0.6, 1, 1]) ** (1 / 2.2)), ({"name": "bare"}, SHOWN)):
+        mesh = read_mesh(write_glb(tmp_path / "bar.glb", painted_with(tree, **material), blob)).mesh
+        torch.testing.assert_close(mesh.colors, expected, atol=2e-3, rtol=0)
+        assert bool(mesh.shaded.all())
+
+
+def test_colours_of_vertices_multiply_the_texture(bar, with_texture, image_file, write_glb, tmp_path):
+    picture = image_file(np.full((2, 2, 3), 200, np.uint8))
+    tree, blob = colored(with_texture(bar(), picture + bytes(-len(picture) % 4)), np.array(LINEAR, "<f4"))
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    torch.testing.assert_close(mesh.colors, SHOWN, atol=1e-5, rtol=0)
+    assert mesh.texture.tolist() == [0, 0]
+
+
+def test_a_mesh_without_any_colour_beside_a_coloured_one_is_grey(bar, write_glb, tmp_path):
+    tree, blob = colored(bar(), np.array(LINEAR, "<f4"))
+    first = tree["meshes"][0]["primitives"][0]
+    bare = {name: index for name, index in first["attributes"].items() if name != "COLOR_0"}
+    tree["meshes"][0]["primitives"].append({**first, "attributes": bare})
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    assert sorted(mesh.shaded.tolist()) == [False, False, True, True]
+    assert mesh.colors[mesh.faces[mesh.shaded].long()].unique().tolist() == [pytest.approx(GREY)]
+
+
+@pytest.mark.parametrize(
+    ("values", "component", "accessor", "says"),
+    [
+        (np.full((4, 4), np.nan, "<f4"), 5126, {}, "expected finite numbers"),
+        (np.zeros((4, 4), "i1"), 5120, {}, r"expected three or four columns of float32, uint8 or uint16, got int8"),
+        (np.zeros(4, "<f4"), 5126, {"type": "SCALAR"}, "expected three or four columns"),
+        (np.zeros((3, 4), "<f4"), 5126, {"count": 3}, "expected 4 colours, one of each vertex, got 3"),
+    ],
+)
+def test_colours_without_sense_are_refused(bar, write_glb, tmp_path, values, component, accessor, says):
+    tree, blob = colored(bar(), values, component, **accessor)
+    with pytest.raises(InputError, match=rf"bar.glb: COLOR_0: {says}"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
