@@ -14,9 +14,11 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..errors import UsageError
+from ..memory import require_free
 from .columns import SH0
 from .mesh import Mesh
-from .nerf_grid import NerfGrid
+from .nerf_grid import MOST_VERTICES, NerfGrid
 from .splats import Splats
 
 SPREAD = 0.65  # standard deviation of a Gaussian, in distances between samples: less shows holes, more blurs edges
@@ -26,6 +28,7 @@ SHELL_DEPTH = 6.0  # optical depth of the shell, seen along its normal
 INSET = 0.5  # voxels by which the shell lies inside the surface, so that its outline and its front do not grow
 MARGIN = 2  # empty cells around the shell
 PER_CELL = 3.0  # samples along a cell's edge
+VERTEX_BYTES, SAMPLE_BYTES = 300, 420  # of a grid while it is baked, measured and rounded up
 _PLASTIC = 1.32471795724474602596  # its powers give the most even sequence of points in a triangle
 
 
@@ -131,6 +134,8 @@ def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
 
     Raises:
         ValueError: there are less than 2 cells, or the mesh has no area.
+        UsageError: there are more vertices than a grid may have.
+        ResourceError: it takes more memory than is free.
     """
     if cells < 2:
         raise ValueError(f"cells must be at least 2, got {cells}")
@@ -142,6 +147,7 @@ def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
     corners = mesh.vertices[mesh.faces.long()].double()
     across = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     count = int(float(across.norm(dim=1).sum()) / 2 * (PER_CELL / voxel) ** 2) + 1
+    _check_need(cells, int(shape.prod()), count)
     samples = sample_surface(mesh, count)
     values = torch.cat([torch.ones(len(samples.points), 1), samples.colors, samples.label[:, None]], dim=1)
     inside = samples.points - INSET * voxel * samples.normals
@@ -152,6 +158,17 @@ def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
     density = SHELL_DEPTH * samples.area / voxel**3 * mass[..., 0]
     sh = ((paint[..., :3] - 0.5) / SH0)[..., None, :]
     return NerfGrid(density.float(), sh.float(), paint[..., 3].clamp(0, 1).float(), aabb)
+
+
+def _check_need(cells: int, vertices: int, samples: int) -> None:
+    """Hold a grid against the limit of its files and against the memory there is."""
+    if vertices > MOST_VERTICES:
+        reason = (
+            f"expected a grid of at most {MOST_VERTICES} vertices, {cells} cells along its longest side are {vertices}"
+        )
+        raise UsageError("", "cells", reason, "take fewer")
+    need = VERTEX_BYTES * vertices + SAMPLE_BYTES * samples
+    require_free(need, "", f"a grid's {vertices} vertices and {samples} samples", "take fewer cells")
 
 
 def _gathered(places: Tensor, values: Tensor, shape: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..files import atomic
+from ..memory import require_free
 from ..renderers.kernels.grid_pack import Packed, pack
 from ..tensor_file import check_tensor_file
 
@@ -21,6 +23,8 @@ LIMIT = 4 * 2**30  # bytes
 MOST_VERTICES = 2**27  # 512^3
 SH_DEGREES = {1: 0, 4: 1, 9: 2}  # coefficients per channel -> degree
 KEYS = ("density", "sh", "label", "aabb")
+_BYTES = {"F16": 2, "F32": 4, "F64": 8}  # of a stored number
+_LOOKED_AT = 3  # bytes beside the absolute value of each number that is looked at for being finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +115,7 @@ def read_grid(path: Path) -> NerfGrid:
     Raises:
         InputError: it is missing, too large, of another format, a tensor is missing or of a wrong shape, density is
             negative, label is outside [0, 1], or a value is not finite.
+        ResourceError: it takes more memory than is free.
     """
     from safetensors import SafetensorError, safe_open
 
@@ -135,15 +140,28 @@ def _check_header(path: Path, stream: Any) -> None:
     named = (stream.metadata() or {}).get("format")
     if named != FORMAT:
         raise InputError(path, "format", f"expected {FORMAT!r}, got {named!r}")
+    sizes: dict[str, tuple[int, int]] = {}  # how many numbers, and bytes of each
     for key in KEYS:
         if key not in stream.keys():  # noqa: SIM118  (the stream is no mapping)
             raise InputError(path, key, "tensor is missing")
         part = stream.get_slice(key)
-        if part.get_dtype() not in ("F16", "F32", "F64"):
+        if part.get_dtype() not in _BYTES:
             raise InputError(path, key, f"expected floating point, got {part.get_dtype()}")
-    vertices = int(np.prod(stream.get_slice("density").get_shape(), dtype=object))
+        sizes[key] = int(np.prod(part.get_shape(), dtype=object)), _BYTES[part.get_dtype()]
+    vertices = sizes["density"][0]
     if vertices > MOST_VERTICES:
         raise InputError(path, "density", f"expected at most {MOST_VERTICES} vertices, got {vertices}")
+    require_free(_need(list(sizes.values())), path, "its tensors", "store it with fewer vertices")
+
+
+def _need(sizes: Sequence[tuple[int, int]]) -> int:
+    """Bytes that tensors of so many numbers of so many bytes take at the peak.
+
+    First all are looked at, one after the other; then those that are not in single precision are copied to it.
+    """
+    looked_at = max(count * (size + _LOOKED_AT) for count, size in sizes)
+    copied = sum(4 * count for count, size in sizes if size != 4)
+    return sum(count * size for count, size in sizes) + max(looked_at, copied)
 
 
 def _check_values(path: Path, tensors: dict[str, Tensor]) -> None:

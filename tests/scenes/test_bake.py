@@ -14,7 +14,9 @@ import pytest
 import torch
 import trimesh
 
+from cltransfer import memory
 from cltransfer.camera import Camera
+from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.mesh import Mesh as MeshRenderer
@@ -133,3 +135,19 @@ def test_nothing_to_bake_is_refused() -> None:
         bake_splats(point)
     with pytest.raises(ValueError, match="cells must be at least 2"):
         bake_grid(snowman(), 1)
+
+
+def test_a_grid_that_could_not_be_opened_again_or_does_not_fit_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    cube = trimesh.creation.box()
+    mesh = Mesh.plain(torch.from_numpy(np.array(cube.vertices)), torch.from_numpy(np.array(cube.faces)))
+    with monkeypatch.context() as patch:
+        patch.setattr(memory, "free_bytes", lambda: None)
+        patch.setattr("cltransfer.scenes.bake.sample_surface", None)
+        with pytest.raises(UsageError, match=r"cells: expected a grid of at most 134217728 vertices, 512 .* 138188413"):
+            bake_grid(mesh, 512)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**24)
+    with pytest.raises(
+        ResourceError, match=r"memory: a grid's 42875 vertices and .* samples need 32 MB, 16 MB are free"
+    ):
+        bake_grid(mesh, 30)
+    assert bake_grid(mesh, 10).density.shape == (15, 15, 15)

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 
 import pytest
 import torch
 from safetensors.torch import save_file
 
-from cltransfer.errors import InputError
+from cltransfer import memory
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import FORMAT, NerfGrid, read_grid, write_grid
 
@@ -123,3 +125,33 @@ def test_a_header_that_declares_more_than_the_file_holds_is_refused(tmp_path):
     path.write_bytes(struct.pack("<Q", len(header)) + header + b"\x00" * 16)
     with pytest.raises(InputError, match="not a grid"):
         read_grid(path)
+
+
+def test_a_grid_is_held_against_the_memory_before_it_is_read(tmp_path, monkeypatch):
+    path = tmp_path / "sparse.safetensors"
+    shapes = {"density": [300, 300, 300], "sh": [300, 300, 300, 9, 3], "label": [300, 300, 300], "aabb": [2, 3]}
+    header: dict[str, object] = {"__metadata__": {"format": FORMAT}}
+    end = 0
+    for key, shape in shapes.items():
+        start, end = end, end + 2 * math.prod(shape)
+        header[key] = {"dtype": "F16", "shape": shape, "data_offsets": [start, end]}
+    text = json.dumps(header).encode()
+    with path.open("wb") as stream:
+        stream.write(struct.pack("<Q", len(text)) + text)
+        stream.truncate(8 + len(text) + end)  # 1.5 GiB of zeros that take no room
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
+    with pytest.raises(ResourceError, match=r"sparse.safetensors: memory: its tensors need 4970 MB, 1024 MB are free"):
+        read_grid(path)
+
+
+@pytest.mark.parametrize(("dtype", "most"), [(torch.float16, 6), (torch.float32, 10), (torch.float64, 18)])
+def test_a_grid_takes_what_it_stores_and_what_looking_at_it_takes(tmp_path, monkeypatch, dtype, most):
+    path = tmp_path / "field.safetensors"
+    parts = {key: value.to(dtype) for key, value in tensors(sh=torch.zeros(3, 4, 5, 9, 3)).items()}
+    save_file(parts, path, metadata={"format": FORMAT})
+    numbers = sum(value.numel() for value in parts.values())
+    monkeypatch.setattr(memory, "free_bytes", lambda: most * numbers)
+    with pytest.raises(ResourceError, match="its tensors need"):
+        read_grid(path)
+    monkeypatch.setattr(memory, "free_bytes", lambda: (most + 1) * numbers)
+    assert len(read_grid(path)) > 0
