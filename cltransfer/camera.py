@@ -144,3 +144,23 @@ def concatenate(cameras: Sequence[Camera]) -> Camera:
     if len(sizes) != 1:
         raise ValueError(f"cameras must share one size, got {sorted(sizes)}; use at_size first")
     return Camera(torch.cat([c.w2c for c in cameras]), torch.cat([c.K for c in cameras]), sizes.pop())
+
+
+def fitted_size(size: tuple[int, int], side: int) -> tuple[int, int]:
+    """(W, H) of the same shape whose longer side is ``side`` [px].
+
+    >>> fitted_size((1920, 1080), 160)
+    (160, 90)
+    """
+    scale = side / max(size)
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def in_one_frame(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) -> Camera:
+    """One batch of several, each as large as its own one of ``sizes`` [px], in a frame that holds all of these.
+
+    A view that is narrower or lower than the frame is in its middle, and sees what is beside it too.
+    """
+    frame = (max(width for width, _ in sizes), max(height for _, height in sizes))
+    focals = [camera.focal * height / camera.size[1] for camera, (_, height) in zip(cameras, sizes)]
+    return concatenate([Camera(camera.w2c, intrinsics(f, frame), frame) for camera, f in zip(cameras, focals)])

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from .camera import Camera, concatenate, resized
+from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .files import atomic
 from .renderers.gaussian_splats import GaussianSplats
@@ -61,7 +61,9 @@ class Simplification:
 
 
 def given_views(sources: Sequence[str], side: int) -> Camera:
-    """Views (B) of trajectory files and posed image sets (``SET:INDEX``, or ``SET`` for all), at one size.
+    """Views (B) of trajectory files and posed image sets (``SET:INDEX``, or ``SET`` for all), in one frame.
+
+    Each has ``side`` pixels along its longer side; the frame holds the widest and the highest.
 
     Raises:
         InputError: one of them cannot be read.
@@ -70,10 +72,7 @@ def given_views(sources: Sequence[str], side: int) -> Camera:
     if not sources:
         raise UsageError("", "--view", "expected at least one", "a trajectory.json, SET:INDEX, or SET")
     cameras = [_views(source) for source in sources]
-    width, height = cameras[0].size
-    scale = side / max(width, height)
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    all_views = concatenate([resized(camera, size) for camera in cameras])
+    all_views = in_one_frame(cameras, [fitted_size(camera.size, side) for camera in cameras])
     count = min(len(all_views), VIEW_LIMIT)
     return all_views[torch.linspace(0, len(all_views) - 1, count).round().long()]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .camera import Camera, concatenate, resized
+from .camera import Camera, in_one_frame
 from .components import Components
 from .config_options import RunConfig
 from .named_scenes import remember
@@ -66,9 +66,8 @@ def _given(files: tuple[Path, ...]) -> Camera | None:
     if not files:
         return None
     cameras = [Trajectory.load(file).camera for file in files]
-    width, first = SIZE[0], cameras[0].size
-    size = (width, round(width * first[1] / first[0]))
-    return concatenate([resized(camera, size) for camera in cameras])
+    width = SIZE[0]
+    return in_one_frame(cameras, [(width, round(width * camera.size[1] / camera.size[0])) for camera in cameras])
 
 
 def lift_lines(folder: Path, found: Lift) -> str:

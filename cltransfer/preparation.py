@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from .camera import resized
+from .camera import fitted_size, resized
 from .components import Components
 from .config_options import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
@@ -207,16 +207,6 @@ def noise_floor(objective: Objective, read: Features, wanted: Features) -> float
     terms = objective.terms(read if wanted is read else turned_back(read), wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
     return float(objective.totals(terms, defined).mean())
-
-
-def fitted_size(size: tuple[int, int], side: int) -> tuple[int, int]:
-    """(W, H) of the same shape whose longer side is ``side`` [px].
-
-    >>> fitted_size((1920, 1080), 160)
-    (160, 90)
-    """
-    scale = side / max(size)
-    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
 
 def given_scene(inputs: Inputs) -> Scene:

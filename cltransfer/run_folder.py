@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .camera import resized
+from .camera import fitted_size, resized
 from .clip import write_video
 from .components import Components
 from .config import load_config, to_yaml
@@ -26,7 +26,7 @@ from .export.nerfstudio import write_camera_path
 from .files import read_json, write_json, write_text
 from .flags import run_flags
 from .named_scenes import recall, remember
-from .preparation import Inputs, fitted_size
+from .preparation import Inputs
 from .progress import Progress
 from .readback import render_frames
 from .report.data import ReportData

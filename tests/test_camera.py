@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from cltransfer.camera import Camera, concatenate, intrinsics
+from cltransfer.camera import Camera, concatenate, in_one_frame, intrinsics
 
 SIZE = (200, 100)
 
@@ -72,3 +72,18 @@ def test_indexing_keeps_the_batch_and_concatenate_joins() -> None:
     torch.testing.assert_close(camera[1].center[0, 2], torch.tensor(-2.0, dtype=torch.float64))
     with pytest.raises(ValueError, match="share one size"):
         concatenate([camera, camera.at_size((10, 10))])
+
+
+def test_a_wide_and_a_high_view_in_one_frame_see_what_they_saw_as_large() -> None:
+    points = torch.tensor([[-1.7, 0.0, 0.0], [1.7, 0.9, 0.0], [0.0, -1.9, 0.0]])
+    wide = looking([0, 0, -2], [0, 0, 0], [0, -1, 0])
+    high = Camera(wide.w2c, intrinsics(wide.focal, (100, 200)), (100, 200))
+    both = in_one_frame([wide, high], [(100, 50), (50, 100)])
+    assert (len(both), both.size) == (2, (100, 100))
+    pixels, _ = both.project(points)
+    for index, camera in enumerate((wide, high)):
+        alone, _ = camera.project(points)
+        middle = torch.tensor([camera.size[0] / 2, camera.size[1] / 2], dtype=torch.float64)
+        torch.testing.assert_close(pixels[index] - 50, (alone[0] - middle) / 2)
+        seen = ((alone[0] >= 0) & (alone[0] <= 2 * middle)).all(1)
+        assert bool(((pixels[index] >= 0) & (pixels[index] <= 100)).all(1)[seen].all())

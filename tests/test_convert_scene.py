@@ -11,6 +11,7 @@ import torch
 import trimesh
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
+from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
 from cltransfer.scenes.lifted import load_person
@@ -69,6 +70,26 @@ def test_views_come_from_trajectories_and_posed_sets_at_one_size(room: tuple[str
     assert len(views) == 2 + 1 + 3
     assert views.size == (160, 90)
     torch.testing.assert_close(views.center[2], cameras.center[2])
+
+
+@pytest.mark.parametrize("order", [("high", "wide"), ("wide", "high")])
+def test_no_view_is_cut_to_the_shape_of_another(tmp_path: Path, order: tuple[str, str]) -> None:
+    up = torch.tensor([0.0, -1, 0])
+    for name, size in (("high", (90, 160)), ("wide", (160, 90))):
+        camera = Camera.look_at(torch.tensor([[0.0, 0, -4]]), torch.zeros(1, 3), up, 0.8, size)
+        Trajectory(camera, torch.tensor([0.0], dtype=torch.float64)).save(tmp_path / f"{name}.json")
+    places = torch.rand(2_000, 3, generator=torch.Generator().manual_seed(0)) - 0.5
+    wall = replace(synthetic_room(2_000), means=places * torch.tensor([6.0, 3, 0.2]))
+    write_splats(tmp_path / "wall.ply", replace(wall, scales=torch.full((2_000, 3), 0.05)))
+
+    def left(*views: str) -> int:
+        files = [str(tmp_path / f"{name}.json") for name in views]
+        options = Simplification(k=0, prune=0.01)
+        found = simplify_file(str(tmp_path / "wall.ply"), tmp_path / "few.ply", files, options)
+        return int(found["after"])
+
+    assert left("wide") > 1.5 * left("high")
+    assert left(*order) >= left("wide")
 
 
 def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path) -> None:
