@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .asset_files import Beside, read_limited
+from .gltf_places import TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
 
 NODE_LIMIT = 100_000
@@ -111,11 +112,12 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
         raise InputError(path, "", f"expected glTF: {error}") from None
     if not isinstance(tree, dict) or not str(tree.get("asset", {}).get("version", "")).startswith("2."):
         raise InputError(path, "asset", "expected glTF of version 2")
-    if needed := set(tree.get("extensionsRequired", [])) - {"KHR_materials_unlit", "KHR_texture_transform"}:
+    if needed := set(tree.get("extensionsRequired", [])) - {"KHR_materials_unlit", TRANSFORM}:
         raise InputError(path, "extensionsRequired", f"{', '.join(sorted(needed))} is not read")
     if not tree.get("meshes"):
         raise InputError(path, "meshes", "holds no mesh")
     _check_limits(path, tree)
+    tree = with_shown_places(path, tree)
     check_need(path, tree)
     buffers = tuple(_buffer(path, i, about, binary, files) for i, about in enumerate(tree.get("buffers", [])))
     for about in tree.get("images", []):

@@ -10,9 +10,9 @@ from typing import Any
 from ..memory import require_free
 from .asset_files import Beside
 from .gltf_file import Gltf, uri_bytes
+from .gltf_places import GLOSSY
 from .textures import HINT, check_size, image_size
 
-GLOSSY = "KHR_materials_pbrSpecularGlossiness"
 GLOSSY_BYTES, GLOSSY_KEPT = 320, 8  # of a pixel while trimesh makes base colours of such a material, and after it
 SHOWN = ("baseColorTexture", "diffuseTexture", "specularGlossinessTexture")
 

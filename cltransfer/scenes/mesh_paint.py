@@ -14,6 +14,7 @@ from torch import Tensor
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .gltf_file import Gltf
+from .gltf_places import transform_of
 from .mesh import GREY, Mesh
 from .textures import Textures, image_of
 
@@ -22,17 +23,19 @@ GAMMA = 2.2  # a glTF's factors and vertex colours are linear, and shown as a sc
 _MOST = {"f": 1, "B": 255, "H": 65535}  # stored for a colour of 1, by type
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Look:
     """What a material of a glTF says and trimesh does not pass on.
 
     Args:
         lit: whether a renderer is to light it.
         textured: whether it promises a texture.
+        transform: from texture coordinates to places in the texture, (2, 3); None where they are the same.
     """
 
     lit: bool
     textured: bool
+    transform: Array | None = None  # (2, 3)
 
 
 def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
@@ -44,7 +47,7 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
         InputError: there are not as many colours as vertices.
     """
     materials = gltf.tree.get("materials", [])
-    looks = {str(i): _look(about) for i, about in enumerate(materials)}
+    looks = {str(i): _look(gltf, about) for i, about in enumerate(materials)}
     looks[str(len(materials))] = Look(lit=False, textured=False)  # light is in the colours already
     renamed = [{**about, "name": name} for name, about in zip(looks, [*materials, {}])]
     meshes = [
@@ -54,10 +57,11 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
     return replace(gltf, tree={**gltf.tree, "materials": renamed, "meshes": meshes}), looks
 
 
-def _look(about: dict[str, Any]) -> Look:
+def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
     return Look(
         lit="KHR_materials_unlit" not in about.get("extensions", {}),
         textured="baseColorTexture" in about.get("pbrMetallicRoughness", {}),
+        transform=transform_of(gltf.path, about),
     )
 
 
@@ -93,20 +97,28 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
     mesh = replace(mesh, colors=colors, shaded=torch.full_like(mesh.shaded, look.lit))
     if not shown:
         return mesh
-    places = _places(path, np.asarray(uv, np.float64))
+    places = _places(path, np.asarray(uv, np.float64), look.transform)
     return replace(mesh, uv=places, texture=torch.zeros_like(mesh.texture), textures=(textures.of(material),))
 
 
-def _places(path: Path, uv: Array) -> Tensor:
-    """Texture coordinates (V, 2) float32 from the top left; trimesh counts them from the bottom."""
+def _places(path: Path, uv: Array, transform: Array | None) -> Tensor:
+    """Places in the texture (V, 2) float32 from the top left; trimesh counts them from the bottom."""
+    _check_places(path, uv)
+    places = uv.astype(np.float32)
+    places[:, 1] = 1 - places[:, 1]
+    if transform is not None:
+        moved = places @ transform[:, :2].T + transform[:, 2]
+        _check_places(path, moved)
+        places = moved.astype(np.float32)
+    return torch.from_numpy(places)
+
+
+def _check_places(path: Path, uv: Array) -> None:
     wrong = np.flatnonzero(~(np.abs(uv) <= PLACE_LIMIT).all(1))
     if len(wrong):
         got = " ".join(f"{value:g}" for value in uv[wrong[0]])
         reason = f"expected at most {PLACE_LIMIT:g} in size, got {got} at vertex {wrong[0]}"
         raise InputError(path, "texture coordinates", reason)
-    places = torch.from_numpy(uv.astype(np.float32))
-    places[:, 1] = 1 - places[:, 1]
-    return places
 
 
 def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:

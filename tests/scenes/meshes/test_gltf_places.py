@@ -1,0 +1,81 @@
+"""What a material says of its texture's place is what is shown; (0, 0) is the top left of the image here."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.gltf_places import GLOSSY, TRANSFORM, transform_of
+from cltransfer.scenes.read_mesh import read_mesh
+
+CORNERS = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+
+
+def places(made, write_glb, folder, about, key="TEXCOORD_0", glossy=False):
+    """Of the four corners, where the material says ``about`` of its texture and they are stored as ``key``."""
+    tree, blob = made
+    attributes = tree["meshes"][0]["primitives"][0]["attributes"]
+    attributes[key] = len(tree["accessors"])
+    tree["accessors"].append(
+        {"bufferView": len(tree["bufferViews"]), "componentType": 5126, "count": 4, "type": "VEC2"}
+    )
+    start = len(blob) + -len(blob) % 4
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": start, "byteLength": 32})
+    tree["buffers"][0]["byteLength"] = start + 32
+    shown = {"index": 0, **about}
+    plain, shiny = (
+        {"pbrMetallicRoughness": {"baseColorTexture": shown}},
+        {"extensions": {GLOSSY: {"diffuseTexture": shown}}},
+    )
+    tree["materials"] = [shiny if glossy else plain]
+    blob = blob.ljust(start, b"\0") + np.array(CORNERS, "<f4").tobytes()
+    return read_mesh(write_glb(folder / "bar.glb", tree, blob)).mesh.uv
+
+
+@pytest.fixture
+def shown(bar, with_texture, image_file, write_glb, tmp_path):
+    picture = image_file(np.full((4, 4, 3), 200, np.uint8))
+    return lambda about, **more: places(with_texture(bar(), picture), write_glb, tmp_path, about, **more)
+
+
+@pytest.mark.parametrize("glossy", [False, True])
+def test_a_part_of_the_texture_is_shown_where_scale_and_offset_put_it(shown, glossy):
+    about = {"extensions": {TRANSFORM: {"offset": [0.5, 0.25], "scale": [0.5, 0.25]}}}
+    expected = [[0.5, 0.25], [1, 0.25], [0.5, 0.5], [1, 0.5]]
+    np.testing.assert_allclose(shown(about, glossy=glossy), expected, atol=1e-6)
+
+
+def test_a_quarter_turn_shows_the_lower_left_quarter(shown):
+    about = {"extensions": {TRANSFORM: {"offset": [0, 1], "rotation": math.pi / 2, "scale": [0.5, 0.5]}}}
+    expected = [[0, 1], [0, 0.5], [0.5, 1], [0.5, 0.5]]  # the extension's own example
+    np.testing.assert_allclose(shown(about), expected, atol=1e-6)
+
+
+def test_what_is_stretched_is_so_before_it_turns():
+    about = {"extensions": {TRANSFORM: {"rotation": math.pi / 2, "scale": [2, 3]}}}
+    found = transform_of(None, {"pbrMetallicRoughness": {"baseColorTexture": about}})
+    np.testing.assert_allclose(found, [[0, 3, 0], [-2, 0, 0]], atol=1e-12)
+
+
+def test_the_texture_coordinates_that_a_material_names_are_shown(shown):
+    np.testing.assert_allclose(shown({"texCoord": 1}, key="TEXCOORD_1"), CORNERS, atol=1e-6)
+    both = {"texCoord": 0, "extensions": {TRANSFORM: {"texCoord": 2, "offset": [1, 0]}}}
+    np.testing.assert_allclose(shown(both, key="TEXCOORD_2"), np.add(CORNERS, [1, 0]), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("about", "says"),
+    [
+        ({"texCoord": 3}, "TEXCOORD_3: is shown by a material of a mesh that has none"),
+        ({"extensions": {TRANSFORM: {"offset": ["a", 0]}}}, "KHR_texture_transform: expected five finite numbers"),
+        ({"extensions": {TRANSFORM: {"scale": [1]}}}, "KHR_texture_transform: expected five finite numbers"),
+        ({"extensions": {TRANSFORM: {"rotation": True}}}, "KHR_texture_transform: expected five finite numbers"),
+        ({"extensions": {TRANSFORM: {"scale": [1e9, 1]}}}, "texture coordinates: expected at most"),
+    ],
+)
+def test_a_place_without_sense_is_refused(shown, about, says):
+    with pytest.raises(InputError, match=rf"bar.glb: {says}"):
+        shown(about)
