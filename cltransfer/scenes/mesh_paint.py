@@ -20,6 +20,7 @@ from .textures import Textures, image_of
 
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
 GAMMA = 2.2  # a glTF's factors and vertex colours are linear, and shown as a screen would
+FLOAT = 5126  # type of an accessor
 _MOST = {"f": 1, "B": 255, "H": 65535}  # stored for a colour of 1, by type
 
 
@@ -44,8 +45,10 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
     Coloured vertices without a material get one: trimesh passes their colours on as stored only beside a material.
 
     Raises:
-        InputError: there are not as many colours as vertices.
+        InputError: there are not as many colours or texture coordinates as vertices, or the latter are integers that
+            are no shares.
     """
+    gltf = _with_plain_places(gltf)
     materials = gltf.tree.get("materials", [])
     looks = {str(i): _look(gltf, about) for i, about in enumerate(materials)}
     looks[str(len(materials))] = Look(lit=False, textured=False)  # light is in the colours already
@@ -67,12 +70,30 @@ def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
 
 def _with_material(gltf: Gltf, primitive: dict[str, Any], material: int) -> dict[str, Any]:
     attributes = primitive["attributes"]
-    if "COLOR_0" not in attributes:
-        return primitive
-    counts = [gltf.entry("accessors", attributes[name])["count"] for name in ("POSITION", "COLOR_0")]
-    if counts[0] != counts[1]:
-        raise InputError(gltf.path, "COLOR_0", f"expected {counts[0]} colours, one of each vertex, got {counts[1]}")
-    return {"material": material, **primitive}
+    for name in {"COLOR_0", "TEXCOORD_0"} & attributes.keys():
+        expected, got = (gltf.entry("accessors", attributes[of])["count"] for of in ("POSITION", name))
+        if expected != got:
+            raise InputError(gltf.path, name, f"expected {expected}, one of each vertex, got {got}")
+    return {"material": material, **primitive} if "COLOR_0" in attributes else primitive
+
+
+def _with_plain_places(gltf: Gltf) -> Gltf:
+    """The document with texture coordinates that are stored as integers written out: trimesh takes them as they are."""
+    attributes = [one["attributes"] for mesh in gltf.tree["meshes"] for one in mesh["primitives"]]
+    indices = dict.fromkeys(one["TEXCOORD_0"] for one in attributes if "TEXCOORD_0" in one)
+    accessors, views = ([*gltf.tree.get(kind, [])] for kind in ("accessors", "bufferViews"))
+    buffers = [*gltf.buffers]
+    for index in indices:
+        about = gltf.entry("accessors", index)
+        if about["componentType"] == FLOAT:
+            continue
+        if not about.get("normalized"):
+            raise InputError(gltf.path, "TEXCOORD_0", "expected float32, or integers that are marked as normalized")
+        buffers.append(gltf.array(index).astype("<f4").tobytes())
+        accessors[index] = {**about, "bufferView": len(views), "componentType": FLOAT, "byteOffset": 0}
+        accessors[index].pop("normalized")
+        views.append({"buffer": len(buffers) - 1, "byteLength": len(buffers[-1])})
+    return replace(gltf, tree={**gltf.tree, "accessors": accessors, "bufferViews": views}, buffers=tuple(buffers))
 
 
 def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mesh, visual: Any) -> Mesh:

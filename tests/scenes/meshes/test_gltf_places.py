@@ -14,13 +14,13 @@ from cltransfer.scenes.read_mesh import read_mesh
 CORNERS = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
 
 
-def places(made, write_glb, folder, about, key="TEXCOORD_0", glossy=False):
+def places(made, write_glb, folder, about, key="TEXCOORD_0", glossy=False, most=1, **accessor):
     """Of the four corners, where the material says ``about`` of its texture and they are stored as ``key``."""
     tree, blob = made
     attributes = tree["meshes"][0]["primitives"][0]["attributes"]
     attributes[key] = len(tree["accessors"])
     tree["accessors"].append(
-        {"bufferView": len(tree["bufferViews"]), "componentType": 5126, "count": 4, "type": "VEC2"}
+        {"bufferView": len(tree["bufferViews"]), "componentType": 5126, "count": 4, "type": "VEC2"} | accessor
     )
     start = len(blob) + -len(blob) % 4
     tree["bufferViews"].append({"buffer": 0, "byteOffset": start, "byteLength": 32})
@@ -31,8 +31,12 @@ def places(made, write_glb, folder, about, key="TEXCOORD_0", glossy=False):
         {"extensions": {GLOSSY: {"diffuseTexture": shown}}},
     )
     tree["materials"] = [shiny if glossy else plain]
-    blob = blob.ljust(start, b"\0") + np.array(CORNERS, "<f4").tobytes()
+    stored = (np.array(CORNERS) * most).astype(TYPES[most]).tobytes()
+    blob = blob.ljust(start, b"\0") + stored.ljust(32, b"\0")
     return read_mesh(write_glb(folder / "bar.glb", tree, blob)).mesh.uv
+
+
+TYPES = {1: "<f4", 255: "u1", 65535: "<u2"}  # by what is stored for 1
 
 
 @pytest.fixture
@@ -79,3 +83,16 @@ def test_the_texture_coordinates_that_a_material_names_are_shown(shown):
 def test_a_place_without_sense_is_refused(shown, about, says):
     with pytest.raises(InputError, match=rf"bar.glb: {says}"):
         shown(about)
+
+
+@pytest.mark.parametrize(("component", "most"), [(5121, 255), (5123, 65535)])
+def test_places_that_are_stored_as_shares_are_shown(shown, component, most):
+    stored = {"componentType": component, "most": most}
+    np.testing.assert_allclose(shown({}, **stored, normalized=True), CORNERS, atol=1e-6)
+    with pytest.raises(InputError, match="TEXCOORD_0: expected float32, or integers that are marked as normalized"):
+        shown({}, **stored)
+
+
+def test_places_of_only_some_vertices_are_refused(shown):
+    with pytest.raises(InputError, match="TEXCOORD_0: expected 4, one of each vertex, got 3"):
+        shown({}, count=3)

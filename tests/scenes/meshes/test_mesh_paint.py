@@ -74,7 +74,7 @@ def test_a_mesh_without_any_colour_beside_a_coloured_one_is_grey(bar, write_glb,
         (np.full((4, 4), np.nan, "<f4"), 5126, {}, "expected finite numbers"),
         (np.zeros((4, 4), "i1"), 5120, {}, r"expected three or four columns of float32, uint8 or uint16, got int8"),
         (np.zeros(4, "<f4"), 5126, {"type": "SCALAR"}, "expected three or four columns"),
-        (np.zeros((3, 4), "<f4"), 5126, {"count": 3}, "expected 4 colours, one of each vertex, got 3"),
+        (np.zeros((3, 4), "<f4"), 5126, {"count": 3}, "expected 4, one of each vertex, got 3"),
     ],
 )
 def test_colours_without_sense_are_refused(bar, write_glb, tmp_path, values, component, accessor, says):
