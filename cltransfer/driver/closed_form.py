@@ -45,7 +45,7 @@ def closed_form(
         stage: renders and scores.
         search: vectors to cameras.
         reference: N frames.
-        home: any view of the right size; it lends its lens where that is kept.
+        home: any view of the right size; it lends its lens where that is kept, and nothing else.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
         samples: frames along the clip for which distances are looked up, at least 1.
     """
@@ -54,7 +54,7 @@ def closed_form(
     stands = _stands(reference.require("orientation").double())
     if stands is None:
         return None
-    x = search.vector(home, home, stage.scene.subject)[:, : 7 if free_lens else 6].repeat(len(reference), 1)
+    x = torch.zeros(len(reference), 7 if free_lens else 6, dtype=torch.float64)  # in the middle, as high as the frame
     x[:, :3] = stands / SCALE[:3]
     if free_lens:
         found = _distances(stage, search, reference, home, x, samples)

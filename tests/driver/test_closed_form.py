@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.closed_form import COARSE, DISTANCES, _cheapest, _looked_up, closed_form
 from cltransfer.preparation import Clock, Inputs, Job, prepare
@@ -50,6 +51,19 @@ def test_the_path_is_that_of_the_true_cameras_to_the_step_of_the_distances(prepa
     torch.testing.assert_close(job.starts.guide[:, :3], truth[:, :3], atol=0.01, rtol=0)
     assert float((job.starts.guide[:, 3] - truth[:, 3]).abs().max()) < 2.5 * step
     torch.testing.assert_close(job.starts.guide[:, 4:], truth[:, 4:], atol=0.01, rtol=0)
+
+
+@pytest.mark.parametrize("lens", ["free", "kept"])
+def test_it_is_the_same_from_whatever_view_the_lens_is_taken(prepared: Any, lens: str) -> None:
+    job, _ = prepared("push_in", *([] if lens == "free" else ["zoom=fixed"]))
+    home, subject = job.starts.homes[0], job.stage.scene.subject
+    assert subject is not None
+    aside = subject.anchor + subject.height * torch.stack([3 * subject.facing, 80 * subject.facing + 30 * subject.up])
+    looks = aside + subject.left + 0.1 * subject.facing  # past the person, and from far away
+    for eye, at in zip(aside, looks):
+        view = Camera.look_at(eye[None], at[None], subject.up, float(home.vertical_fov[0]), home.size)
+        guide = closed_form(job.stage, job.search, job.wanted, view, job.schedule.free_lens, 5)
+        torch.testing.assert_close(guide, found(job), atol=1e-6, rtol=0)
 
 
 def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepared: Any) -> None:
