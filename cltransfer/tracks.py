@@ -133,13 +133,15 @@ def runs(frames: Tensor) -> list[tuple[int, int]]:
 
 
 def _steady_angles(angles: Tensor, frames: float) -> Tensor:
+    """Angles (N, 3) [rad] filtered, never across frames that were not read: who comes back may stand elsewhere."""
     known = torch.isfinite(angles).all(1)
     if int(known.sum()) < 3:
         return angles
-    unwrapped = _unwrap(angles[known])
-    steady = angles.clone()
-    steady[known] = wrap(along(running_median(unwrapped), frames))
-    return steady
+    steady = torch.full_like(angles, torch.nan)
+    steady[known] = _unwrap(angles[known])
+    for first, last in runs(known):
+        steady[first:last] = along(running_median(steady[first:last]), frames)
+    return wrap(steady)
 
 
 def running_median(x: Tensor) -> Tensor:

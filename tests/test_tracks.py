@@ -96,6 +96,14 @@ def test_joints_are_not_filtered_across_a_change_of_the_visible_set() -> None:
     torch.testing.assert_close(got, keypoints)
 
 
+def test_angles_are_not_filtered_across_frames_without_a_person() -> None:
+    yaw = torch.zeros(60, 3)
+    yaw[20:40] = math.nan
+    yaw[40:, 0] = 1.2  # who comes back stands elsewhere
+    got = cleaned(Features((10, 10), orientation=yaw), 1.0).require("orientation")
+    torch.testing.assert_close(got, yaw, equal_nan=True)
+
+
 def test_zero_leaves_what_was_read() -> None:
     features = Features((10, 10), orientation=torch.rand(6, 3))
     assert cleaned(features, 0.0) is features
