@@ -18,7 +18,7 @@ from .joint import Effort, Moves, refine_path
 from .spline import Local, fit
 from .whole_clip import WholeClip
 
-STANDS = 1e-9  # by which a path changes at most that is static as it was found, in the units of x
+STANDS = 1e-5  # by which a path changes at most that is static as it was found, in the units of x: float32 rounds
 LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
 SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
@@ -117,7 +117,8 @@ def least_path(
         local = clip.local(x, residuals)
     limit = free + path.floor
     if float((x - x[0]).abs().max()) <= STANDS:
-        return _refined(clip, _standing(clip, replace(path, residuals=residuals), local), effort)
+        held = replace(path, x=x[:1].expand_as(x).clone(), residuals=residuals)
+        return _refined(clip, _standing(clip, held, local), effort)
     tries = min(TRIED, effort.rounds or TRIED)
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
     if spline is None:
