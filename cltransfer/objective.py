@@ -98,6 +98,11 @@ class Objective:
             marks += ["flow" in loss.requires] * len(getattr(loss, "groups", ()))
         return torch.tensor(marks)
 
+    def placed(self, reference: Features) -> Tensor:
+        """Frames (N,) bool of which some term tells where to stand: one that needs no motion."""
+        unmoved = torch.tensor(["flow" not in loss.requires for loss in self.losses.values()])
+        return (self.defined(reference) & unmoved).any(1)
+
     def residuals(self, reference: Features, rendered: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; their group norms add up to the total.
 

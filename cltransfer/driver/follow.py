@@ -90,7 +90,7 @@ def follow(
     for i in range(len(reference)):
         problem = Problem(stage, search, home, reference[i], before, defined[i], schedule.free_lens)
         starts = at_home
-        if schedule.warm and i > 0 and memory.placed(stage.objective):
+        if schedule.warm and i > 0 and memory.placed(stage.objective, schedule):
             if guide is None or hidden[i]:
                 starts = predictions([solved.x for solved in found])
                 starts = torch.cat([starts, problem.aimed(starts[-1:])])

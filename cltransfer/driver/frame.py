@@ -48,9 +48,9 @@ class Memory:
         """Whether a frame begins with the residuals (R,) that the last one could not lower: nothing moves."""
         return self.settled is not None and bool(((residuals - self.settled).abs() <= SAME).all())
 
-    def placed(self, objective: Objective) -> bool:
-        """Whether a frame so far told where to stand; flow alone does not. True where no Jacobian is kept."""
-        return self.known is None or bool((self.known & ~objective.paired).any())
+    def placed(self, objective: Objective, schedule: Schedule) -> bool:
+        """Whether a frame so far told where to stand, or none ever does; true too where no Jacobian is kept."""
+        return self.known is None or not schedule.placed or bool((self.known & ~objective.paired).any())
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def _by_refinement(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
     frame = _Refining(problem, memory, schedule)
-    if memory.jacobian is None or not memory.placed(problem.stage.objective):
+    if memory.jacobian is None or not memory.placed(problem.stage.objective, schedule):
         found, renewal = frame.first(starts), Renewal()
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
         if schedule.polish is not None and problem.before is None and found.total <= limit:

@@ -103,12 +103,12 @@ def _stands(read: Tensor | None) -> Tensor:
     return torch.tensor(front + back, dtype=torch.float64)
 
 
-def first_seen(features: Features) -> Features:
-    """The first frame that shows a person; the first of all where joints were not read."""
-    if not features.has("keypoints"):
-        return features[0]
-    seen = torch.isfinite(features.require("keypoints")[..., 0]).any(1)  # (N,)
-    return features[int(seen.int().argmax())]
+def first_seen(features: Features, placed: Tensor) -> Features:
+    """The first of N frames that tells where to stand, (N,) bool, by a person's joints if any does; else the first."""
+    if features.has("keypoints"):
+        seen = placed & torch.isfinite(features.require("keypoints")[..., 0]).any(1)
+        placed = seen if bool(seen.any()) else placed
+    return features[int(placed.int().argmax())]
 
 
 def best_of_orbit(

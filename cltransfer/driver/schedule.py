@@ -36,6 +36,7 @@ class Schedule:
         renewed: whether a Jacobian carried along the clip is measured afresh where a frame ends far worse than usual.
         lean_limit: mean total up to which a clip followed leanly is good enough; 0 follows none leanly.
         free_lens: whether the focal length moves.
+        placed: whether some frame tells where to stand; flow alone does not, then each goes on from the one before.
         polish: of CMA-ES, of a first frame that stands for all since nothing moves in the reference; else None.
         seed: of the run.
         note: why the engine is not the one asked for, empty where it is.
@@ -53,6 +54,7 @@ class Schedule:
     renewed: bool
     lean_limit: float
     free_lens: bool
+    placed: bool
     polish: Budget | None
     seed: int
     note: str = ""
@@ -92,6 +94,7 @@ def make_schedule(
         renewed=config.jacobians == 0,
         lean_limit=config.lean,
         free_lens=free,
+        placed=bool(objective.placed(reference).any()),
         polish=replace(POLISH, generations=generations) if _still(objective, reference, tolerance) else None,
         seed=config.seed,
         note=note,

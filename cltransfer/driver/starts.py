@@ -49,7 +49,12 @@ class Starting:
     by_networks: bool
 
     def starts(self, stage: Stage, target: Features) -> Starts:
-        """Where to start in the scene of ``stage``, for N frames of ``target``."""
+        """Where to start in the scene of ``stage``, for N frames of ``target``.
+
+        Raises:
+            UsageError: no view was given, and the scene has no subject or no term of the target tells where to stand.
+            InputError: no view was given, and none about the subject scores on any term.
+        """
         subject, free, view = stage.scene.subject, self.schedule.free_lens, self.view
         homes, guide = [] if view is None else [view], None
         refined = self.schedule.engine == "refine"
@@ -58,7 +63,8 @@ class Starting:
             guide = closed_form(stage, self.search, target, lens, free, 1 if self.schedule.still else self.samples)
             if guide is not None:
                 homes.append(self.search.cameras(guide[:1], lens, subject))
-        unsure = guide is None or self.by_networks
+        placed = stage.objective.placed(target)
+        unsure = (guide is None or self.by_networks) and bool(placed.any())
         if not homes or (refined and unsure and subject is not None):
-            homes.append(best_of_orbit(stage, first_seen(target), self.size, free, view))
+            homes.append(best_of_orbit(stage, first_seen(target, placed), self.size, free, view))
         return Starts(concatenate(homes), guide)
