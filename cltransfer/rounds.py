@@ -161,6 +161,7 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     target = first.clip.reference
     second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
     there = LeftOut(job.floaters, _total(second, first.clip.stage), second.total)
+    job.stage.spent.evaluations += len(second.x)
     return second if there.better(left_out) else replace(first, left_out=left_out)
 
 
@@ -182,6 +183,7 @@ def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftO
     moved = replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), aside=True)
     there = replace(take, path=moved)
     found = _left_out(job, there)
+    stage.spent.evaluations += len(x)
     return (there, found) if found.better(left_out) else (take, left_out)
 
 
@@ -191,7 +193,10 @@ def _left_out(job: Job, take: Take) -> LeftOut:
 
 
 def _total(take: Take, stage: Stage) -> float:
-    """Mean total of what was found, in the scene of ``stage``; a view that is blocked there pays every penalty."""
+    """Mean total of what was found, in the scene of ``stage``; a view that is blocked there pays every penalty.
+
+    Not counted as evaluations: of what is kept it is its score, as it is rendered for every result.
+    """
     terms = stage.path_terms(take.clip.reference, take.cameras, guarded=True)
     return float(stage.objective.totals(terms, take.clip.defined).mean())
 
@@ -220,7 +225,7 @@ def _followed(job: Job, stage: Stage, target: Features, starts: Starts, report: 
         return found
     clip = WholeClip(stage, job.search, target, starts.homes[0])
     again = second_guide(clip, starts.guide, found.x, found.totals)
-    if again is None or not again.gains(clip, found.x, found.totals):
+    if again is None or not again.gains(clip, found.x, clip.totals(found.local.residuals)):
         return found
     homes = concatenate([starts.homes, again.first_views(clip)])
     return _better(found, follow(stage, job.search, target, homes, job.schedule.lean, report, again.x))
