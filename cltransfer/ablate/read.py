@@ -7,7 +7,7 @@ the command line's alone.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -90,19 +90,23 @@ def _located(raw: Mapping[str, Any], where: Any, fence: Path | None) -> dict[str
         if key in raw and not isinstance(raw[key], list):
             raise UsageError(where, key, "expected a list", f"got {raw[key]!r}")
     if "scenes" in raw:
-        found["scenes"] = [scene_at(scene, where, fence) for scene in raw["scenes"]]
+        found["scenes"] = [asdict(_scene(s, where, f"scenes[{i}]", fence)) for i, s in enumerate(raw["scenes"])]
     if "references" in raw:
         found["references"] = [place(str(text), "references", where, fence) for text in raw["references"]]
     return found
 
 
-def scene_at(scene: Any, where: Any, fence: Path | None) -> dict[str, Any]:
-    """A scene's mapping, or its name alone, with absolute paths."""
-    given = dict(scene) if isinstance(scene, Mapping) else {"scene": scene}
-    for key in ("scene", "subject", "init"):
-        if given.get(key) is not None and given[key] != "auto":
-            given[key] = place(str(given[key]), "scene", where, fence)
-    return given
+def _scene(given: Any, where: Any, key: str, fence: Path | None, usual: SceneConfig | None = None) -> SceneConfig:
+    """The scene that stands under ``key``: its name alone, or a mapping, over the ``usual`` scene if it names none."""
+    own = dict(given) if isinstance(given, Mapping) else {"scene": given}
+    below = asdict(usual) if usual and "scene" not in own else {}
+    try:
+        scene = typed(SceneConfig, {**below, **own})
+    except UsageError as error:
+        raise UsageError(where, f"{key}.{error.field}", error.reason, error.hint) from None
+    named = {name: getattr(scene, name) for name in ("scene", "subject", "init") if name in own}
+    placed: dict[str, Any] = {n: place(s, "scene", where, fence) for n, s in named.items() if s not in (None, "auto")}
+    return replace(scene, **placed)
 
 
 def place(text: str, field: str, where: Any, fence: Path | None) -> str:
@@ -143,19 +147,11 @@ def _typed(raw: Mapping[str, Any], where: Any, origins: Mapping[str, str]) -> Sw
 
 def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence: Path) -> Row:
     overrides = dict(file.rows[name] or {})
-    scene = overrides.pop("scene", None)
-    if scene is not None and len(file.scenes) > 1:
-        raise UsageError(where, f"rows.{name}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
-    own = None if scene is None else _scene(scene_at(scene, where, fence), f"{where}: rows.{name}")
-    return Row(name, _config(file, overrides, above, where, f"rows.{name}"), own)
-
-
-def _scene(given: Mapping[str, Any], where: str) -> SceneConfig:
-    known = [f.name for f in fields(SceneConfig)]
-    for key in given:
-        if key not in known:
-            raise UsageError(where, f"scene.{key}", "no such key", nearest(key, known))
-    return SceneConfig(**given)
+    own, key = overrides.pop("scene", None), f"rows.{name}"
+    if own is not None and len(file.scenes) != 1:
+        raise UsageError(where, f"{key}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
+    scene = None if own is None else _scene(own, where, f"{key}.scene", fence, file.scenes[0])
+    return Row(name, _config(file, overrides, above, where, key), None if scene in file.scenes else scene)
 
 
 def _config(file: SweepFile, own: Mapping[str, Any], above: Mapping[str, Any], where: Any, key: str) -> RunConfig:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from ..config_options import RunConfig
+from ..errors import UsageError
 
 
 @dataclass
@@ -28,10 +30,14 @@ class EngineConfig:
 class SceneConfig:
     """A scene and what goes with it, as in :class:`cltransfer.transfer.Inputs`."""
 
-    scene: str = "builtin:courtyard"
+    scene: str
     init: str = "auto"
     subject: str | None = None
     up: list[float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.up is not None and not (len(self.up) == 3 and all(map(math.isfinite, self.up)) and any(self.up)):
+            raise UsageError("", "up", f"expected 3 finite numbers, not all 0, got {self.up}", "as up: [0, 0, 1]")
 
 
 @dataclass
@@ -45,13 +51,13 @@ class SweepFile:
         seeds: of the runs, and of what is drawn.
         base: config below every row.
         rows: overrides by name, in the config's grammar; the first row is what the others are held against. A row's
-            ``scene`` stands in for the sweep's one scene.
+            ``scene`` stands in for the sweep's one scene; one that names no scene says what is other about that one.
         metrics: config over the base by which all rows are measured alike, whatever they were searched with.
         engine: what runs the trials; a file says workers, and no cluster.
     """
 
     about: str = ""
-    scenes: list[SceneConfig] = field(default_factory=lambda: [SceneConfig()])
+    scenes: list[SceneConfig] = field(default_factory=lambda: [SceneConfig("builtin:courtyard")])
     references: list[str] = field(default_factory=lambda: ["builtin:dolly_zoom"])
     seeds: list[int] = field(default_factory=lambda: [0])
     base: dict[str, Any] = field(default_factory=dict)

@@ -124,6 +124,12 @@ REFUSED = {
     "rows: {a: {}}\nscenes: [{scene: a.ply, subject: ../subject.json}]": "leads out of the file's folder",
     "rows: {a: {scene: ../b.ply}}": "leads out of the file's folder",
     "rows: {a: {scene: {scne: b.ply}}}": "scene.scne: no such key (did you mean 'scene'?)",
+    "rows: {a: {scene: {init: [1]}}}": "rows.a.scene.init: expected text, got [1]",
+    "rows: {a: {scene: {up: [0, 0, 0]}}}": "rows.a.scene.up: expected 3 finite numbers, not all 0, got [0.0, 0.0, 0.0]",
+    "rows: {a: {}}\nscenes: [{scene: a.ply, up: [0, 1]}]": "scenes[0].up: expected 3 finite numbers, not all 0",
+    "rows: {a: {}}\nscenes: [{scene: a.ply, up: [0, .nan, 1]}]": "scenes[0].up: expected 3 finite numbers, not all 0",
+    "rows: {a: {}}\nscenes: [{up: [0, 0, 1]}]": "scenes[0].scene: is required (expected text)",
+    "rows: {a: {}}\nscenes: [a.ply, null]": "scenes[1].scene: expected text, got null",
     "rows: {a: {scene: b.ply}}\nscenes: [a.ply, c.ply]": "stands in for one scene, the sweep has 2",
     "rows: {a: {frames: '${oc.env:HOME}'}}": "interpolation is not part of the grammar",
     'rows: {a: {frames: "\\x24{oc.env:HOME}"}}': "interpolation is not part of the grammar",
@@ -179,6 +185,27 @@ def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(
     sweep = read_sweep(name, ["references=[c.mp4]", f"scenes=[{os.devnull}]"])
     assert sweep.file.references == [str(elsewhere / "c.mp4")]
     assert sweep.file.scenes[0].scene == os.devnull
+
+
+def test_a_rows_scene_that_names_none_is_the_sweeps_with_what_the_row_says(written: Written, tmp_path: Path) -> None:
+    rows = "rows: {a: {}, b: {scene: {up: [0, 1, 0]}}, c: {scene: {scene: c.ply}}, d: {scene: d.ply}}\n"
+    text = rows + "scenes: [{scene: a.ply, subject: person.json}]\n"
+    found = [row.scene for row in read_sweep(written(text)).rows]
+    named = [scene and (scene.scene, scene.subject, scene.up) for scene in found]
+    assert named == [
+        None,
+        (str(tmp_path / "a.ply"), str(tmp_path / "person.json"), [0.0, 1.0, 0.0]),
+        (str(tmp_path / "c.ply"), None, None),  # of another scene nothing is taken over
+        (str(tmp_path / "d.ply"), None, None),
+    ]
+    outside = read_sweep(written(text), [f"scenes=[{os.devnull}]"]).rows[1].scene  # where the command line alone may be
+    assert outside is not None
+    assert outside.scene == os.devnull
+
+
+def test_a_row_that_says_the_sweeps_scene_again_is_the_same_run(written: Written) -> None:
+    with pytest.raises(UsageError, match=r"rows\.b: is the same run as a"):
+        read_sweep(written("rows: {a: {}, b: {scene: {init: auto}}}\nscenes: [a.ply]\n"))
 
 
 def test_an_unknown_name_says_what_is_shipped() -> None:
