@@ -55,6 +55,18 @@ def refuse_link(path: Path) -> None:
         raise InputError(path, "", "is a link", "put the file itself there")
 
 
+def refuse_outside(folder: Path, paths: Iterable[Path], whole: str) -> None:
+    """Refuse ``paths`` that lead out of ``folder``, that of the ``whole``: they would be read and written elsewhere.
+
+    Raises:
+        InputError: one of them is.
+    """
+    home = folder.resolve()
+    for path in paths:
+        if not Path(os.path.realpath(path)).is_relative_to(home):
+            raise InputError(path, "", f"leads out of the folder of its {whole}", "put the file itself there")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write ``text`` as UTF-8, whole or not at all."""
     with atomic(path) as temporary:

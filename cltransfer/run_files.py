@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from .errors import InputError, UsageError
-from .files import check_out
+from .files import check_out, refuse_outside
 
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
 FRAMES = Path("video") / "frames.mkv"  # lossless
@@ -64,10 +64,8 @@ def open_run(folder: Path, resume: bool = False) -> Path:
 
 
 def _refuse_links(folder: Path) -> None:
-    """Refuse parts of a run that are links out of it: they would be read and written elsewhere."""
-    for path in (folder / name for name in (JOURNAL, *RESULTS)):
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise InputError(path, "", "leads out of the folder of its run", "put the file itself there")
+    """Refuse parts of a run that are links out of it."""
+    refuse_outside(folder, (folder / name for name in (JOURNAL, *RESULTS)), "run")
 
 
 def clear(folder: Path) -> None:

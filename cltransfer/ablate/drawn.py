@@ -31,7 +31,7 @@ def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
                 scene = f"builtin:plaza-{seed}"
                 subject = load_scene(scene).subject
                 assert subject is not None
-                path = (folder / DRAWN_REFERENCES / f"{name}-{seed}.json").resolve()
+                path = folder.resolve() / DRAWN_REFERENCES / f"{name}-{seed}.json"
                 shot(name, subject, SIZE, sweep.metrics.frames or FRAMES, setup=drawn_setup(name, seed)).save(path)
                 made[reference, seed] = f"{scene}@{path}"
     return made

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..components import Components
 from ..errors import UsageError
-from ..files import check_out, write_json, write_text
+from ..files import check_out, refuse_outside, write_json, write_text
 from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
 from ..revision import commit
@@ -68,7 +68,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
 
     Raises:
         UsageError: the folder holds something else, or a row cannot be built.
-        InputError: a scene or a reference is missing, or the ledger is damaged.
+        InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
         ResourceError: the cluster cannot be reached.
     """
     _check_folder(options.out)
@@ -80,7 +80,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     write_text(options.out / FILE, sweep.to_yaml())
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
-    job = Job(options.plugins, str((options.out / "runs").resolve()) if options.keep_runs else None)
+    job = Job(options.plugins, str(options.out.resolve() / "runs") if options.keep_runs else None)
     progress("trials", len(asked) - len(missing), len(asked))
     here = commit()
     for done, outcome in enumerate(outcomes(missing, job, sweep.file.engine), len(asked) - len(missing) + 1):
@@ -98,6 +98,7 @@ def _check_folder(out: Path) -> None:
     there = {path.name for path in out.iterdir()} if out.is_dir() else set()
     if not there <= {DRAWN_REFERENCES} and FILE not in there:  # what is drawn comes first
         raise UsageError(out, "--out", "is neither empty nor an ablation", "name another folder")
+    refuse_outside(out, out.rglob("*"), "ablation")  # somebody else may have made it; runs are written into it too
 
 
 def _write(out: Path, ablation: Ablation) -> None:

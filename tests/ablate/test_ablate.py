@@ -15,6 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.summary import summarise
 from cltransfer.ablate.trial import Job, run_trial, trials
@@ -161,6 +163,21 @@ def test_rows_that_were_renamed_keep_their_own_figures(
     assert means[0][0] != means[0][1]
     assert means[0] == means[1] == means[2]
     assert len(lines(out)) == 2  # nothing was run again
+
+
+@pytest.mark.parametrize("part", ["references", "references/pan-0.json", "runs", "runs/key/video", "trials.jsonl"])
+def test_nothing_is_written_where_a_part_of_the_folder_leads_out_of_it(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path, part: str
+) -> None:
+    elsewhere, out = tmp_path / "elsewhere", tmp_path / "out"
+    elsewhere.write_text("mine")
+    (out / part).parent.mkdir(parents=True)
+    (out / "ablation.yaml").touch()
+    (out / part).symlink_to(elsewhere)
+    answer = command("ablate", sweep_file("{a: {}}"), "--out", out, "--keep-runs", "references=['drawn:pan']")
+    assert answer.code == 3
+    assert f"{out / part}: leads out of the folder of its ablation" in answer.err
+    assert elsewhere.read_text() == "mine"
 
 
 def test_what_cannot_be_run_is_refused_before_anything_is_written(
