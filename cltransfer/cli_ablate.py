@@ -48,10 +48,9 @@ def ablate(
     from .progress import progress
 
     folder = out or Path("outputs") / "ablations" / sweep.name
-    plugins = tuple(str(Path(p).resolve()) if Path(p).exists() else p for p in allow_plugin or [])
     try:
         with progress(quiet) as report:
-            found = run(sweep, Options(folder, keep_runs, retry, plugins), report)
+            found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or [])), report)
     except KeyboardInterrupt:
         raise StoppedError("", "", "interrupted", f"the same command goes on from here: {folder}") from None
     show({"folder": str(folder), **summary_values(found)}, "\n".join([*markdown(found), "", str(folder)]), as_json)

@@ -10,7 +10,7 @@ import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -49,28 +49,52 @@ def allow(names: Iterable[str | Path]) -> list[str]:
     Raises:
         ModelError: there is no such plugin, or its code fails.
     """
-    asked = [str(name) for name in names]
-    if asked and os.environ.get("CLTRANSFER_DISABLE_PLUGINS") == "1":
-        raise ModelError("", "--allow-plugin", "plugins are switched off", "unset CLTRANSFER_DISABLE_PLUGINS")
-    points = {point.name: point for point in entry_points(group=GROUP)}
-    imported: list[str] = []
-    files: list[Path] = []
-    for name in asked:
-        path = Path(name)
-        if name in points:
-            _import_point(points[name])
-            imported.append(name)
-        elif path.is_dir():
-            members = sorted(p for p in path.glob("*.py") if not p.name.startswith(NO_PLUGINS))
-            if not members:
-                raise ModelError(path, "--allow-plugin", "no Python file in this folder")
-            files += members
-        elif path.is_file() and path.suffix == ".py":
-            files.append(path)
-        else:
+    return import_settled(settle(names))
+
+
+def settle(names: Iterable[str | Path]) -> list[str]:
+    """What ``names`` mean, for any process: an installed plugin's name, or else the whole path of a file or folder.
+
+    An installed plugin comes before a file or a folder of its name.
+
+    Raises:
+        ModelError: there is no such plugin.
+    """
+    points, settled = {point.name for point in entry_points(group=GROUP)}, []
+    for name in map(str, names):
+        path = Path(name).absolute()
+        if name not in points and not path.is_dir() and not (path.is_file() and path.suffix == ".py"):
             known = ", ".join(sorted(points)) or "none installed"
             raise ModelError(name, "--allow-plugin", "no such plugin, file or folder", f"installed: {known}")
-    return imported + [_import_file(path) for path in {path.resolve(): path for path in files}.values()]
+        settled.append(name if name in points else str(path))
+    return settled
+
+
+def import_settled(names: Sequence[str]) -> list[str]:
+    """Import what :func:`settle` has told, here or in another process; returns what was imported.
+
+    Raises:
+        ModelError: it is not here, or its code fails.
+    """
+    if names and os.environ.get("CLTRANSFER_DISABLE_PLUGINS") == "1":
+        raise ModelError("", "--allow-plugin", "plugins are switched off", "unset CLTRANSFER_DISABLE_PLUGINS")
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    by_name = [name for name in names if not Path(name).is_absolute()]
+    for name in by_name:
+        if name not in points:
+            raise ModelError(name, "--allow-plugin", "expected an installed plugin, it is not", "install it here too")
+        _import_point(points[name])
+    files = [file for name in names if name not in by_name for file in _files(Path(name))]
+    return by_name + [_import_file(path) for path in {path.resolve(): path for path in files}.values()]
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    members = sorted(p for p in path.glob("*.py") if not p.name.startswith(NO_PLUGINS))
+    if not members:
+        raise ModelError(path, "--allow-plugin", "no Python file in this folder")
+    return members
 
 
 def _import_point(point: EntryPoint) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 from ..components import Components
 from ..errors import UsageError
 from ..files import check_out, refuse_outside, write_json, write_text
+from ..plugins import settle
 from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
 from ..revision import commit
@@ -80,7 +81,8 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     write_text(options.out / FILE, sweep.to_yaml())
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
-    job = Job(options.plugins, str(options.out.resolve() / "runs") if options.keep_runs else None)
+    runs = str(options.out.resolve() / "runs") if options.keep_runs else None
+    job = Job(tuple(settle(options.plugins)), runs)
     progress("trials", len(asked) - len(missing), len(asked))
     here = commit()
     for done, outcome in enumerate(outcomes(missing, job, sweep.file.engine), len(asked) - len(missing) + 1):

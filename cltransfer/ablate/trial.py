@@ -65,7 +65,7 @@ class Job:
     """What every worker is told.
 
     Args:
-        plugins: to allow.
+        plugins: to import, as :func:`cltransfer.plugins.settle` tells them.
         runs: folder for whole runs, None keeps none.
     """
 
@@ -260,6 +260,6 @@ def _number(value: float | Tensor) -> float | None:
 @functools.cache
 def _allow(plugins: tuple[str, ...]) -> None:
     """Import the plugins, once a process."""
-    from ..plugins import allow
+    from ..plugins import import_settled
 
-    allow(plugins)
+    import_settled(plugins)

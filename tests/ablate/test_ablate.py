@@ -129,6 +129,23 @@ def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
     assert len(keys(tmp_path / "out")) == 3
 
 
+def test_workers_import_the_installed_plugin_that_was_allowed_and_no_folder_of_its_name(
+    fresh: Callable[..., Any], sweep_file: SweepFile, fatal: Path, tmp_path: Path
+) -> None:
+    info = tmp_path / "site" / "cl_fatal-1.2.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: cl-fatal\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text("[cltransfer.plugins]\nfatal = cl_fatal\n")
+    (tmp_path / "site" / "cl_fatal.py").write_text(fatal.read_text())
+    (tmp_path / "fatal").mkdir()
+    (tmp_path / "fatal" / "other.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
+    path = os.pathsep.join(filter(None, (str(tmp_path / "site"), os.environ.get("PYTHONPATH"))))
+    file = sweep_file("{raises: {losses: {fatal: {}}}}")
+    answer = fresh("ablate", file, "--out", tmp_path / "out", "--allow-plugin", "fatal", *TINIER, PYTHONPATH=path)
+    assert "ArithmeticError: the loss has no answer" in answer.out, answer.err
+    assert not (tmp_path / "ran").exists()
+
+
 def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
 ) -> None:
