@@ -53,6 +53,9 @@ def ablate(
             found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or [])), report)
     except KeyboardInterrupt:
         raise StoppedError("", "", "interrupted", f"the same command goes on from here: {folder}") from None
-    show({"folder": str(folder), **summary_values(found)}, "\n".join([*markdown(found), "", str(folder)]), as_json)
+    lines = [*markdown(found), "", str(folder)]
+    if found.unkept:
+        lines += [f"note: {found.unkept} trials had been run without --keep-runs; another --out keeps them all"]
+    show({"folder": str(folder), "unkept": found.unkept, **summary_values(found)}, "\n".join(lines), as_json)
     if found.failed:
         raise typer.Exit(1)

@@ -36,7 +36,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     Args:
         name: a path, or one of :func:`ablations`.
         overrides: ``seeds=[0]``, ``scenes=[a.ply]``, ``references=[b.mp4]``, ``metrics.``.. and ``engine.backend=dask``
-            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row.
+            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics.
 
     Raises:
         UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
@@ -56,11 +56,14 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     fence = path.resolve().parent
     located = {**_located(written, path, fence), **_located(said, COMMAND_LINE, None)}
     origins = Layer.written(said, COMMAND_LINE).over(Layer.written(written, path)).origins
-    file = _typed({**written, **said, **located}, path, origins)
+    file = _typed({**merge(written, said), **located}, path, origins)
     rows = tuple(_row(file, row, above, path, fence) for row in file.rows)
     _check_cases(file, rows, path)
-    metrics = _config(file, file.metrics, above, path, "metrics")
-    return Sweep(Path(name).stem, file, rows, metrics)
+    metrics = _config([_base(file, path), (above, COMMAND_LINE), (file.metrics, f"{path}: metrics")])
+    over = tuple(
+        item for item in overrides if item not in below_engine and item.partition("=")[0].split(".")[0] in above
+    )
+    return Sweep(Path(name).stem, _with_command_line(file, rows, above), rows, metrics, over)
 
 
 def _found(name: str) -> Path:
@@ -151,19 +154,37 @@ def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence
     if own is not None and len(file.scenes) != 1:
         raise UsageError(where, f"{key}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
     scene = None if own is None else _scene(own, where, f"{key}.scene", fence, file.scenes[0])
-    return Row(name, _config(file, overrides, above, where, key), None if scene in file.scenes else scene)
+    config = _config([_base(file, where), (overrides, f"{where}: {key}"), (above, COMMAND_LINE)])
+    return Row(name, config, None if scene in file.scenes else scene)
 
 
-def _config(file: SweepFile, own: Mapping[str, Any], above: Mapping[str, Any], where: Any, key: str) -> RunConfig:
-    """Config of what stands under ``key``, its ``own`` values between those of the base and the command line."""
+def _base(file: SweepFile, where: Any) -> tuple[Mapping[str, Any], str]:
+    return file.base, f"{where}: base"
+
+
+def _config(written: Iterable[tuple[Mapping[str, Any], str]]) -> RunConfig:
+    """Config of values and where they are written, the last on top."""
     layers = []
-    for values, place in ((file.base, f"{where}: base"), (own, f"{where}: {key}"), (above, COMMAND_LINE)):
+    for values, place in written:
         if "seed" in values:
             raise UsageError(place, "seed", "the sweep has its own", "write seeds: [0, 1], or seeds=[0,1]")
+        if "threads" in values:
+            raise UsageError(
+                place, "threads", "a trial has one thread", "say how many trials at once: engine.workers=4"
+            )
         if "base" in values:
             raise UsageError(place, "base", "a base names no further base", "write its values")
         layers.append(layer_of(values, place))
     return lay_config([*layers, layer_of({"threads": 1}, "a sweep")])
+
+
+def _with_command_line(file: SweepFile, rows: Iterable[Row], above: Mapping[str, Any]) -> SweepFile:
+    """``file`` with what the command line lays over every row, and below what the metrics say."""
+    written = {row.name: merge(file.rows[row.name] or {}, above) for row in rows}
+    for row in rows:
+        if row.scene is not None:
+            written[row.name]["scene"] = asdict(row.scene)
+    return replace(file, rows=written, metrics=merge(above, file.metrics))
 
 
 def _check_cases(file: SweepFile, rows: tuple[Row, ...], where: Any) -> None:

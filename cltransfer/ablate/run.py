@@ -15,6 +15,7 @@ from ..plugins import settle
 from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
 from ..revision import commit
+from ..run_files import DONE
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
@@ -45,11 +46,19 @@ class Options:
 
 @dataclass(frozen=True)
 class Ablation:
-    """A sweep that was run: a summary for each row, and what came of every trial in the order of the table."""
+    """A sweep that was run.
+
+    Args:
+        sweep: what was run.
+        rows: a summary for each.
+        outcomes: what came of every trial, in the order of the table.
+        unkept: trials whose runs were to be kept, but that had been run before without that.
+    """
 
     sweep: Sweep
     rows: tuple[RowSummary, ...]
     outcomes: tuple[Outcome, ...]
+    unkept: int = 0
 
     @property
     def failed(self) -> int:
@@ -81,8 +90,10 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     write_text(options.out / FILE, sweep.to_yaml())
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
-    runs = str(options.out.resolve() / "runs") if options.keep_runs else None
-    job = Job(tuple(settle(options.plugins)), runs)
+    runs = options.out.resolve() / "runs"
+    job = Job(tuple(settle(options.plugins)), str(runs) if options.keep_runs else None)
+    before = [t.key for t in asked if t not in missing and not known[t.key].failed]
+    unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0
     progress("trials", len(asked) - len(missing), len(asked))
     here = commit()
     for done, outcome in enumerate(outcomes(missing, job, sweep.file.engine), len(asked) - len(missing) + 1):
@@ -90,7 +101,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         append(options.out / LEDGER, outcome)
         progress("trials", done, len(asked))
     found = tuple(replace(known[trial.key], row=trial.row, case=trial.case) for trial in asked)  # renamed since, maybe
-    ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found)
+    ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found, unkept)
     _write(options.out, ablation)
     return ablation
 
@@ -115,10 +126,8 @@ def _write(out: Path, ablation: Ablation) -> None:
 
 def markdown(ablation: Ablation) -> list[str]:
     """The tables with what a reader must know, and every failure with its reason."""
-    lines = [f"# {ablation.sweep.name}", ""]
-    if ablation.sweep.file.about:
-        lines += [ablation.sweep.file.about, ""]
-    lines += [
+    lines = [
+        *_head(ablation.sweep),
         f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), all rows measured by the",
         "same metrics, lower is better; (a/b): only a of b frames have a value, where the render alone lacks one it",
         "pays the penalty. Failed trials have no value and are counted. Seeds that change nothing (a fixed reference,",
@@ -145,6 +154,15 @@ def markdown(ablation: Ablation) -> list[str]:
     lines += ["", *_notes(ablation)]
     failures = failure_lines(ablation.outcomes)
     return [*lines, f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.", *failures]
+
+
+def _head(sweep: Sweep) -> list[str]:
+    lines = [f"# {sweep.name}", ""]
+    if sweep.file.about:
+        lines += [sweep.file.about, ""]
+    if sweep.over:
+        lines += [f"Over every row, from the command line: {', '.join(f'`{item}`' for item in sweep.over)}.", ""]
+    return lines
 
 
 def _commits(ablation: Ablation) -> list[str]:

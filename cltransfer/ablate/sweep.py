@@ -90,15 +90,17 @@ class Sweep:
         file: as written, with the command line on top.
         rows: the first is what the others are held against.
         metrics: by which all rows are measured.
+        over: of the command line, what lies on top of every row, item by item.
     """
 
     name: str
     file: SweepFile
     rows: tuple[Row, ...]
     metrics: RunConfig
+    over: tuple[str, ...] = ()
 
     def to_yaml(self) -> str:
-        """The file as it was meant, without the cluster, which no file may name."""
+        """The file as it was run, without the cluster, which no file may name."""
         from omegaconf import OmegaConf
 
         written = {**asdict(self.file), "engine": {"workers": self.file.engine.workers}}

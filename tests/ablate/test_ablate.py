@@ -165,6 +165,16 @@ def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
         assert values_of(line["metrics"]) == values_of(told)
 
 
+def test_runs_that_are_to_be_kept_too_late_are_told(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    words = ("ablate", sweep_file("{full: {}}"), "--out", tmp_path / "out", "-q", *TINIER)
+    assert "--keep-runs" not in command(*words).out
+    again = command(*words, "--keep-runs")
+    assert again.out.endswith("note: 1 trials had been run without --keep-runs; another --out keeps them all\n")
+    assert "Over every row, from the command line: `frames=1`, `search_side=32`, `output_side=32`." in again.out
+
+
 def test_rows_that_were_renamed_keep_their_own_figures(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
 ) -> None:

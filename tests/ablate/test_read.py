@@ -62,6 +62,28 @@ def test_rows_lie_over_the_base_over_the_preset_and_the_command_line_over_all(wr
     assert set(sweep.metrics.losses) == set(first.losses)  # what a row leaves out is measured
 
 
+def test_the_command_line_lies_over_the_files_metrics_key_by_key(written: Written) -> None:
+    file = written(ROWS + "metrics: {preset: fast, losses: {framing: {weight: 3}}}\nengine: {workers: 2}\n")
+    sweep = read_sweep(file, ["metrics.losses.shot_size.weight=2"])
+    assert sweep.metrics.preset == "fast"
+    assert [sweep.metrics.losses[name]["weight"] for name in ("framing", "shot_size")] == [3, 2]
+
+
+def test_what_the_metrics_say_lies_over_what_goes_on_top_of_every_row(written: Written) -> None:
+    sweep = read_sweep(written(ROWS + "metrics: {preset: fast}\n"), ["preset=paper", "output_side=99"])
+    assert {row.config.preset for row in sweep.rows} == {"paper"}
+    assert (sweep.metrics.preset, sweep.metrics.output_side) == ("fast", 99)
+
+
+def test_the_file_that_is_left_says_what_the_command_line_laid_over_every_row(written: Written) -> None:
+    rows = "rows: {full: {}, paper: {preset: paper}, mesh: {scene: 'builtin:courtyard-0-mesh'}}\n"
+    sweep = read_sweep(written(rows), ["frames=2", "losses.framing.weight=3", "engine.workers=2", "seeds=[4]"])
+    assert sweep.over == ("frames=2", "losses.framing.weight=3")
+    again = read_sweep(written(sweep.to_yaml()))
+    assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
+    assert {row.config.frames for row in again.rows} == {2}
+
+
 def test_the_engine_of_a_run_and_that_of_the_sweep_are_told_apart(written: Written) -> None:
     sweep = read_sweep(written(ROWS), ["engine=cma", "frames=2"])
     assert {row.config.engine for row in sweep.rows} == {"cma"}
@@ -105,6 +127,8 @@ REFUSED = {
     "rows: {a: {frames: many}}": "sweep.yaml: rows.a: frames: expected a whole number or null, got 'many'",
     "rows: {a: {frames: 0}}": "frames: expected 1 to 2000",
     "rows: {a: {seed: 3}}": "seed: the sweep has its own",
+    "rows: {a: {threads: 4}}": "rows.a: threads: a trial has one thread (say how many trials at once",
+    "rows: {a: {}}\nbase: {threads: 4}": "sweep.yaml: base: threads: a trial has one thread",
     "rows: {a: {base: other.yaml}}": "base: a base names no further base",
     "rows: {a: {}}\nseed: [1]": "seed: no such key (did you mean 'seeds'?)",
     "rows: {a: {}}\nseeds: []": "seeds: expected at least one",
