@@ -16,7 +16,7 @@ from .config_options import RunConfig
 from .errors import InputError, UsageError
 from .extractors._disparity import Align, aligned, fit_affine
 from .extractors.depth_onnx import DepthOnnx
-from .renderers._request import renderer_of
+from .renderers._request import drawn_by, renderer_of
 from .scenes import Scene
 from .scenes.lifted import lifted_scene
 from .scenes.load import load_scene
@@ -112,7 +112,7 @@ def align_to_scene(
     """
     disparity, depth = [], []
     for i in range(len(views)):
-        seen = renderer.render(scene, views[i], frozenset({"image", "depth"}))
+        seen = drawn_by(renderer, scene, views[i], frozenset({"image", "depth"}))
         disparity.append(extractor.output_maps(seen.require("image")))
         depth.append(seen.require("depth"))
     found = align_depth(torch.cat(disparity), torch.cat(depth), align)

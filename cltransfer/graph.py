@@ -77,7 +77,7 @@ def _read_whole(step: Step, found: Features, load: Load) -> Features:
     if lost:
         return replace(found, reasons={**found.reasons, **lost})
     with step.named:
-        got: Features = step.extractor.read_clip(found, load)
+        got = step.checked(step.extractor.read_clip(found, load))
     for name in step.extractor.provides:
         if not got.has(name) and name not in got.reasons:
             raise UsageError("", f"extractor {step.name}", f"gave neither {name!r} nor a reason")

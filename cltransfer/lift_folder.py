@@ -11,6 +11,7 @@ from .camera import Camera, in_one_frame
 from .components import Components
 from .config_options import RunConfig
 from .named_scenes import remember
+from .renderers._request import drawn_by
 from .report.contact_sheet import write_contact_sheet
 from .scenes.find_people import SIZE
 from .scenes.lift import Lift, LiftOptions
@@ -54,7 +55,7 @@ def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: C
     options = LiftOptions(wanted.views, _given(wanted.view), wanted.person)
     found = lift_scene(scene, parts.renderer, parts.extractors, options, progress)
     save_lift(folder, found)
-    image = parts.renderer.render(scene, found.cameras, frozenset({"image"})).image
+    image = drawn_by(parts.renderer, scene, found.cameras, frozenset({"image"})).require("image")
     write_contact_sheet(folder / SHEET, image, found)
     if not wanted.view and wanted.views == LiftOptions.views and not wanted.person:
         save_lift(cached_lift(scene, parts.extractors).parent, found)

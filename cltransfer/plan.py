@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from .errors import UsageError, named
+from .errors import ModelError, UsageError, named
 from .features import Features
 
 Family = Literal["image", "scene"]
@@ -31,13 +31,24 @@ class Step:
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with what this extractor provides."""
         with self.named:
-            got: Features = self.extractor(now.only(now.names() - set(self.hidden)), before)
+            got = self.checked(self.extractor(now.only(now.names() - set(self.hidden)), before))
         missing = [name for name in self.extractor.provides if not got.has(name)]
         if missing:
             raise UsageError("", f"extractor {self.name}", f"promised {missing[0]!r} and did not provide it")
         for name in self.hidden:
             got = got.having(name, now.require(name) if now.has(name) else None)
         return got
+
+    def checked(self, got: Any) -> Features:
+        """``got``, which the extractor has given.
+
+        Raises:
+            ModelError: it is nothing that an extractor gives.
+        """
+        if isinstance(got, Features):
+            return got
+        reason = f"expected {', '.join(self.extractor.provides)}, got {type(got).__name__}"
+        raise ModelError("", f"extractor {self.name}", reason, "return Features")
 
     @property
     def named(self) -> AbstractContextManager[None]:

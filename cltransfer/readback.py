@@ -18,6 +18,7 @@ from .memory import require_free
 from .progress import Progress, silent
 from .read_frames import render_features
 from .reference import Reference, quantised
+from .renderers._request import drawn_by
 from .scenes import Scene
 from .scores import Scores, score
 
@@ -75,7 +76,8 @@ def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Pr
     image = torch.empty((len(cameras), 3, *cameras.size[::-1]), dtype=torch.uint8)
     for start in range(0, len(cameras), RENDER_BATCH):
         end = min(start + RENDER_BATCH, len(cameras))
-        image[start:end] = quantised(parts.renderer.render(scene, cameras[start:end], frozenset({"image"})).image)
+        drawn = drawn_by(parts.renderer, scene, cameras[start:end], frozenset({"image"}))
+        image[start:end] = quantised(drawn.require("image"))
         progress("rendering", end, len(cameras))
     return image
 

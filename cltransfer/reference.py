@@ -140,7 +140,7 @@ def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
 
 def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
     from .named_scenes import load_reference_scene
-    from .renderers._request import renderer_of
+    from .renderers._request import drawn_by, renderer_of
 
     scene, path = load_reference_scene(source, reading.frames, reading.side)
     if scene.subject is None and reading.scene_family == "scene":
@@ -151,8 +151,8 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
     images: list[Tensor] = []
 
     def load(start: int, stop: int) -> Features:
-        rendered = renderer.render(scene, path.camera[start:stop], buffers)
-        images.append(quantised(rendered.image))
+        rendered = drawn_by(renderer, scene, path.camera[start:stop], buffers)
+        images.append(quantised(rendered.require("image")))
         return replace(rendered, image=images[-1].float() / 255)
 
     features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from .declared import EXTRACTOR, FITTER, LOSS, RENDERER, SEARCH, Declared, check_declared
-from .errors import ModelError, UsageError
+from .errors import ModelError, UsageError, named
 from .typed import nearest, typed
 
 T = TypeVar("T")
@@ -51,8 +51,11 @@ class Registry(Generic[T]):
                 raise ModelError("", f"{self.kind} {name!r}", "expected @dataclass(frozen=True) below @register")
             check_declared(f"{self.kind} {name!r}", cls, self.declared)
             foreign = not cls.__module__.startswith("cltransfer.")
-            if (foreign and name in self._built_in()) or self._classes.setdefault(name, cls) is not cls:
+            if foreign and name in self._built_in():
                 raise ModelError("", f"{self.kind} {name!r}", "the name is taken; choose another")
+            if (other := self._classes.setdefault(name, cls)) is not cls:
+                reason = f"the name is taken by {_file_of(other)}; choose another"
+                raise ModelError(_file_of(cls), f"{self.kind} {name!r}", reason)
             return cls
 
         return add
@@ -82,6 +85,7 @@ class Registry(Generic[T]):
 
         Raises:
             UsageError: no such component, no such option, or a value of the wrong type or range.
+            ModelError: the class itself fails.
         """
         cls = self.get(name)
         above = f"{self.section}.{name}" if self.section else ""
@@ -89,7 +93,8 @@ class Registry(Generic[T]):
             if isinstance(value, float) and not math.isfinite(value):
                 raise UsageError("", _key(above, option), f"expected a finite number, got {value}")
         try:
-            return typed(cls, options or {})
+            with named(f"{self.kind} {name!r}", "expected a component of these options"):
+                return typed(cls, options or {})
         except UsageError as error:
             raise UsageError("", _key(above, error.field), error.reason, error.hint) from None
 
@@ -116,6 +121,10 @@ def code_of(component: object) -> str:
     if module.partition(".")[0] == "cltransfer" or file is None:
         return ""
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def _file_of(cls: type[Any]) -> str:
+    return getattr(sys.modules.get(cls.__module__), "__file__", None) or cls.__module__
 
 
 def _key(*parts: str) -> str:

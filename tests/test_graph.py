@@ -253,6 +253,22 @@ def test_an_extractor_that_fails_is_named_and_what_it_raised_is_kept() -> None:
     assert isinstance(told.value.__cause__, IndexError)
 
 
+def test_an_extractor_that_gives_nothing_is_named() -> None:
+    class Forgetful(Making):
+        def __call__(self, now: Features, before: Features | None) -> Features:
+            return None  # type: ignore[return-value]
+
+    class Late(Whole):
+        def read_clip(self, found: Features, load: Load) -> Features:
+            return {}  # type: ignore[return-value]
+
+    line = r"^extractor forgetful: expected box, got NoneType \(return Features\)$"
+    with pytest.raises(ModelError, match=line):
+        run(plan({"box"}, {"forgetful": Forgetful(("box",))}), Features((2, 2), image=torch.zeros(1, 3, 2, 2)), None)
+    with pytest.raises(ModelError, match=r"^extractor whole: expected depth, trust, got dict"):
+        along_clip(Late(), {"depth"})
+
+
 def test_an_extractor_of_whole_clips_that_fails_is_named() -> None:
     class Broken(Whole):
         def read_clip(self, found: Features, load: Load) -> Features:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +11,7 @@ from cltransfer import memory, readback
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.components import Components
 from cltransfer.errors import ResourceError
+from cltransfer.features import Features
 from cltransfer.readback import RENDER_BATCH, check_frames, check_result, render_frames
 
 HINT = r"lower output_side or frames\)$"
@@ -27,7 +27,7 @@ class Counting:
         first = sum(self.batches)
         self.batches.append(len(cameras))
         grey = torch.arange(first, first + len(cameras)) / 255
-        return SimpleNamespace(image=grey[:, None, None, None].expand(-1, 3, *cameras.size[::-1]))
+        return Features(cameras.size, image=grey[:, None, None, None].expand(-1, 3, *cameras.size[::-1]))
 
 
 def rendered(count: int, renderer: Counting) -> torch.Tensor:

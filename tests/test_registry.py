@@ -63,6 +63,18 @@ def test_what_a_class_lacks_is_named_with_how_it_is_written(kind: str, name: str
     assert caught.value.hint.startswith("write ")
 
 
+OWN = """from dataclasses import dataclass
+from cltransfer.registry import LOSSES
+
+@LOSSES.register("mine")
+@dataclass(frozen=True)
+class Mine:
+    weight: float = 1.0
+    requires, unit, penalty = ("keypoints",), "frame", 1.0
+    __call__ = print
+"""
+
+
 WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("loss", {"requires": "keypoints"}, "has requires = 'keypoints', expected a tuple of feature names"),
     ("loss", {"requires": ()}, r"has requires = \(\), expected"),
@@ -103,6 +115,31 @@ def test_a_plugin_that_is_no_component_is_refused_when_it_is_allowed(tmp_path: P
     )
     with pytest.raises(ModelError, match=r"has no option weight, expected .* \(write weight: float = 1.0 in the class"):
         allow([tmp_path / "mine.py"])
+
+
+def test_two_plugins_of_one_name_are_told_with_their_files(tmp_path: Path) -> None:
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text(OWN)
+    with pytest.raises(ModelError) as caught:
+        allow([tmp_path / "a.py", tmp_path / "b.py"])
+    line = f"{tmp_path / 'b.py'}: loss 'mine': the name is taken by {tmp_path / 'a.py'}; choose another"
+    assert str(caught.value) == line
+
+
+FAILS = {
+    "    def __post_init__(self):\n        assert self.weight < 5, 'heavy'\n": "it raised AssertionError: heavy",
+    "    def __post_init__(self):\n        self.squared = self.weight**2\n": "it raised FrozenInstanceError",
+    "    path: 'PurePath | None' = None\n": "it raised NameError: name 'PurePath' is not defined",
+}
+
+
+@pytest.mark.parametrize("more", FAILS)
+def test_a_class_that_cannot_be_built_is_named(tmp_path: Path, more: str) -> None:
+    (tmp_path / "mine.py").write_text(OWN + more)
+    allow([tmp_path / "mine.py"])
+    with pytest.raises(ModelError) as caught:
+        LOSSES.build("mine", {"weight": 7.0})
+    assert str(caught.value).startswith(f"loss 'mine': expected a component of these options, {FAILS[more]}")
 
 
 def test_plugins_of_one_file_name_are_told_apart_and_tests_beside_them_are_none(tmp_path: Path) -> None:

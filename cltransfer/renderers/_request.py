@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ..camera import Camera
-from ..errors import UsageError
+from ..errors import ModelError, UsageError, named
+from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 
@@ -27,6 +28,22 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise ValueError("cameras must be finite")
     if cameras.K[:, 0, 1].any():
         raise ValueError("cameras must have no skew: K[0, 1] is not 0")
+
+
+def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+    """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``.
+
+    Raises:
+        ModelError: it raised something of its own, or did not give that; the line names it.
+    """
+    who, expected = f"renderer {type(renderer).__name__}", f"expected {', '.join(sorted(buffers))}"
+    with named(who, expected):
+        drawn = renderer.render(scene, cameras, buffers)
+    if not isinstance(drawn, Features):
+        raise ModelError("", who, f"{expected}, got {type(drawn).__name__}", "return Features from render")
+    if lacking := [name for name in sorted(buffers) if not drawn.has(name)]:
+        raise ModelError("", who, f"{expected}, got no {', '.join(lacking)}")
+    return drawn
 
 
 def check_device(backend: str, device: str) -> None:

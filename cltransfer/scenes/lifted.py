@@ -20,6 +20,7 @@ from ..files import atomic, cache_dir
 from ..graph import run
 from ..onnx import reading
 from ..plan import CLIP_SOURCE, Plan, make_plan
+from ..renderers._request import drawn_by
 from ..subject import Subject
 from . import Scene
 from .find_people import Boxes
@@ -88,7 +89,7 @@ class _Eyes:
 
     def _drawn(self, cameras: Camera) -> Features:
         self.progress(f"looking from {len(cameras)} views")
-        return self.renderer.render(self.scene, cameras, frozenset({"image", "depth"}))
+        return drawn_by(self.renderer, self.scene, cameras, frozenset({"image", "depth"}))
 
 
 def with_person(scene: Scene, subject: Subject, label: Tensor | None) -> Scene:

@@ -1,0 +1,63 @@
+"""Anybody's renderer: what it raises, or gives instead of buffers, is told with its name wherever a scene is drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.errors import ModelError
+from cltransfer.features import Features
+from cltransfer.readback import render_frames
+from cltransfer.reference import Reading, read_reference
+from cltransfer.renderers._request import drawn_by
+from cltransfer.scenes import Scene
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.shots import builtin_reference
+
+SIZE = (32, 18)
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A renderer that does as it is told."""
+
+    give: Callable[[Camera], Any]
+    provides: ClassVar[frozenset[str]] = frozenset({"image", "depth"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        return self.give(cameras)
+
+
+def raising(cameras: Camera) -> Features:
+    raise KeyError("sky")
+
+
+GIVEN = [
+    (raising, "image, it raised KeyError: 'sky'"),
+    (lambda cameras: None, "image, got NoneType (return Features from render)"),
+]
+
+
+@pytest.mark.parametrize(("give", "line"), GIVEN)
+def test_a_renderer_that_fails_is_named_where_a_scene_is_drawn(give: Callable[[Camera], Any], line: str) -> None:
+    _, path = builtin_reference("static", SIZE, 2)
+    parts = Components(Odd(give), {}, load_config().build("losses"))
+    with pytest.raises(ModelError, match=f"^renderer Odd: expected .*{re.escape(line)}"):
+        render_frames(builtin_scene("courtyard"), parts, path.camera)
+    with pytest.raises(ModelError, match=f"^renderer Odd: expected .*{re.escape(line)}"):
+        read_reference("builtin:static", parts, Reading(2, 32))
+
+
+def test_a_buffer_that_was_asked_for_and_is_not_given_is_named() -> None:
+    _, path = builtin_reference("static", SIZE, 1)
+    odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(1, 3, 18, 32)))
+    with pytest.raises(ModelError, match="renderer Odd: expected depth, image, got no depth"):
+        drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image", "depth"}))
