@@ -8,6 +8,7 @@ import hashlib
 import importlib
 import math
 import pkgutil
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
@@ -19,6 +20,7 @@ from .errors import ModelError, UsageError, named
 from .typed import nearest, typed
 
 T = TypeVar("T")
+NAME = re.compile("[a-z][a-z0-9_]*")
 
 
 class Registry(Generic[T]):
@@ -32,18 +34,28 @@ class Registry(Generic[T]):
         package: of the built-in ones.
         section: of a config, under which they are named; empty where their options are named alone.
         declared: what a class declares.
+        reserved: names that tables have for something else.
     """
 
-    def __init__(self, kind: str, package: str, section: str, declared: Sequence[Declared]) -> None:
+    def __init__(
+        self, kind: str, package: str, section: str, declared: Sequence[Declared], reserved: Sequence[str] = ()
+    ) -> None:
         self.kind, self.package, self.section, self.declared = kind, package, section, declared
+        self.reserved = reserved
         self._classes: dict[str, type[T]] = {}
 
     def register(self, name: str) -> Callable[[type[T]], type[T]]:
         """Decorate a frozen dataclass to make it component ``name``.
 
         Raises:
-            ModelError: the name is taken, or the class is no frozen dataclass or lacks what its kind declares.
+            ModelError: the name is taken or cannot be written in a config, or the class is no frozen dataclass or lacks
+                what its kind declares.
         """
+        if not NAME.fullmatch(name):
+            reason = "expected small letters, digits and _, a letter first, so that key=value can name it"
+            raise ModelError("", f"{self.kind} {name!r}", reason, "choose another name")
+        if name in self.reserved:
+            raise ModelError("", f"{self.kind} {name!r}", "the name is that of another column; choose another")
 
         def add(cls: type[T]) -> type[T]:
             params = getattr(cls, "__dataclass_params__", None)
@@ -139,6 +151,6 @@ def _default(field: dataclasses.Field[Any]) -> Any:
 
 RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers", "renderer", RENDERER)
 EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors", "extractors", EXTRACTOR)
-LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", "losses", LOSS)
+LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", "losses", LOSS, reserved=("total",))
 SEARCHES: Registry[Any] = Registry("search", "cltransfer.search", "search", SEARCH)
 FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit", "", FITTER)

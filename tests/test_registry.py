@@ -117,6 +117,18 @@ def test_a_plugin_that_is_no_component_is_refused_when_it_is_allowed(tmp_path: P
         allow([tmp_path / "mine.py"])
 
 
+@pytest.mark.parametrize("name", ["", "a-b", "a.b", "a b", "a|b", "Mine", "3d", "_mine", "mine\n", "größe"])
+def test_a_name_that_no_config_can_write_is_refused(name: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        LOSSES.register(name)
+    assert str(caught.value).startswith(f"loss {name!r}: expected small letters, digits and _, a letter first")
+
+
+def test_no_loss_is_called_as_their_sum_is() -> None:
+    with pytest.raises(ModelError, match=r"^loss 'total': the name is that of another column; choose another$"):
+        LOSSES.register("total")
+
+
 def test_two_plugins_of_one_name_are_told_with_their_files(tmp_path: Path) -> None:
     for name in ("a.py", "b.py"):
         (tmp_path / name).write_text(OWN)
