@@ -91,6 +91,10 @@ def _positive(value: Any) -> bool:
     return _number(value) and value > 0
 
 
+def _weight(value: Any) -> bool:
+    return _number(value) and value >= 0
+
+
 def _count(value: Any) -> bool:
     return isinstance(value, int) and value > 0
 
@@ -117,7 +121,7 @@ LOSS = (
     USES,
     Declared("unit", "the unit of the raw value as text", 'unit = "frame"', _text),
     Declared("penalty", "a finite number above 0", "penalty = 1.0", _positive),
-    Declared("weight", "a number that a config can set", "weight: float = 1.0", _number, option=True),
+    Declared("weight", "a number of 0 or more", "weight: float = 1.0", _weight, option=True),
     Declared("__call__", "the raw loss, (B,)", "def __call__(self, reference, rendered)"),
     Declared(
         "groups", "the group of each residual, counted from 0", "groups = (0,)", _groups,

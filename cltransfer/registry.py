@@ -106,9 +106,14 @@ class Registry(Generic[T]):
                 raise UsageError("", _key(above, option), f"expected a finite number, got {value}")
         try:
             with named(f"{self.kind} {name!r}", "expected a component of these options"):
-                return typed(cls, options or {})
+                built = typed(cls, options or {})
         except UsageError as error:
             raise UsageError("", _key(above, error.field), error.reason, error.hint) from None
+        for declared in self.declared:
+            value = getattr(built, declared.name) if declared.option else None
+            if declared.option and not declared.right(value):
+                raise UsageError("", _key(above, declared.name), f"expected {declared.expected}, got {value}")
+        return built
 
     def declared_options(self, name: str) -> list[str]:
         """Option names of component ``name``, read from the source: nothing is imported for a built-in."""

@@ -81,6 +81,7 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("loss", {"uses": "flow"}, "has uses = 'flow', expected a tuple of feature names"),
     ("loss", {"penalty": 0.0}, "has penalty = 0.0, expected a finite number above 0"),
     ("loss", {"penalty": float("inf")}, "has penalty = inf, expected a finite number above 0"),
+    ("loss", {"weight": -1.0}, "has weight = -1.0, expected a number of 0 or more"),
     ("loss", {"unit": 3}, "has unit = 3, expected"),
     ("loss", {"residuals": method}, r"has no groups, expected .* \(write groups = \(0,\) in the class\)"),
     ("loss", {"residuals": method, "groups": 0}, "has groups = 0, expected"),
@@ -115,6 +116,12 @@ def test_a_plugin_that_is_no_component_is_refused_when_it_is_allowed(tmp_path: P
     )
     with pytest.raises(ModelError, match=r"has no option weight, expected .* \(write weight: float = 1.0 in the class"):
         allow([tmp_path / "mine.py"])
+
+
+def test_a_weight_below_0_which_would_reward_a_difference_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"^losses\.framing\.weight: expected a number of 0 or more, got -3\.0$"):
+        LOSSES.build("framing", {"weight": -3})
+    assert LOSSES.build("framing", {"weight": 0}).weight == 0
 
 
 @pytest.mark.parametrize("name", ["", "a-b", "a.b", "a b", "a|b", "Mine", "3d", "_mine", "mine\n", "größe"])
