@@ -17,6 +17,7 @@ SECTIONS: dict[str, Registry[Any]] = {
     "losses": LOSSES,
     "search": SEARCHES,
 }
+MOST_CORRECTIONS = 20  # each is a search of its own
 
 
 @dataclass
@@ -34,6 +35,10 @@ class ExtractConfig:
     verify: bool = True
     corrections: int = 0
     bias: Literal["robust", "frame"] = "robust"
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.corrections <= MOST_CORRECTIONS:
+            raise UsageError("", "extract.corrections", f"expected 0 to {MOST_CORRECTIONS}, got {self.corrections}")
 
 
 @dataclass

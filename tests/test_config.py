@@ -97,6 +97,8 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("generations=many", "command line: generations: expected a whole number, got 'many'"),
         ("generations=0", "expected 1 to 1000000, got 0"),
         ("popsize=2", "expected 4 to 10000, got 2"),
+        ("extract.corrections=-5", "command line: extract.corrections: expected 0 to 20, got -5"),
+        ("extract.corrections=1000000000", "extract.corrections: expected 0 to 20, got 1000000000"),
         ("extract.inner=telepathy", "expected one of geometric, image, got 'telepathy'"),
         ("adam=3", "command line: adam: expected a mapping of keys to values, got 3"),
         ("generations=???", "generations: is required"),
