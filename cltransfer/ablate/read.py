@@ -139,6 +139,8 @@ def _typed(raw: Mapping[str, Any], where: Any, origins: Mapping[str, str]) -> Sw
     if not isinstance(rows, Mapping) or not rows:
         raise UsageError(where, "rows", "expected name: {overrides}, at least one")
     for name, overrides in rows.items():
+        if not isinstance(name, str):
+            raise UsageError(where, "rows", f"row names are text, got {name!r}", f"write {str(name)!r} in quotes")
         if not isinstance(overrides, Mapping | None):
             raise UsageError(where, f"rows.{name}", "expected overrides as a mapping", "write {} for the base")
     try:

@@ -119,6 +119,8 @@ def test_the_file_that_is_left_reads_back_whatever_ran_it(written: Written) -> N
 
 REFUSED = {
     "rows: {}": "rows: expected name",
+    "rows: {0.5: {}}": "rows: row names are text, got 0.5 (write '0.5' in quotes)",
+    "rows: {a: {}, true: {steps: 3}}": "rows: row names are text, got True (write 'True' in quotes)",
     "rows: {a: 3}": "rows.a: expected overrides",
     "rows: {a: {}, b: {}}": "rows.b: is the same run as a",
     "rows: {a: {lossses: {}}}": "rows.a: lossses: no such key (did you mean 'losses'?)",
