@@ -219,6 +219,8 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     assert "tiny.yaml: rows.a: losses.framing.mode: expected one of robust, faithful, got 'wrong'" in option.err
     shot = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:moonwalk']")
     assert "shot 'moonwalk'" in shot.err
+    shot = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['builtin:orbitt']")
+    assert (shot.code, "shot 'orbitt': no such shot" in shot.err) == (2, True)
     assert not out.exists()
     typo = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:pan']", "scenes=[nope.ply]")
     assert "nope.ply: no such file" in typo.err
