@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -24,18 +25,33 @@ from ..transfer import Result
 
 
 @dataclass(frozen=True)
+class Way:
+    """Which way a result errs, in one respect.
+
+    Args:
+        mean: signed, over the frames that have one; NaN of none.
+        unit: of it.
+        defined: how many frames have one.
+    """
+
+    mean: float
+    unit: str
+    defined: int
+
+
+@dataclass(frozen=True)
 class Measured:
     """What a result is worth.
 
     Args:
         scores: the terms, NaN where undefined.
         priced: the same, with the penalty where only the render lacks a term, (N, L).
-        directions: which way it errs, signed means over the frames, with their unit; and the jerk of its path.
+        directions: which way it errs, by name; and the jerk of its path.
     """
 
     scores: Scores
     priced: Tensor  # (N, L)
-    directions: Mapping[str, tuple[float, str]]
+    directions: Mapping[str, Way]
 
 
 def measured(result: Result, reference: str, config: RunConfig, metrics: RunConfig) -> Measured:
@@ -69,9 +85,8 @@ def _judged(objective: Objective, read: Reference, features: Features, jerk: flo
     scores = score(objective, read.features, features, read.missing)
     terms = torch.stack([term.values for term in scores.terms], dim=1)
     ways = dict(directions(objective, read.features, features))
-    return Measured(
-        scores, objective.priced(terms, objective.defined(read.features)), {**ways, "jerk": (jerk, "per frame cubed")}
-    )
+    ways["jerk"] = Way(jerk, "per frame cubed", len(terms) if math.isfinite(jerk) else 0)  # one number of all frames
+    return Measured(scores, objective.priced(terms, objective.defined(read.features)), ways)
 
 
 def _jerk(result: Result) -> float:
@@ -79,12 +94,11 @@ def _jerk(result: Result) -> float:
     return float("nan") if person is None else path_jerk(result.trajectory.camera, person.height)
 
 
-def directions(
-    objective: Objective, reference: Features, rendered: Features
-) -> Iterator[tuple[str, tuple[float, str]]]:
-    """Signed means over the frames of the residuals that a loss names in ``signs``, with its unit; NaN of none."""
+def directions(objective: Objective, reference: Features, rendered: Features) -> Iterator[tuple[str, Way]]:
+    """Signed means over the frames of the residuals that a loss names in ``signs``."""
     for loss in objective.losses.values():
         signs = getattr(loss, "signs", ())
         if signs and all(reference.has(name) and rendered.has(name) for name in loss.requires):
-            means = loss.residuals(reference, rendered).double().nanmean(0)
-            yield from ((sign, (float(mean), loss.unit)) for sign, mean in zip(signs, means))
+            columns = loss.residuals(reference, rendered).double().T
+            for sign, values in zip(signs, columns):
+                yield sign, Way(float(values.nanmean()), loss.unit, int(values.isfinite().sum()))

@@ -244,9 +244,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
         for i, term in enumerate(scores.terms)
     }
     metrics["total"] = Metric(_number(scores.total), "", int(scores.totals.isfinite().sum()), "")
-    ways = {
-        name: Metric(_number(mean), unit, len(scores.totals), "") for name, (mean, unit) in found.directions.items()
-    }
+    ways = {name: Metric(_number(way.mean), way.unit, way.defined, "") for name, way in found.directions.items()}
     return Outcome(
         trial.key, trial.row, trial.case, "", metrics, len(scores.totals),
         result.spent.evaluations, result.spent.network_passes, directions=ways, note=result.schedule.note,

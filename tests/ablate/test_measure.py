@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from cltransfer.ablate.measure import directions
+from cltransfer.ablate.measure import Way, directions
 from cltransfer.config import load_config
 from cltransfer.features import Features
 from cltransfer.objective import Objective
@@ -30,7 +30,7 @@ def filmed(tall: float = 40.0, at: tuple[float, float] = (80.0, 45.0), backgroun
     return Features((W, H), keypoints=joints, subject=layers[:, 1], depth=depth, layers=layers)
 
 
-def ways(rendered: Features, *overrides: str) -> dict[str, tuple[float, str]]:
+def ways(rendered: Features, *overrides: str) -> dict[str, Way]:
     return dict(directions(Objective(load_config(overrides=overrides).build("losses")), filmed(), rendered))
 
 
@@ -50,17 +50,26 @@ def test_a_direction_is_positive_where_the_render_is_what_it_says(
 ) -> None:
     found = ways(rendered)
     assert tuple(found) == SIGNS
-    for sign, (mean, _) in found.items():
-        assert mean == pytest.approx(expected.get(sign, 0.0), abs=1e-3), sign
-    assert [unit for _, unit in found.values()] == ["frame"] * 3 + ["log ratio"] * 2
+    for sign, way in found.items():
+        assert way.mean == pytest.approx(expected.get(sign, 0.0), abs=1e-3), sign
+    assert [way.unit for way in found.values()] == ["frame"] * 3 + ["log ratio"] * 2
 
 
 def test_a_direction_is_the_mean_of_the_frames_that_have_it() -> None:
     rendered = filmed(at=(96.0, 45.0))
     rendered.require("keypoints")[1] = torch.nan
-    assert ways(rendered)["further right"][0] == pytest.approx(0.1)
+    assert ways(rendered)["further right"].mean == pytest.approx(0.1)
     rendered.require("keypoints")[0] = torch.nan
-    assert math.isnan(ways(rendered)["further right"][0])
+    assert math.isnan(ways(rendered)["further right"].mean)
+
+
+def test_a_frame_without_a_value_is_not_counted_as_one_that_has_it() -> None:
+    rendered = filmed()
+    counts = []
+    for frame in (0, 1):
+        counts.append(ways(rendered)["larger"].defined)
+        rendered.require("keypoints")[frame] = torch.nan
+    assert [*counts, ways(rendered)["larger"].defined] == [2, 1, 0]
 
 
 def test_a_loss_left_out_names_no_direction() -> None:
