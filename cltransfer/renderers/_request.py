@@ -10,6 +10,8 @@ from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 
+MAPS = frozenset({"image", "alpha", "label", "depth", "expected_depth"})  # (B, H, W), image (B, 3, H, W)
+
 
 def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[str], provides: frozenset[str]) -> None:
     """Whether renderer ``name`` draws this scene, from these cameras, into these buffers.
@@ -43,6 +45,11 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
         raise ModelError("", who, f"{expected}, got {type(drawn).__name__}", "return Features from render")
     if lacking := [name for name in sorted(buffers) if not drawn.has(name)]:
         raise ModelError("", who, f"{expected}, got no {', '.join(lacking)}")
+    width, height = cameras.size
+    for name in sorted(buffers & MAPS):
+        shape, got = (len(cameras), *([3] * (name == "image")), height, width), tuple(drawn.require(name).shape)
+        if got != shape:
+            raise ModelError("", who, f"expected {name} of shape {shape}, got {got}")
     return drawn
 
 

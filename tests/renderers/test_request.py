@@ -61,3 +61,11 @@ def test_a_buffer_that_was_asked_for_and_is_not_given_is_named() -> None:
     odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(1, 3, 18, 32)))
     with pytest.raises(ModelError, match="renderer Odd: expected depth, image, got no depth"):
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image", "depth"}))
+
+
+@pytest.mark.parametrize("shape", [(1, 3, 18, 32), (2, 3, 7, 7)], ids=["too few", "too small"])
+def test_views_of_another_number_or_size_are_named(shape: tuple[int, ...]) -> None:
+    _, path = builtin_reference("static", SIZE, 2)
+    odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(shape)))
+    with pytest.raises(ModelError, match=r"^renderer Odd: expected image of shape \(2, 3, 18, 32\), got "):
+        drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image"}))
