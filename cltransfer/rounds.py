@@ -20,6 +20,7 @@ from .driver.stage import Stage
 from .driver.starts import Starts
 from .driver.whole_clip import WholeClip
 from .features import Features
+from .left_out import LeftOut
 from .preparation import Clock, Job
 from .progress import Progress
 from .readback import Readback, read_back, read_path
@@ -28,34 +29,8 @@ Report = Callable[[int, Solved], None]
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
-WORSE, MUCH = 4 / 3, 0.1  # times another total, and so much more, above which one is far worse
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Floaters that a search did not see.
-
-    Args:
-        count: Gaussians.
-        alone: mean total of what was found, in the scene without them.
-        among: the same with them, in the scene as it was given.
-    """
-
-    count: int
-    alone: float
-    among: float
-
-    @property
-    def matters(self) -> bool:
-        """Whether what was found is far worse with them."""
-        return far_worse(self.among, self.alone)
-
-    def better(self, other: LeftOut) -> bool:
-        """Whether this gains more with them than it loses without them against the ``other``, and is not far worse."""
-        lost, gained = self.alone - other.alone, other.among - self.among
-        return gained > max(lost, 0.0) and not far_worse(self.alone, other.alone)
 
 
 @dataclass(frozen=True)
@@ -139,15 +114,6 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             return made, UNBIASED
         target, starts = corrected(job.wanted, bias), Starts(cameras[0], take.clip.about(cameras[0], take.x))
     return made, ""
-
-
-def far_worse(total: float, other: float) -> bool:
-    """Whether ``total`` is far above the ``other``.
-
-    >>> far_worse(0.15, 0.05), far_worse(0.2, 0.05), far_worse(1.4, 1.0), far_worse(1.5, 1.0)
-    (False, True, False, True)
-    """
-    return total > WORSE * other + MUCH
 
 
 def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:

@@ -12,7 +12,7 @@ from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
-from cltransfer.rounds import LeftOut
+from cltransfer.left_out import LeftOut
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.lifted import load_person, save_labels
 from cltransfer.scenes.load import load_scene

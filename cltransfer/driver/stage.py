@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..errors import named
 from ..features import Features
 from ..graph import run
 from ..objective import Objective
 from ..plan import Plan
+from ..renderers._request import drawn_by
 from ..scenes import Scene
 from .guard import SCENE_DEPTH, Guard
 from .journal import Journal
@@ -113,8 +113,7 @@ class Stage:
 
     def _rendered(self, cameras: Camera) -> Features:
         buffers = self.plan.buffers - {"camera", "person"} | ({"depth"} if self.guard else set())
-        with named(f"renderer {type(self.renderer).__name__}", f"expected {', '.join(sorted(buffers))}"):
-            return self.renderer.render(self.scene, cameras.at_size(self.size), buffers)
+        return drawn_by(self.renderer, self.scene, cameras.at_size(self.size), buffers)
 
     def _seen(self, rendered: Features, before: Features | None) -> Features:
         seen = run(self.plan, rendered, before)
