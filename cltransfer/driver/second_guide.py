@@ -20,7 +20,7 @@ from ..tracks import runs
 from .closed_form import aimable, aimed_at, aimed_path
 from .whole_clip import WholeClip
 
-RIGHT = 0.2  # total that a frame which ended right has at most: every term at a fifth of its tolerance
+RIGHT = 0.3  # total that a frame which ended right has at most: every term at three tenths of its tolerance
 WRONG = 0.5  # total above which one did not
 SHARE = 0.25  # of the frames that have to be right
 NEAR = 0.05  # log of the ratio to a distance, at which a frame is tried nearer and farther
