@@ -12,13 +12,14 @@ from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .problem import Problem
-from .refine import Refined, refine
+from .refine import Refined, differences, flat_directions, refine
 from .renewal import TRIAL, WORSE, Renewal, helped
 from .schedule import Schedule
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
 POLISH_SIGMA = 0.04
+ROUGH = 0.02  # step of the differences that a polish is told by, in the units of x: losses are rough within less
 BASIN = Budget(generations=40, patience=12, popsize=12)
 EQUAL = 1e-6  # by which two starts differ at most that are one, in the units of x
 SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
@@ -133,7 +134,8 @@ def _by_refinement(
         limit, sigma, budget = max(schedule.rescue, WORSE * frame.usual), RESCUE_SIGMA, RESCUE
     if found.total <= limit:
         return frame.solved(found, renewal, found.stop)
-    wide = minimise(problem.totals, Start(found.x, sigma), problem.bounds, budget, generator)
+    shape = frame.flat(found) if budget is schedule.polish else None
+    wide = minimise(problem.totals, Start(found.x, sigma, shape), problem.bounds, budget, generator)
     again = frame.refined(wide.x)
     if again.total < found.total:
         return frame.solved(again, renewal, f"rescued, {again.stop}", wide.generations)
@@ -166,6 +168,11 @@ class _Refining:
     def first(self, starts: Tensor) -> Refined:
         """A first frame: every start (S, D) may lie in another basin."""
         return min((self.refined(x) for x in starts), key=lambda found: found.total)
+
+    def flat(self, found: Refined) -> Tensor:
+        """Along which directions little changes about what was ``found``, farther than losses are rough, (D, D)."""
+        jacobian = differences(self.problem.residuals, found.x, found.residuals, self.problem.bounds, ROUGH)
+        return flat_directions(jacobian, found.residuals, self.groups)
 
     def best(self, starts: Tensor) -> tuple[Tensor, Tensor]:
         """The best of ``starts`` (S, D) and its residuals, (D,) and (R,)."""

@@ -18,6 +18,7 @@ from ..objective import group_norms
 STEP = 2e-3  # of the finite differences, in the units of x
 FLOORS = (0.2, 0.06, 0.02, 0.01)  # lowest group norm that is told apart, step by step; 0.2 is one tolerance
 LONGEST = 0.5  # longest step in any parameter, in the units of x
+FLATTEST = 1e-2  # of the largest curvature, that is added to all: no direction is trusted to be flatter
 WORTH = 1e-3  # relative decrease below which the last floor ends it
 
 
@@ -91,7 +92,7 @@ def refine(
             stop = "tolerance"
             break
         if jacobian is None:
-            jacobian = _differences(evaluate, x, r, bounds)
+            jacobian = differences(evaluate, x, r, bounds)
             evaluations, fresh, made = evaluations + len(x), True, made + 1
         floor = FLOORS[min(step, len(FLOORS) - 1)]
         tried = _inside(_steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings]), bounds)
@@ -113,10 +114,10 @@ def refine(
                 stop = "worth"
                 break
         else:
-            jacobian = _differences(evaluate, x, r, bounds)
+            jacobian = differences(evaluate, x, r, bounds)
             evaluations, fresh, made = evaluations + len(x), True, made + 1
     if jacobian is None:
-        jacobian = _differences(evaluate, x, r, bounds)
+        jacobian = differences(evaluate, x, r, bounds)
         evaluations += len(x)
     return Refined(x, total, r, jacobian, evaluations, stop)
 
@@ -125,11 +126,21 @@ def _inside(x: Tensor, bounds: Bounds | None) -> Tensor:
     return x if bounds is None else torch.minimum(torch.maximum(x, bounds[0]), bounds[1])
 
 
-def _differences(evaluate: Callable[[Tensor], Tensor], x: Tensor, r: Tensor, bounds: Bounds | None) -> Tensor:
-    """Jacobian (R, D) by one-sided differences, all as one batch; backwards where forwards leaves the box."""
-    step = torch.full_like(x, STEP)
+def differences(
+    evaluate: Callable[[Tensor], Tensor], x: Tensor, r: Tensor, bounds: Bounds | None, width: float = STEP
+) -> Tensor:
+    """Jacobian (R, D) by one-sided differences, all as one batch; backwards where forwards leaves the box.
+
+    Args:
+        evaluate: residuals (B, R) of x (B, D).
+        x: where, (D,).
+        r: residuals there, (R,).
+        bounds: of x; None is free.
+        width: of the differences, in the units of x.
+    """
+    step = torch.full_like(x, width)
     if bounds is not None:
-        step = torch.where(x + STEP > bounds[1], -step, step)
+        step = torch.where(x + width > bounds[1], -step, step)
     return ((evaluate(x + torch.diag(step)) - r) / step[:, None]).T
 
 
@@ -146,5 +157,23 @@ def _steps(x: Tensor, r: Tensor, J: Tensor, groups: Tensor, floor: float, dampin
 
 def least_curvature(J: Tensor, r: Tensor, groups: Tensor) -> float:
     """Smallest eigenvalue of J^T W J: near 0, some direction of the camera costs nothing and is not determined."""
+    return float(torch.linalg.eigvalsh(_curvature(J, r, groups))[0])
+
+
+def flat_directions(J: Tensor, r: Tensor, groups: Tensor) -> Tensor:
+    """Square root (D, D) of the inverse of J^T W J, its longest axis 1 long: where CMA-ES is to begin with long steps.
+
+    Args:
+        J: Jacobian, (R, D).
+        r: residuals, (R,).
+        groups: group of each residual, (R,).
+    """
+    values, vectors = torch.linalg.eigh(_curvature(J, r, groups))
+    axes = (values + FLATTEST * values[-1]).rsqrt()
+    return vectors * (axes / axes.max())
+
+
+def _curvature(J: Tensor, r: Tensor, groups: Tensor) -> Tensor:
+    """J^T W J (D, D), each group weighted by the inverse of its norm."""
     norms = group_norms(r[None], groups)[0].clamp_min(FLOORS[0])
-    return float(torch.linalg.eigvalsh((J / norms[groups][:, None]).T @ J)[0])
+    return (J / norms[groups][:, None]).T @ J

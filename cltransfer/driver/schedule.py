@@ -16,6 +16,7 @@ from .refine import Refinement
 LEAN_STEPS = 5
 QUIET = 0.5  # of the noise: what is below it is not optimised
 POLISH = Budget(generations=25, patience=8, popsize=10)
+TWICE = 2  # times as many generations where paths are refined in more than one round: a still one has none to refine
 DAMPINGS = {1: (3e-2,), 2: (1e-2, 1.0), 3: (1e-3, 3e-2, 1.0)}
 
 
@@ -80,7 +81,7 @@ def make_schedule(
     if config.zoom == "auto" and "filmic_space" in objective.names:
         free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
     note = _why_cma_alone(config, search, objective) if config.engine == "refine" else ""
-    generations = min(POLISH.generations, len(reference))
+    generations = min(POLISH.generations, len(reference)) * (TWICE if config.joint > 1 else 1)
     return Schedule(
         engine="cma" if note else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, tolerance),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cltransfer.driver.refine import Refinement, least_curvature, refine
+from cltransfer.driver.refine import Refinement, differences, flat_directions, least_curvature, refine
 from cltransfer.objective import group_norms
 
 GROUPS = torch.tensor([0, 0, 1, 2])
@@ -94,3 +94,29 @@ def test_a_start_that_was_evaluated_is_not_evaluated_again() -> None:
     anew = refine(bent, start, GROUPS, Refinement(), None)
     assert torch.equal(known.x, anew.x)
     assert known.evaluations == evaluate.count == anew.evaluations - 1
+
+
+def test_the_flat_direction_of_a_valley_is_the_long_one() -> None:
+    """A valley along (1, 1, 0), a hundred times flatter there, and rough: narrow differences tell of the roughness."""
+    across = torch.tensor([[1.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.01, 0.01, 0.0]], dtype=torch.float64)
+
+    def rough(x: Tensor) -> Tensor:
+        return x @ across.T + 1e-3 * torch.sin(x.sum(1, keepdim=True) / 1e-3)
+
+    x, groups = torch.tensor([0.3, 0.2, 0.1], dtype=torch.float64), torch.tensor([0, 1, 2])
+    along = torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64) / 2**0.5
+    r = rough(x[None])[0]
+    wide = flat_directions(differences(rough, x, r, None, 0.5), r, groups)
+    lengths, axes = torch.linalg.eigh(wide @ wide.T)
+    torch.testing.assert_close(lengths[-1].sqrt(), torch.tensor(1.0, dtype=torch.float64))
+    assert abs(float(axes[:, -1] @ along)) > 0.99
+    assert float(lengths[1].sqrt()) < 0.3
+    narrow = flat_directions(differences(rough, x, r, None), r, groups)
+    assert abs(float(torch.linalg.eigh(narrow @ narrow.T)[1][:, -1] @ along)) < 0.99
+
+
+def test_no_direction_is_taken_for_flatter_than_so_much() -> None:
+    blind = torch.diag(torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64))
+    shape = flat_directions(blind, torch.zeros(3, dtype=torch.float64), torch.arange(3))
+    lengths = torch.linalg.svdvals(shape)
+    torch.testing.assert_close(lengths, torch.tensor([1.0, 0.1, 0.1], dtype=torch.float64), atol=2e-3, rtol=0)

@@ -38,13 +38,16 @@ def test_a_search_is_refined_only_if_slopes_tell_every_move(name: str) -> None:
 
 
 @pytest.mark.parametrize("frames", [3, 12, 40])
-def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(frames: int) -> None:
-    config = load_config()
+@pytest.mark.parametrize(("preset", "times"), [("fast", 1), ("balanced", 2)])
+def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(
+    frames: int, preset: str, times: int
+) -> None:
+    config = load_config(overrides=[f"preset={preset}"])
     objective, search = Objective(Components.build(config).losses), config.build_one("search")
     still = Features.concatenate([sample_features(0, 2)[1]] * frames)
     polish = make_schedule(config, search, objective, still).polish
     assert polish is not None
-    assert polish.generations == min(frames, POLISH.generations)
+    assert polish.generations == times * min(frames, POLISH.generations)
     keypoints = still.require("keypoints").clone()
     for frame, change in ((0, 0.05 * still.size[0]), (-1, 0.05 * still.size[0]), (-1, torch.nan)):
         other = keypoints.clone()
