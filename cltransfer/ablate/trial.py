@@ -16,16 +16,10 @@ from typing import Any
 from torch import Tensor
 
 from .. import __version__
-from ..config_options import SECTIONS, RunConfig
-from ..errors import CltransferError, InputError
-from ..files import content_hash
-from ..onnx import model_content
-from ..registry import code_of
-from ..scenes.lifted import LABELS, SUBJECT
-from ..scenes.load import load_scene
+from ..config_options import RunConfig
+from ..errors import CltransferError
+from .content import digest, parts_content
 from .sweep import SceneConfig, Sweep
-
-MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
 @dataclass(frozen=True)
@@ -144,8 +138,8 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
         for row in sweep.rows:
             used = row.scene or scene
             config = replace(row.config, seed=case.seed)
-            content = [_digest(used.scene), _digest(used.init), _digest(used.subject), used.up, _digest(source)]
-            parts = [_parts(config), _parts(sweep.metrics)]
+            content = [digest(used.scene), digest(used.init), digest(used.subject), used.up, digest(source)]
+            parts = [parts_content(config), parts_content(sweep.metrics)]
             answers = [__version__, asdict(config), asdict(sweep.metrics), content, parts]
             key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
             found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
@@ -174,41 +168,6 @@ def _shown(sources: Sequence[str]) -> list[str]:
         before[name] += 1
         told.append(f"{name} ({before[name]})" if alike[name] > 1 else name)
     return told
-
-
-def _parts(config: RunConfig) -> list[list[str]]:
-    """Code of the plugins and content of the networks that a config names."""
-    built = [part for section in SECTIONS for part in config.build(section).values()]
-    return [[code_of(part), model_content(part.model) if hasattr(part, "model") else ""] for part in built]
-
-
-def _digest(source: str | None) -> str:
-    """What identifies a scene or a reference: a built-in name, or the content of its files."""
-    if source is None or source == "auto":
-        return str(source)
-    path = Path(source)
-    if path.exists():
-        return _content(path)
-    if "@" in source:
-        scene, _, trajectory = source.rpartition("@")
-        person = Path(trajectory).with_name(SUBJECT)  # as it is read
-        return "@".join([_digest(scene), _digest(trajectory), *([_content(person)] if person.is_file() else [])])
-    if source.startswith("builtin:"):
-        return source
-    for mark in "#:":  # CLIP#PART, SET:INDEX
-        file, there, part = source.rpartition(mark)
-        if there and Path(file).exists():
-            return f"{_content(Path(file))}{mark}{part}"
-    raise InputError(path, "", "no such file")
-
-
-@functools.cache
-def _content(path: Path) -> str:
-    """SHA-256 of a file or folder and of the files that go with it: parts of a scene, labels of a person."""
-    if path.suffix.lower() in MADE_OF_FILES:
-        return load_scene(path).digest
-    labels = path.with_name(LABELS)
-    return content_hash(path) + (content_hash(labels) if path.name == SUBJECT and labels.is_file() else "")
 
 
 def run_trial(trial: Trial, job: Job) -> Outcome:

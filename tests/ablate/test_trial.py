@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from cltransfer.ablate.content import _content
 from cltransfer.ablate.read import read_sweep
-from cltransfer.ablate.trial import _content, trials
+from cltransfer.ablate.trial import trials
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
-from cltransfer.scenes.lifted import LABELS, SUBJECT
+from cltransfer.scenes.lifted import SUBJECT
 
 PLUGIN = Path(__file__).parents[2] / "plugins" / "rule_of_thirds.py"
 
@@ -64,17 +65,6 @@ def test_a_plugin_that_was_edited_is_another_trial(
         allow([tmp_path / "rule_of_thirds.py"])
         seen.append(keys("builtin:courtyard", "losses: {rule_of_thirds: {}}"))
     assert not set(seen[0]) & set(seen[1])
-
-
-def test_other_labels_are_another_person(tmp_path: Path) -> None:
-    (tmp_path / SUBJECT).write_text("{}")
-    seen = []
-    for labels in (None, b"a", b"b"):
-        if labels is not None:
-            (tmp_path / LABELS).write_bytes(labels)
-        _content.cache_clear()
-        seen.append(_content(tmp_path / SUBJECT))
-    assert len(set(seen)) == 3
 
 
 def test_another_person_beside_a_trajectory_is_another_trial(

@@ -1,0 +1,19 @@
+"""What is named is told apart by its content, and by that of what goes with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cltransfer.ablate.content import _content, digest
+from cltransfer.scenes.lifted import LABELS, SUBJECT
+
+
+def test_other_labels_are_another_person(tmp_path: Path) -> None:
+    (tmp_path / SUBJECT).write_text("{}")
+    seen = []
+    for labels in (None, b"a", b"b"):
+        if labels is not None:
+            (tmp_path / LABELS).write_bytes(labels)
+        _content.cache_clear()
+        seen.append(digest(str(tmp_path / SUBJECT)))
+    assert len(set(seen)) == 3
