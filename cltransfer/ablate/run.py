@@ -16,10 +16,10 @@ from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
 from ..revision import commit
 from ..run_files import DONE
-from ..shots import own_setup
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
+from .sources import check_sources
 from .summary import CONFIDENCE, FEWEST, RowSummary, summarise
 from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
@@ -78,7 +78,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         progress: called with a step, trials done, trials in all.
 
     Raises:
-        UsageError: the folder holds something else, a row cannot be built, or there is no such shot.
+        UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
         ResourceError: the cluster cannot be reached.
     """
@@ -87,7 +87,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         Components.build(row.config)
         row.config.build_one("search")
     Components.build(sweep.metrics)
-    _check_shots(sweep.file.references)
+    check_sources(sweep)
     asked = trials(sweep, draw_references(sweep, options.out))
     write_text(options.out / FILE, sweep.to_yaml())
     known = read_ledger(options.out / LEDGER)
@@ -114,12 +114,6 @@ def _check_folder(out: Path) -> None:
     if not there <= {DRAWN_REFERENCES} and FILE not in there:  # what is drawn comes first
         raise UsageError(out, "--out", "is neither empty nor an ablation", "name another folder")
     refuse_outside(out, out.rglob("*"), "ablation")  # somebody else may have made it; runs are written into it too
-
-
-def _check_shots(references: Sequence[str]) -> None:
-    for reference in references:
-        if reference.startswith("builtin:") and "@" not in reference:
-            own_setup(reference.removeprefix("builtin:"))
 
 
 def _write(out: Path, ablation: Ablation) -> None:

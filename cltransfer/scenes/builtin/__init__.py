@@ -39,10 +39,7 @@ def builtin_scene(name: str, seed: int = 0, form: str = "splats") -> Scene:
     Raises:
         UsageError: there is no such scene or form.
     """
-    if name not in SETS:
-        raise UsageError("", f"scene {name!r}", "no such built-in scene", f"known: {', '.join(sorted(SETS))}")
-    if form not in FORMS:
-        raise UsageError("", f"scene {name}", f"no form {form!r}", f"known: {', '.join(FORMS)}")
+    _check(name, form)
     place = _place(name, seed)
     world = np.array(place.axes, float)
     cells = painted(
@@ -56,7 +53,16 @@ def builtin_scene(name: str, seed: int = 0, form: str = "splats") -> Scene:
 
 
 def named_scene(text: str) -> Scene:
-    """The scene that ``NAME``, ``NAME-SEED`` or ``NAME-SEED-FORM`` names, as in ``room-3-mesh``.
+    """The scene that ``text`` names, see :func:`read_name`.
+
+    Raises:
+        UsageError: there is no such scene or form, or the seed is no whole number.
+    """
+    return builtin_scene(*read_name(text))
+
+
+def read_name(text: str) -> tuple[str, int, str]:
+    """Name, seed and form of ``NAME``, ``NAME-SEED`` or ``NAME-SEED-FORM``, as in ``room-3-mesh``; nothing is made.
 
     Raises:
         UsageError: there is no such scene or form, or the seed is no whole number.
@@ -65,7 +71,16 @@ def named_scene(text: str) -> Scene:
     seed, _, form = rest.partition("-")
     if rest and not seed.isdecimal():
         raise UsageError("", f"scene {text!r}", f"expected NAME-SEED-FORM, got the seed {seed!r}", "as in room-3-mesh")
-    return builtin_scene(name, int(seed or 0), form or "splats")
+    form = form or "splats"
+    _check(name, form)
+    return name, int(seed or 0), form
+
+
+def _check(name: str, form: str) -> None:
+    if name not in SETS:
+        raise UsageError("", f"scene {name!r}", "no such built-in scene", f"known: {', '.join(sorted(SETS))}")
+    if form not in FORMS:
+        raise UsageError("", f"scene {name}", f"no form {form!r}", f"known: {', '.join(FORMS)}")
 
 
 def _place(name: str, seed: int) -> Place:

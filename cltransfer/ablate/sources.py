@@ -1,0 +1,65 @@
+"""What a sweep names, looked for before its first trial: each is told with the key that it stands under."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ..errors import CltransferError
+from ..scenes.builtin import read_name
+from ..scenes.load import BUILTIN
+from ..shots import own_setup
+from .content import digest
+from .read import DRAWN
+from .sweep import SceneConfig, Sweep
+
+
+def check_sources(sweep: Sweep) -> None:
+    """Look for every scene, view, person and reference of ``sweep``; what is drawn is checked where it is drawn.
+
+    Raises:
+        UsageError: there is no such built-in scene or shot.
+        InputError: a file is missing or damaged.
+    """
+    for key, scene in _scenes(sweep).items():
+        for name, source in (("scene", scene.scene), ("init", scene.init), ("subject", scene.subject)):
+            with _under(f"{key}.{name}"):
+                digest(source)
+                if name == "scene":
+                    _check_scene(scene.scene)
+    for i, reference in enumerate(sweep.file.references):
+        if not reference.startswith(DRAWN):
+            with _under(f"references[{i}]"):
+                _check_reference(reference)
+
+
+def _scenes(sweep: Sweep) -> dict[str, SceneConfig]:
+    """Every scene that some row is run in, by its key."""
+    own = {f"rows.{row.name}.scene": row.scene for row in sweep.rows if row.scene is not None}
+    if len(own) == len(sweep.rows):
+        return own
+    return {**{f"scenes[{i}]": scene for i, scene in enumerate(sweep.file.scenes)}, **own}
+
+
+def _check_scene(source: str) -> None:
+    if source.startswith(BUILTIN):
+        read_name(source.removeprefix(BUILTIN))
+
+
+def _check_reference(source: str) -> None:
+    digest(source)
+    scene, at, _ = source.rpartition("@")
+    if at:
+        _check_scene(scene)
+    elif source.startswith(BUILTIN):
+        own_setup(source.removeprefix(BUILTIN))
+
+
+@contextmanager
+def _under(key: str) -> Iterator[None]:
+    """What is wrong within is told with the ``key`` of the file that it stands under."""
+    try:
+        yield
+    except CltransferError as error:
+        where = ": ".join(filter(None, (error.where, error.field)))
+        raise type(error)(key, where, error.reason, error.hint) from None
