@@ -21,6 +21,7 @@ from .typed import nearest, typed
 
 T = TypeVar("T")
 NAME = re.compile("[a-z][a-z0-9_]*")
+COLUMNS = "total|frames?|time|flags|method|clip|reason|row|trials|failed|jerk|.*_defined"  # beside those of losses
 
 
 class Registry(Generic[T]):
@@ -34,12 +35,10 @@ class Registry(Generic[T]):
         package: of the built-in ones.
         section: of a config, under which they are named; empty where their options are named alone.
         declared: what a class declares.
-        reserved: names that tables have for something else.
+        reserved: pattern of the names that tables have for something else; empty where they have none.
     """
 
-    def __init__(
-        self, kind: str, package: str, section: str, declared: Sequence[Declared], reserved: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, kind: str, package: str, section: str, declared: Sequence[Declared], reserved: str = "") -> None:
         self.kind, self.package, self.section, self.declared = kind, package, section, declared
         self.reserved = reserved
         self._classes: dict[str, type[T]] = {}
@@ -54,7 +53,7 @@ class Registry(Generic[T]):
         if not NAME.fullmatch(name):
             reason = "expected small letters, digits and _, a letter first, so that key=value can name it"
             raise ModelError("", f"{self.kind} {name!r}", reason, "choose another name")
-        if name in self.reserved:
+        if re.fullmatch(self.reserved, name):
             raise ModelError("", f"{self.kind} {name!r}", "the name is that of another column; choose another")
 
         def add(cls: type[T]) -> type[T]:
@@ -156,6 +155,6 @@ def _default(field: dataclasses.Field[Any]) -> Any:
 
 RENDERERS: Registry[Any] = Registry("renderer", "cltransfer.renderers", "renderer", RENDERER)
 EXTRACTORS: Registry[Any] = Registry("extractor", "cltransfer.extractors", "extractors", EXTRACTOR)
-LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", "losses", LOSS, reserved=("total",))
+LOSSES: Registry[Any] = Registry("loss", "cltransfer.losses", "losses", LOSS, COLUMNS)
 SEARCHES: Registry[Any] = Registry("search", "cltransfer.search", "search", SEARCH)
 FITTERS: Registry[Any] = Registry("fitter", "cltransfer.fit", "", FITTER)

@@ -8,10 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
+from cltransfer.ablate.summary import summarise
+from cltransfer.ablate.tables import COST, values_table
+from cltransfer.ablate.trial import Case, Metric, Outcome
 from cltransfer.errors import ModelError, UsageError
+from cltransfer.evaluate_many import ClipScore
+from cltransfer.evaluate_table import clips_csv
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry, code_of
+from cltransfer.report.data import ReportData
+from cltransfer.report.metrics import metrics_csv
+from cltransfer.scores import Scores, Term
 
 
 def method(*arguments: object) -> None:
@@ -131,9 +140,31 @@ def test_a_name_that_no_config_can_write_is_refused(name: str) -> None:
     assert str(caught.value).startswith(f"loss {name!r}: expected small letters, digits and _, a letter first")
 
 
-def test_no_loss_is_called_as_their_sum_is() -> None:
-    with pytest.raises(ModelError, match=r"^loss 'total': the name is that of another column; choose another$"):
-        LOSSES.register("total")
+def columns() -> list[str]:
+    """Whatever stands beside ``framing`` in the tables that have a column for each loss, and what tells ways to err."""
+    one, zeros = Metric(0.0, "frame", 1, ""), torch.zeros(1, dtype=torch.float64)
+    outcome = Outcome("key", "full", Case("room", "pan", 0), "", {"framing": one, "total": one}, 1)
+    score = ClipScore("ours", "pan", {"framing": 0.0, "total": 0.0}, {"framing": 1, "total": 1}, 1)
+    scores = Scores((Term("framing", "frame", 1.0, zeros),), zeros)
+    report = ReportData("pan", zeros, scores, None, None, None, None, torch.zeros(1, 3, 2, 2, dtype=torch.uint8))
+    tables = (metrics_csv(report), clips_csv([score]))
+    heads = [name for table in tables for name in table.partition("\n")[0].split(",")]
+    heads += ["jerk", "method", *values_table(summarise(["full"], [outcome])).header]
+    return sorted(set(heads) - {"framing", *COST})
+
+
+@pytest.mark.parametrize("name", columns())
+def test_no_loss_is_called_as_another_column_is(name: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        LOSSES.register(name)
+    assert str(caught.value) == f"loss {name!r}: the name is that of another column; choose another"
+
+
+def test_what_only_resembles_a_column_is_a_name_and_so_is_one_of_what_has_no_column() -> None:
+    for name in ("defined", "frame_rate", "clip_length"):
+        LOSSES.register(name)
+    for registry in (EXTRACTORS, RENDERERS, SEARCHES):
+        registry.register("frames")
 
 
 def test_two_plugins_of_one_name_are_told_with_their_files(tmp_path: Path) -> None:
