@@ -76,7 +76,8 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     if out.is_dir() and any(out.iterdir()) and not (out / "index.html").is_file():
         raise UsageError(out, "--out", "is neither empty nor a page", "name another folder")
     samples = [f"sample{i + 1}" for i in range(len(groups))]
-    study = design(samples, wanted.methods, [_digest(where) for group in groups for where in group], wanted.seed)
+    content = [_digest(where) for shown in (*groups, references) for where in shown]
+    study = design(samples, wanted.methods, content, wanted.seed)
     token_of = {(clip.sample, clip.method): clip.token for clip in study.clips.values()}
     for number, (sample, group) in enumerate(zip(samples, groups)):
         reference = _reference(group, references[number] if references else None)

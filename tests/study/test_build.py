@@ -179,6 +179,17 @@ def test_another_part_of_a_clip_makes_another_study(clips: Wanted, tmp_path: Pat
     assert len({named(""), named("#t=0,0.2"), named("#t=0.1,0.3")}) == 3
 
 
+def test_other_references_make_another_study(clips: Wanted, tmp_path: Path) -> None:
+    def named(*references: object) -> str:
+        return build_study(replace(clips, references=tuple(map(str, references))), tmp_path / "page")[0].name
+
+    first, second = clips.references
+    copy = shutil.copy(first, tmp_path / "copy.mp4")
+    usual = named(first, second)
+    assert named(copy, second) == usual  # by content, wherever it lies
+    assert len({usual, named(second, first), named(first, first), named(first, f"{second}#t=0,0.2")}) == 4
+
+
 def test_a_part_that_a_study_cannot_show_is_refused(tiny_run: Path, clips: Wanted, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="#person: expected a whole clip"):
         build_study(replace(clips, runs=(f"{clips.runs[0]}#person=1", *clips.runs[1:])), tmp_path / "page")
