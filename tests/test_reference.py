@@ -1,0 +1,43 @@
+"""A clip is read once; what was read in other frames than it has now is not taken for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from cltransfer import decoding
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.files import cache_dir
+from cltransfer.reference import Reading, read_reference
+
+MIRROR = 2  # orientation of EXIF
+
+
+def mirrored(folder: Path) -> Path:
+    """A wall that moves down, in images that ask to be shown mirrored."""
+    folder.mkdir()
+    exif = Image.Exif()
+    exif[0x0112] = MIRROR
+    wall = np.random.default_rng(0).integers(0, 255, (36, 64, 3), np.uint8)
+    for i in range(3):
+        Image.fromarray(np.roll(wall, 2 * i, 0)).save(folder / f"{i}.png", exif=exif)
+    return folder
+
+
+def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    with monkeypatch.context() as before:
+        before.setattr(decoding, "_MIRRORED", ())  # as they were decoded once
+        then = read_reference(source, parts, Reading()).features.require("flow")
+    now = read_reference(source, parts, Reading()).features.require("flow")
+    assert float((then[1:, 1] * now[1:, 1]).median()) < 0  # the other way
+    torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
+    assert len(list((cache_dir() / "features").iterdir())) == 2  # the third time nothing was read
