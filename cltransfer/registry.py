@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -131,12 +132,27 @@ class Registry(Generic[T]):
 
 
 def code_of(component: object) -> str:
-    """SHA-256 of the file in which a plugin has written its component; empty for what comes with cltransfer."""
+    """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
+
+    Empty for what comes with cltransfer.
+    """
     module = type(component).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
     if module.partition(".")[0] == "cltransfer" or file is None:
         return ""
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    package = _package(Path(file))
+    if package is None:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    digest = hashlib.sha256()
+    for part in sorted(package.rglob("*.py")):
+        digest.update(f"{part.relative_to(package)}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode())
+    return digest.hexdigest()
+
+
+def _package(file: Path) -> Path | None:
+    """The outermost folder of the package that ``file`` lies in, None where it is part of none."""
+    folders = list(takewhile(lambda folder: (folder / "__init__.py").is_file(), file.parents))
+    return folders[-1] if folders else None
 
 
 def _file_of(cls: type[Any]) -> str:

@@ -1,0 +1,73 @@
+"""What a plugin's answers are known again by: its code, wherever in its package it stands."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cltransfer.plugins import allow
+from cltransfer.registry import LOSSES, code_of
+
+OWN = """from dataclasses import dataclass
+from cltransfer.registry import LOSSES
+
+@LOSSES.register("mine")
+@dataclass(frozen=True)
+class Mine:
+    weight: float = 1.0
+    requires, unit, penalty = ("keypoints",), "frame", 1.0
+    __call__ = print
+"""
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    """The loss that a test registers is forgotten after it."""
+    yield
+    LOSSES._classes.pop("mine", None)
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An installed package whose loss stands in one of its modules and takes its formula from another."""
+    for name in ("", "losses", "maths"):
+        (tmp_path / "own_plugins" / name).mkdir()
+        (tmp_path / "own_plugins" / name / "__init__.py").touch()
+    (tmp_path / "own_plugins" / "losses" / "mine.py").write_text(f"from ..maths import formula\n{OWN}")
+    (tmp_path / "own_plugins" / "maths" / "formula.py").write_text("SCALE = 1.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path / "own_plugins"
+    for name in [name for name in sys.modules if name.partition(".")[0] == "own_plugins"]:
+        del sys.modules[name]
+
+
+def test_the_code_of_a_plugin_is_all_of_its_package(package: Path) -> None:
+    importlib.import_module("own_plugins.losses.mine")
+    mine, seen = LOSSES.build("mine"), []
+    for file, text in (("losses/mine.py", "# edited"), ("maths/formula.py", "SCALE = 2.0\n"), ("new.py", "")):
+        seen.append(code_of(mine))
+        assert code_of(mine) == seen[-1]
+        (package / file).write_text(text)
+    whole = code_of(mine)
+    assert len({*seen, whole}) == 4
+    (package / "notes.txt").touch()
+    (package.parent / "beside.py").touch()
+    assert code_of(mine) == whole
+    (package / "new.py").rename(package / "newer.py")
+    assert code_of(mine) != whole
+
+
+def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    allow([tmp_path])
+    alone = code_of(LOSSES.build("mine"))
+    assert alone == hashlib.sha256(OWN.encode()).hexdigest()
+    (tmp_path / "other.py").touch()
+    assert code_of(LOSSES.build("mine")) == alone
+    (tmp_path / "__init__.py").touch()
+    assert code_of(LOSSES.build("mine")) != alone
