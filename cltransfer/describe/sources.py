@@ -10,18 +10,21 @@ from torch import Tensor
 
 from ..components import Components
 from ..config_options import RunConfig
-from ..errors import InputError
+from ..errors import InputError, UsageError
 from ..extractors.scene_joints import NEAR, project_joints
 from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..progress import Progress, silent
-from ..reference import Reading, read_reference
+from ..reference import Reading, is_scene, read_reference
 from ..run_files import require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .description import Description, describe_features
 from .flow_motion import flow_motion
 from .path_motion import path_motion
+
+NEEDS = ("keypoints", "orientation", "flow", "layers")  # features
+HINT = "a description needs the losses that read it"
 
 
 def describe(
@@ -40,6 +43,7 @@ def describe(
 
     Raises:
         InputError: the source is missing, damaged or an unfinished run, or a camera path has no person.
+        UsageError: by the config not all would be read.
     """
     path = Path(source)
     require_done(path)
@@ -48,15 +52,26 @@ def describe(
     if path.suffix == ".json" and "@" not in path.name:
         return describe_path(path, subject), None
     parts = Components.build(config)
+    if not source.endswith(".safetensors"):  # which has its features, whatever the config asks for
+        _check_needs(source, parts)
     reading = Reading(config.frames, config.output_side, "scene")
     reference = read_reference(source, parts, reading, progress)
-    lacking = [name for name in ("keypoints", "orientation", "flow", "layers") if not reference.features.has(name)]
+    lacking = [name for name in NEEDS if not reference.features.has(name)]
     if lacking:
         reason = reference.missing.get(lacking[0], "not read")
-        raise InputError(source, lacking[0], reason, "a description needs the losses that read it")
+        raise InputError(source, lacking[0], reason, HINT)
     motion = flow_motion(reference.features, reference.times)
     shown = describe_features(reference.name, reference.features, reference.times, motion, reference.missing)
     return replace(shown, flags=(*shown.flags, *reference.flags)), reference.image
+
+
+def _check_needs(source: str, parts: Components) -> None:
+    """Refuse what would not read all that a description is made of, rather than after reading the rest."""
+    plan = parts.plan("scene" if is_scene(source) else "image")
+    for name in NEEDS:
+        if name not in plan.wanted or name in plan.missing:
+            reason = plan.missing.get(name, "expected a loss that reads it, none is left")
+            raise UsageError(source, name, reason, HINT)
 
 
 def describe_path(path: Path, subject: Path | None = None) -> Description:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 import torch
 
 from cltransfer.feature_file import FeatureFile
@@ -38,6 +39,32 @@ def test_what_could_not_be_read_is_told_in_the_file_too(command: Any, tmp_path: 
     assert "note: the motion of 2 frames could not be read" in written
     movement = json.loads((tmp_path / "words" / "description.json").read_text())["movement"]
     assert (movement["name"], movement["reason"]) == (None, "no frame's motion could be read")
+
+
+LEFT_OUT = {
+    "losses.camera_angle=null": "orientation: expected a loss that reads it, none is left",
+    "losses.camera_movement=null": "flow: expected a loss that reads it, none is left",
+    "extractors.flow_dis=null": "flow: no image extractor provides 'flow'",
+}
+
+
+@pytest.mark.parametrize("override", LEFT_OUT)
+def test_what_no_loss_reads_is_told_before_anything_is_read(command: Any, tmp_path: Path, override: str) -> None:
+    clip = tmp_path / "clip.mp4"
+    clip.write_text("this cannot be read")
+    said = command("describe", clip, override)
+    assert said.err == f"error: {clip}: {LEFT_OUT[override]} (a description needs the losses that read it)\n"
+    assert said.code == 2
+
+
+def test_a_feature_file_that_lacks_something_is_named_whatever_the_config_reads(command: Any, tmp_path: Path) -> None:
+    features = replace(sample_features(0, 3), image=None, alpha=None, label=None, camera=None, person=None)
+    times, path = torch.arange(3).double(), tmp_path / "a.safetensors"
+    FeatureFile(features, times, "a").save(path)
+    assert command("describe", path, "losses.camera_angle=null").code == 0
+    FeatureFile(replace(features, orientation=None), times, "a").save(path)
+    said = command("describe", path)
+    assert (said.code, "a.safetensors: orientation: not in the feature file" in said.err) == (3, True)
 
 
 def test_a_missing_source_is_one_line(command: Any, tmp_path: Path) -> None:
