@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,13 @@ import torch
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
+from cltransfer.config_options import RunConfig
+from cltransfer.driver.frame import Solved
 from cltransfer.flags import run_flags
 from cltransfer.left_out import LeftOut
+from cltransfer.preparation import Clock, Job, prepare
+from cltransfer.progress import silent
+from cltransfer.rounds import Take, _left_out, _past_floaters, _searched, _with_floaters
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.lifted import load_person, save_labels
 from cltransfer.scenes.load import load_scene
@@ -33,7 +40,7 @@ def clean() -> Result:
 
 
 @pytest.fixture(scope="module")
-def hung(tmp_path_factory: pytest.TempPathFactory) -> Result:
+def hanging(tmp_path_factory: pytest.TempPathFactory) -> Inputs:
     """The same with 150 large blobs in the air about the person."""
     folder, plaza = tmp_path_factory.mktemp("hung"), load_scene("builtin:plaza")
     assert plaza.subject is not None
@@ -42,8 +49,12 @@ def hung(tmp_path_factory: pytest.TempPathFactory) -> Result:
     plaza.subject.save(folder / "subject.json")
     save_labels(folder, scene.geometry.label)
     x, y, z = plaza.up.tolist()
-    given = Inputs(str(folder / "scene.ply"), "builtin:push_in", subject=folder / "subject.json", up=(x, y, z))
-    return solved(given)
+    return Inputs(str(folder / "scene.ply"), "builtin:push_in", subject=folder / "subject.json", up=(x, y, z))
+
+
+@pytest.fixture(scope="module")
+def hung(hanging: Inputs) -> Result:
+    return solved(hanging)
 
 
 def test_what_hangs_in_the_air_moves_no_camera(clean: Result, hung: Result) -> None:
@@ -107,3 +118,46 @@ def test_a_path_past_floaters_gains_more_than_it_loses_and_is_no_path_for_them_a
     alone: float, among: float, better: bool
 ) -> None:
     assert LeftOut(5, alone, among).better(LeftOut(5, 0.5, 1.0)) == better
+
+
+def quiet(frame: int, solved: Solved) -> None:
+    """Hears how far a search is."""
+
+
+def found_without_floaters(hanging: Inputs) -> tuple[Job, RunConfig, Take]:
+    """What is found in the scene without its floaters, which hide the person from there in every frame."""
+    config = load_config(overrides=TINY)
+    job = prepare(hanging, config, Clock(), silent, None)
+    take = _searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    assert take.path is not None
+    return job, config, take
+
+
+def cost(job: Job, step: Callable[[], object]) -> int:
+    """Evaluations that are counted while ``step`` is done."""
+    before = job.stage.spent.evaluations
+    step()
+    return job.stage.spent.evaluations - before
+
+
+def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(hanging: Inputs) -> None:
+    job, _, take = found_without_floaters(hanging)
+    left_out, frames = _left_out(job, take), len(take.x)
+    assert take.path is not None
+    assert take.path.residuals is not None  # so the path itself is not scored again
+    assert _past_floaters(job, take, left_out)[0] is take  # another was tried, and not taken
+    ways = len(job.search.aside) * frames
+    scored = ["what is chosen of all ways", "the same without floaters", "and among them"]
+    assert cost(job, lambda: _past_floaters(job, take, left_out)) == ways + len(scored) * frames
+
+
+def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hanging: Inputs) -> None:
+    job, config, take = found_without_floaters(hanging)
+    left_out, target = _left_out(job, take), take.clip.reference
+    assert left_out.matters
+    past = cost(job, lambda: _past_floaters(job, take, left_out))
+    search = cost(
+        job,
+        lambda: _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
+    )
+    assert cost(job, lambda: _with_floaters(job, config, take, quiet)) == past + search + len(take.x)
