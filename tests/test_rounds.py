@@ -1,7 +1,8 @@
-"""A scene is searched without its floaters; its result shows them, and says where they matter."""
+"""A scene is searched without its floaters; its result shows them, and says where they matter. What is tried counts."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +16,15 @@ from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
 from cltransfer.config_options import RunConfig
 from cltransfer.driver.frame import Solved
+from cltransfer.driver.second_guide import second_guide
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.starts import Starts
+from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.flags import run_flags
 from cltransfer.left_out import LeftOut
 from cltransfer.preparation import Clock, Job, prepare
 from cltransfer.progress import silent
-from cltransfer.rounds import Take, _left_out, _past_floaters, _searched, _with_floaters
+from cltransfer.rounds import Take, _followed, _followed_from, _left_out, _past_floaters, _searched, _with_floaters
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.lifted import load_person, save_labels
 from cltransfer.scenes.load import load_scene
@@ -161,3 +166,39 @@ def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hang
         lambda: _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
     )
     assert cost(job, lambda: _with_floaters(job, config, take, quiet)) == past + search + len(take.x)
+
+
+FLOW = ["frames=8", "search_side=96", "output_side=96", "threads=1", "losses.camera_movement.weight=80"]
+NEARER, TREMBLES = slice(0, 5), 0.1  # frames; [rad]
+
+
+@pytest.fixture
+def astray() -> tuple[Job, Stage, Starts]:
+    """An orbit whose frames are left where the guide has them: five too near, and flow wrong at any distance."""
+    job = prepare(Inputs("builtin:plaza", "builtin:orbit"), load_config(overrides=FLOW), Clock(), silent, None)
+    stays = replace(job.schedule.refinement, steps=0)
+    schedule = replace(job.schedule, refinement=stays, lean_limit=0.0, basin=math.inf, rescue=math.inf)
+    assert job.starts.guide is not None
+    guide, stage = job.starts.guide.clone(), replace(job.stage, scene=job.solid)
+    guide[NEARER, 3] -= 0.5
+    guide[NEARER, 0] += TREMBLES * torch.tensor([1.0, -1.0, 1.0, -1.0, 1.0])
+    clip = WholeClip(stage, job.search, job.wanted, job.starts.homes[0])
+    return replace(job, schedule=schedule), stage, Starts(clip.cameras(guide[:1]), guide)
+
+
+def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weight(
+    astray: tuple[Job, Stage, Starts],
+) -> None:
+    job, stage, starts = astray
+    found = _followed_from(job, stage, job.wanted, starts, quiet)
+    clip = WholeClip(stage, job.search, job.wanted, starts.homes[0])
+    assert found.local is not None
+    assert starts.guide is not None
+    again = second_guide(clip, starts.guide, found.x, found.totals)
+    assert again is not None
+    whole = clip.totals(found.local.residuals)
+    torch.testing.assert_close(whole, clip.totals(clip.residuals(found.x)))
+    assert not again.gains(clip, found.x, found.totals)  # half the weight, by which each frame was searched
+    assert again.gains(clip, found.x, whole)
+    farther = _followed(job, stage, job.wanted, starts, quiet)
+    assert float((farther.x - found.x)[NEARER, 3].min()) > 0.4
