@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -18,11 +18,10 @@ from .cli_evaluate import evaluate
 from .cli_fit import fit
 from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
-from .cli_scenes import bake, simplify
-from .cli_shared import Allow, Config, Json, Overrides, Quiet, show
+from .cli_scenes import bake, lift, simplify
+from .cli_shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
 from .cli_study import study
 from .errors import CltransferError, UsageError, shortened
-from .files import check_out
 
 HELP = """Transfer the camera language of a reference clip into a 3D scene, and score it.
 
@@ -50,13 +49,6 @@ app.command()(study)
 app.command()(evaluate)
 app.command()(describe)
 app.command()(inspect)
-
-Up = Annotated[
-    str | None,
-    typer.Option(help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes."),
-]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; by default one in outputs/.")]
-SceneArg = Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")]
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 
@@ -161,7 +153,7 @@ def transfer(
     paths, overrides = _split(arguments or [], 2)
     if resume is not None and out not in (None, resume):
         raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
-    settings = _settings(config, overrides, allow_plugin)
+    settings = settings_of(config, overrides, allow_plugin)
     if print_config:
         from .config import to_yaml
 
@@ -176,7 +168,7 @@ def transfer(
     from .transfer import Inputs, Record
     from .transfer import transfer as run
 
-    inputs = Inputs(scene, reference, init, subject, _vector(up))
+    inputs = Inputs(scene, reference, init, subject, up_of(up))
     folder = open_run(resume or out or default_folder(scene, reference), resume is not None)
     try:
         with progress(quiet) as report:
@@ -209,41 +201,7 @@ def render(
     print(written)
 
 
-@app.command()
-def lift(
-    scene: SceneArg,
-    overrides: Overrides = None,
-    out: Out = None,
-    view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
-    views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
-    person: Annotated[
-        int | None, typer.Option(min=0, help="Which one, where there are several; 0 is who most views see.")
-    ] = None,
-    up: Up = None,
-    config: Config = None,
-    allow_plugin: Allow = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
-
-    Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
-    and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
-    """
-    settings = _settings(config, overrides or [], allow_plugin)
-    from .lift_folder import Lifting, lift_lines, lift_to_folder
-    from .progress import progress
-    from .run_folder import default_folder
-    from .scenes.lifted import summary
-    from .threads import set_threads, thread_count
-
-    set_threads(settings.threads or thread_count())
-    folder = out or default_folder(scene, "lift")
-    check_out(folder)
-    wanted = Lifting(scene, _vector(up), tuple(view or ()), views, person)
-    with progress(quiet) as report:
-        found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
-    show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
+app.command()(lift)  # after render, as `--help` lists them
 
 
 @app.command()
@@ -270,21 +228,3 @@ def _split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
 def _is_override(argument: str) -> bool:
     key = argument.partition("=")[0]
     return "=" in argument and key.replace(".", "").replace("_", "").isalnum() and not Path(argument).exists()
-
-
-def _settings(config: Path | None, overrides: list[str], plugins: list[str] | None) -> Any:
-    from .config import load_config
-    from .plugins import allow
-
-    allow(plugins or [])
-    return load_config(config, overrides)
-
-
-def _vector(text: str | None) -> tuple[float, float, float] | None:
-    if text is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError("", "--up", f"expected X,Y,Z, got {text!r}") from None
-    return x, y, z

@@ -1,4 +1,4 @@
-"""Verbs that make one scene file of another: simplify and bake."""
+"""Verbs on a scene: the person in it, lift; and one scene file made of another, simplify and bake."""
 
 from __future__ import annotations
 
@@ -7,9 +7,45 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_shared import Json, show
+from .cli_shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
 from .errors import UsageError
 from .files import check_out
+
+
+def lift(
+    scene: Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")],
+    overrides: Overrides = None,
+    out: Out = None,
+    view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
+    views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
+    person: Annotated[
+        int | None, typer.Option(min=0, help="Which one, where there are several; 0 is who most views see.")
+    ] = None,
+    up: Up = None,
+    config: Config = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
+
+    Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
+    and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
+    """
+    settings = settings_of(config, overrides or [], allow_plugin)
+    from .lift_folder import Lifting, lift_lines, lift_to_folder
+    from .progress import progress
+    from .run_folder import default_folder
+    from .scenes.lifted import summary
+    from .threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    folder = out or default_folder(scene, "lift")
+    check_out(folder)
+    wanted = Lifting(scene, up_of(up), tuple(view or ()), views, person)
+    with progress(quiet) as report:
+        found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
+    show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
 
 
 def simplify(

@@ -1,4 +1,4 @@
-"""Options that several verbs share, and how a result is shown."""
+"""Options that several verbs share, what they mean, and how a result is shown."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from .errors import UsageError
 
 Allow = Annotated[
     list[str] | None,
@@ -27,8 +29,37 @@ Overrides = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+Up = Annotated[
+    str | None,
+    typer.Option(help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes."),
+]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; by default one in outputs/.")]
 
 
 def show(values: Any, text: str, as_json: bool) -> None:
     """Print ``values`` as JSON, or ``text``."""
     print(json.dumps(values, indent=2, allow_nan=False) if as_json else text)
+
+
+def settings_of(config: Path | None, overrides: list[str], plugins: list[str] | None) -> Any:
+    """The config of a command, its plugins let in before."""
+    from .config import load_config
+    from .plugins import allow
+
+    allow(plugins or [])
+    return load_config(config, overrides)
+
+
+def up_of(text: str | None) -> tuple[float, float, float] | None:
+    """What ``--up`` says.
+
+    Raises:
+        UsageError: it is no vector.
+    """
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError("", "--up", f"expected X,Y,Z, got {text!r}") from None
+    return x, y, z
