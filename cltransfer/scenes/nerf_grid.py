@@ -20,7 +20,7 @@ from ..tensor_file import check_tensor_file
 
 FORMAT = "cltransfer.nerf_grid.1"
 LIMIT = 4 * 2**30  # bytes
-MOST_VERTICES = 2**27  # 512^3
+MOST_VERTICES = 518**3  # 512 cells a side, the most that `bake` takes, with its margin: 2.6 GiB without directions
 SH_DEGREES = {1: 0, 4: 1, 9: 2}  # coefficients per channel -> degree
 KEYS = ("density", "sh", "label", "aabb")
 _BYTES = {"F16": 2, "F32": 4, "F64": 8}  # of a stored number

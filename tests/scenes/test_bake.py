@@ -137,14 +137,30 @@ def test_nothing_to_bake_is_refused() -> None:
         bake_grid(snowman(), 1)
 
 
+def test_as_many_cells_as_the_command_takes_are_begun_whatever_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = RuntimeError("begun")
+
+    def sampled(mesh: Mesh, count: int) -> None:
+        raise begun
+
+    monkeypatch.setattr(memory, "free_bytes", lambda: None)
+    monkeypatch.setattr("cltransfer.scenes.bake.sample_surface", sampled)
+    for side in (1.0, 0.3, 7.1):  # how far a rounding goes is another matter for each
+        cube = trimesh.creation.box([side] * 3)
+        mesh = Mesh.plain(torch.from_numpy(np.array(cube.vertices)), torch.from_numpy(np.array(cube.faces)))
+        with pytest.raises(RuntimeError) as caught:
+            bake_grid(mesh, 512)
+        assert caught.value is begun
+
+
 def test_a_grid_that_could_not_be_opened_again_or_does_not_fit_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     cube = trimesh.creation.box()
     mesh = Mesh.plain(torch.from_numpy(np.array(cube.vertices)), torch.from_numpy(np.array(cube.faces)))
     with monkeypatch.context() as patch:
         patch.setattr(memory, "free_bytes", lambda: None)
         patch.setattr("cltransfer.scenes.bake.sample_surface", None)
-        with pytest.raises(UsageError, match=r"cells: expected a grid of at most 134217728 vertices, 512 .* 138188413"):
-            bake_grid(mesh, 512)
+        with pytest.raises(UsageError, match=r"cells: expected a grid of at most 138991832 vertices, 520 .* 144703125"):
+            bake_grid(mesh, 520)
     monkeypatch.setattr(memory, "free_bytes", lambda: 2**24)
     with pytest.raises(
         ResourceError, match=r"memory: a grid's 42875 vertices and .* samples need 32 MB, 16 MB are free"

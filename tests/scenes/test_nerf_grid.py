@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from pathlib import Path
 
 import pytest
 import torch
@@ -127,21 +128,34 @@ def test_a_header_that_declares_more_than_the_file_holds_is_refused(tmp_path):
         read_grid(path)
 
 
-def test_a_grid_is_held_against_the_memory_before_it_is_read(tmp_path, monkeypatch):
-    path = tmp_path / "sparse.safetensors"
-    shapes = {"density": [300, 300, 300], "sh": [300, 300, 300, 9, 3], "label": [300, 300, 300], "aabb": [2, 3]}
+def sparse_grid(path: Path, side: int, terms: int, kind: str) -> Path:
+    """A file of ``side`` vertices along each axis, of zeros that take no room."""
+    shapes = {"density": [side] * 3, "sh": [side] * 3 + [terms, 3], "label": [side] * 3, "aabb": [2, 3]}
     header: dict[str, object] = {"__metadata__": {"format": FORMAT}}
     end = 0
     for key, shape in shapes.items():
-        start, end = end, end + 2 * math.prod(shape)
-        header[key] = {"dtype": "F16", "shape": shape, "data_offsets": [start, end]}
+        start, end = end, end + {"F16": 2, "F32": 4}[kind] * math.prod(shape)
+        header[key] = {"dtype": kind, "shape": shape, "data_offsets": [start, end]}
     text = json.dumps(header).encode()
     with path.open("wb") as stream:
         stream.write(struct.pack("<Q", len(text)) + text)
-        stream.truncate(8 + len(text) + end)  # 1.5 GiB of zeros that take no room
+        stream.truncate(8 + len(text) + end)
+    return path
+
+
+def test_a_grid_is_held_against_the_memory_before_it_is_read(tmp_path, monkeypatch):
+    path = sparse_grid(tmp_path / "sparse.safetensors", 300, 9, "F16")
     monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
     with pytest.raises(ResourceError, match=r"sparse.safetensors: memory: its tensors need 4970 MB, 1024 MB are free"):
         read_grid(path)
+
+
+def test_what_may_be_baked_may_be_opened_and_no_more(tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
+    with pytest.raises(ResourceError, match="its tensors need"):  # only memory is in its way
+        read_grid(sparse_grid(tmp_path / "most.safetensors", 518, 1, "F32"))
+    with pytest.raises(InputError, match="density: expected at most 138991832 vertices, got 139798359"):
+        read_grid(sparse_grid(tmp_path / "more.safetensors", 519, 1, "F32"))
 
 
 @pytest.mark.parametrize(("dtype", "most"), [(torch.float16, 6), (torch.float32, 10), (torch.float64, 18)])
