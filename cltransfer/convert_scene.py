@@ -131,6 +131,7 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
     Raises:
         UsageError: the scene is not a mesh.
         InputError: it cannot be read.
+        ResourceError: what is to be made of it takes more memory than is free.
     """
     scene = load_scene(source)
     if not isinstance(scene.geometry, Mesh):

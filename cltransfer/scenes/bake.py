@@ -29,6 +29,7 @@ INSET = 0.5  # voxels by which the shell lies inside the surface, so that its ou
 MARGIN = 2  # empty cells around the shell
 PER_CELL = 3.0  # samples along a cell's edge
 VERTEX_BYTES, SAMPLE_BYTES = 300, 420  # of a grid while it is baked, measured and rounded up
+SPLAT_BYTES, FACE_BYTES = 480, 160  # of a Gaussian and of a face while Gaussians are baked, likewise
 _PLASTIC = 1.32471795724474602596  # its powers give the most even sequence of points in a triangle
 
 
@@ -107,7 +108,9 @@ def bake_splats(mesh: Mesh, count: int = 100_000) -> Splats:
 
     Raises:
         ValueError: ``count`` is not positive, or the mesh has no area.
+        ResourceError: they take more memory than is free.
     """
+    require_free(SPLAT_BYTES * count + FACE_BYTES * len(mesh), "", f"{count} Gaussians", "take fewer")
     samples = sample_surface(mesh, count)
     width = SPREAD * samples.area**0.5
     n = len(samples.points)

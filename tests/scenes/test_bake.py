@@ -167,3 +167,12 @@ def test_a_grid_that_could_not_be_opened_again_or_does_not_fit_is_not_begun(monk
     ):
         bake_grid(mesh, 30)
     assert bake_grid(mesh, 10).density.shape == (15, 15, 15)
+
+
+def test_more_gaussians_than_fit_in_memory_are_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**24)
+    with monkeypatch.context() as patch:
+        patch.setattr("cltransfer.scenes.bake.sample_surface", None)
+        with pytest.raises(ResourceError, match=r"memory: 100000 Gaussians need 47 MB, 16 MB are free .* take fewer"):
+            bake_splats(snowman(), 100_000)
+    assert len(bake_splats(snowman(), 10_000)) == 10_000
