@@ -24,6 +24,7 @@ from .mesh import Mesh
 from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
+from .mtl import check_images
 from .ply_header import HEADER_LIMIT
 from .rig import subject_of_rig
 from .textures import Textures, image_of
@@ -58,7 +59,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
 
     Raises:
         InputError: the file is missing, empty, damaged, without faces, larger than the limits, more than 1 % of its
-            vertices are not finite, or it names a file outside its folder.
+            vertices are not finite, it names a file outside its folder, or a texture cannot be decoded.
         ResourceError: it takes more memory than is free.
     """
     suffix = path.suffix.lower()
@@ -74,7 +75,10 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
         data = read_limited(path)
         {".obj": check_obj, ".ply": check_ply}[suffix](path, data)
     found = list(_geometries(path, data, suffix, beside))
-    textures = Textures(path, [getattr(geometry.visual, "material", None) for _, _, geometry in found])
+    materials = [getattr(geometry.visual, "material", None) for _, _, geometry in found]
+    if suffix == ".obj" and files.given:
+        check_images(files.given[0], materials)
+    textures = Textures(path, materials)
     parts = [_part(path, looks, textures, *part) for part in found]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltransfer.errors import InputError
+from cltransfer.scenes.read_mesh import read_mesh
+
+FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl dark wood\nf 1/1 2/2 3/3\n"
+
+
+@pytest.fixture
+def stage(tmp_path, image_file):
+    """Writes stage.obj, whose one face shows the material "dark wood" of a library; wood.png is an image."""
+
+    def write(library: str) -> Path:
+        (tmp_path / "wood.png").write_bytes(image_file(np.full((4, 2, 3), 90, np.uint8)))
+        (tmp_path / "none.png").write_bytes(b"no picture")
+        (tmp_path / "stage.mtl").write_text(library)
+        (tmp_path / "stage.obj").write_text("mtllib stage.mtl\n" + FACE)
+        return tmp_path / "stage.obj"
+
+    return write
+
+
+@pytest.mark.parametrize("line", ["map_Kd none.png", "  MAP_KD   none.png "])
+def test_an_image_that_cannot_be_opened_is_named(stage, line):
+    path = stage(f"newmtl dark wood\nKd 1 0 0\n{line}\nnewmtl spare\nmap_Kd wood.png\n")
+    said = r"stage.mtl: map_Kd: 'none.png' of material 'dark wood' cannot be decoded \(expected PNG, JPEG, WEBP\)"
+    with pytest.raises(InputError, match=said):
+        read_mesh(path)
+
+
+def test_an_image_that_no_face_shows_may_be_none(stage):
+    mesh = read_mesh(stage("newmtl dark wood\nmap_Kd wood.png\nnewmtl spare\nmap_Kd none.png\n")).mesh
+    assert [image.shape for image in mesh.textures] == [(4, 2, 4)]
+    mesh = read_mesh(stage("newmtl dark wood\nKd 1 0 0\nmap_Kd\nnewmtl spare\nmap_Kd none.png\n")).mesh
+    assert (mesh.textures, mesh.colors.unique(dim=0).tolist()) == ((), [[1, 0, 0]])
