@@ -36,7 +36,7 @@ def transform_of(path: Path, material: dict[str, Any]) -> Array | None:
     Raises:
         InputError: it is not made of numbers.
     """
-    about = _shown(material).get("extensions", {}).get(TRANSFORM)
+    about = shown_texture(material).get("extensions", {}).get(TRANSFORM)
     if about is None:
         return None
     offset, scale, turn = about.get("offset", [0, 0]), about.get("scale", [1, 1]), about.get("rotation", 0)
@@ -48,8 +48,8 @@ def transform_of(path: Path, material: dict[str, Any]) -> Array | None:
     return np.column_stack([linear, np.array(offset, np.float64)])
 
 
-def _shown(material: dict[str, Any]) -> dict[str, Any]:
-    """What a material says of the texture of its base colours."""
+def shown_texture(material: dict[str, Any]) -> dict[str, Any]:
+    """What a material says of the texture of its base colours; empty where it has none."""
     glossy = material.get("extensions", {}).get(GLOSSY, {})
     plain = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
     found: dict[str, Any] = glossy.get("diffuseTexture", plain)
@@ -59,7 +59,7 @@ def _shown(material: dict[str, Any]) -> dict[str, Any]:
 def _with_shown(path: Path, tree: dict[str, Any], primitive: dict[str, Any]) -> dict[str, Any]:
     if "material" not in primitive:
         return primitive
-    about = _shown(entry(path, tree, "materials", primitive["material"]))
+    about = shown_texture(entry(path, tree, "materials", primitive["material"]))
     transform = about.get("extensions", {}).get(TRANSFORM, {})
     name = f"TEXCOORD_{transform.get('texCoord', about.get('texCoord', 0))}"
     if name == "TEXCOORD_0":

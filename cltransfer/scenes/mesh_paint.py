@@ -14,7 +14,7 @@ from torch import Tensor
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .gltf_file import Gltf
-from .gltf_places import transform_of
+from .gltf_places import shown_texture, transform_of
 from .mesh import GREY, Mesh
 from .textures import Textures, image_of
 
@@ -63,7 +63,7 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
 def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
     return Look(
         lit="KHR_materials_unlit" not in about.get("extensions", {}),
-        textured="baseColorTexture" in about.get("pbrMetallicRoughness", {}),
+        textured=bool(shown_texture(about)),
         transform=transform_of(gltf.path, about),
     )
 

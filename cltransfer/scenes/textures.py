@@ -14,12 +14,14 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..memory import require_free
+from ..renderers.kernels import Array
 
 FORMATS = ("PNG", "JPEG", "WEBP")  # that are decoded; other decoders are many, and some start programs
 IMAGE_LIMIT = 2**26  # pixels of one texture
 TOTAL_LIMIT = 2**30  # pixels of all
 PIXEL_BYTES = 24  # of a texture while it is decoded and packed
 HINT = "make the textures smaller"
+_DAMAGED = (OSError, ValueError, SyntaxError, EOFError, struct.error)  # that Pillow raises of what it cannot decode
 _DECODED = (*FORMATS, "MPO", None)  # MPO: a JPEG with further pictures behind it; None: what trimesh made of them
 
 
@@ -34,7 +36,7 @@ def image_size(path: Path, data: bytes) -> tuple[int, int]:
     try:
         with Image.open(io.BytesIO(data), formats=FORMATS) as image:
             size = image.size
-    except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError):
+    except (*_DAMAGED, Image.DecompressionBombError):
         raise InputError(path, "images", "a texture cannot be decoded", f"expected {', '.join(FORMATS)}") from None
     check_size(path, size)
     return size
@@ -82,13 +84,27 @@ class Textures:
         self._decoded: dict[tuple[Any, float], Tensor] = {}
 
     def of(self, material: Any) -> Tensor:
-        """RGBA (h, w, 4) uint8, the same tensor for the same image; alpha is 0 in holes and 255 elsewhere."""
+        """RGBA (h, w, 4) uint8, the same tensor for the same image; alpha is 0 in holes and 255 elsewhere.
+
+        Raises:
+            InputError: the image is damaged.
+        """
         key = _key(self._path, material)
         if key not in self._decoded:
-            pixels = np.array(self._images[key].convert("RGBA"))
+            pixels = _pixels(self._path, self._images[key])
             pixels[..., 3] = (pixels[..., 3] >= 255 * key[1]) * np.uint8(255)
             self._decoded[key] = torch.from_numpy(pixels)
         return self._decoded[key]
+
+
+def _pixels(path: Path, image: Any) -> Array:
+    """RGBA (h, w, 4) uint8 of an image that is not decoded yet."""
+    try:
+        return np.array(image.convert("RGBA"))
+    except _DAMAGED:
+        name = image.info.get("file_path")  # as an OBJ names it
+        what = "a texture" if name is None else repr(name[:80])
+        raise InputError(path, "images", f"{what} cannot be decoded", "is it cut short?") from None
 
 
 def _key(path: Path, material: Any) -> tuple[Any, float]:

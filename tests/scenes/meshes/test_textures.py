@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -27,6 +29,20 @@ def picture(image_file):
     return lambda size=(4, 4): image_file(np.full((*size[::-1], 3), (200, 100, 0), np.uint8))
 
 
+@pytest.fixture
+def write_obj():
+    """Writes a.obj, a face of each of its materials, which all show wood.png."""
+
+    def write(folder: Path, materials: int = 1) -> Path:
+        (folder / "a.mtl").write_text("".join(f"newmtl m{i}\nmap_Kd wood.png\n" for i in range(materials)))
+        corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        faces = "".join(f"usemtl m{i}\nf 1/1 2/2 3/3\n" for i in range(materials))
+        (folder / "a.obj").write_text(f"mtllib a.mtl\n{corners}{faces}")
+        return folder / "a.obj"
+
+    return write
+
+
 def test_an_image_of_many_nodes_and_materials_is_decoded_once(bar, with_texture, picture, write_glb, tmp_path, decoded):
     tree, blob = with_texture(bar(), picture())
     primitive = tree["meshes"][0]["primitives"][0]
@@ -41,13 +57,9 @@ def test_an_image_of_many_nodes_and_materials_is_decoded_once(bar, with_texture,
     assert decoded == [(4, 4)]
 
 
-def test_an_image_of_many_materials_of_an_obj_is_decoded_once(picture, tmp_path, decoded):
+def test_an_image_of_many_materials_of_an_obj_is_decoded_once(picture, write_obj, tmp_path, decoded):
     (tmp_path / "wood.png").write_bytes(picture())
-    (tmp_path / "a.mtl").write_text("".join(f"newmtl m{i}\nmap_Kd wood.png\n" for i in range(3)))
-    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
-    faces = "".join(f"usemtl m{i}\nf 1/1 2/2 3/3\n" for i in range(3))
-    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{corners}{faces}")
-    mesh = read_mesh(tmp_path / "a.obj").mesh
+    mesh = read_mesh(write_obj(tmp_path, materials=3)).mesh
     assert (mesh.texture.tolist(), len(mesh.textures)) == ([0, 0, 0], 1)
     assert decoded == [(4, 4)]
 
@@ -83,3 +95,18 @@ def test_an_alpha_that_is_no_share_is_refused(bar, with_texture, picture, write_
         tree["materials"][0].update({"alphaMode": "MASK", "alphaCutoff": cutoff})
         with pytest.raises(InputError, match=r"materials: expected an alphaCutoff in \[0, 1\], got"):
             read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+def test_a_texture_that_is_cut_short_is_refused_in_one_line(
+    bar, with_texture, image_file, write_glb, write_obj, tmp_path, kind
+):
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    cut = image_file(noise, kind)[:-2000]
+    with pytest.raises(InputError, match=r"bar.glb: images: a texture cannot be decoded \(is it cut short\?\)"):
+        read_mesh(write_glb(tmp_path / "bar.glb", *with_texture(bar(), cut)))
+    with pytest.raises(InputError, match=r"bar.glb: images: a texture cannot be decoded"):
+        read_mesh(write_glb(tmp_path / "bar.glb", *with_texture(bar(), cut, **GLOSSY)))
+    (tmp_path / "wood.png").write_bytes(cut)
+    with pytest.raises(InputError, match=r"a.obj: images: 'wood.png' cannot be decoded \(is it cut short\?\)"):
+        read_mesh(write_obj(tmp_path))
