@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pixel_unshuffle
 
 from ..camera import Camera
-from ..scenes.mesh import Mesh
+from ..scenes.mesh import Mesh, Wrap, folded
 from .kernels.mesh import Settings
 from .kernels.mesh_raster import FLAT, HOLE, INSIDE
 
@@ -113,19 +113,18 @@ def _hits(
     return (pixel[:, 1] * width + pixel[:, 0])[solid], face[solid], inverse[row, column][solid]
 
 
-def _uv(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
+def _uv(mesh: Mesh, face: Tensor, weights: Tensor, wraps: tuple[Wrap, Wrap]) -> Tensor:
     """Place in the texture (N, 2), in [0, 1]; what is no number is at 0."""
-    uv = (weights[..., None] * mesh.uv[mesh.faces[face].long()]).sum(1)
-    return (uv - uv.floor()).nan_to_num(0.0)
+    return folded((weights[..., None] * mesh.uv[mesh.faces[face].long()]).sum(1), wraps)
 
 
 def _holes(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
     """Whether the texel there is transparent, (N,)."""
     hole = torch.zeros_like(face, dtype=torch.bool)
-    for k, image in enumerate(mesh.textures):
+    for k, (image, wraps) in enumerate(mesh.wrapped):
         on = (mesh.texture[face] == k).nonzero()[:, 0]
         size = face.new_tensor([image.shape[1], image.shape[0]])
-        x, y = (_uv(mesh, face[on], weights[on]) * size).long().minimum(size - 1).unbind(-1)
+        x, y = (_uv(mesh, face[on], weights[on], wraps) * size).long().minimum(size - 1).unbind(-1)
         hole[on] = image[y, x, 3] < HOLE
     return hole
 
@@ -142,22 +141,28 @@ def _image(mesh: Mesh, corners: Tensor, camera: Camera, seen: Tensor, headlight:
     facing = torch.nn.functional.cosine_similarity(normal, rays).abs()
     light = torch.where(mesh.shaded[face], 1 - headlight + headlight * facing, 1)
     color = light[:, None] * (weights[..., None] * mesh.colors[mesh.faces[face].long()]).sum(1)
-    for k, texture in enumerate(mesh.textures):
+    for k, (texture, wraps) in enumerate(mesh.wrapped):
         on = (mesh.texture[face] == k).nonzero()[:, 0]
-        color[on] *= _bilinear(texture, _uv(mesh, face[on], weights[on]))
+        color[on] *= _bilinear(texture, _uv(mesh, face[on], weights[on], wraps), wraps)
     image = color.new_zeros(3, *seen.shape, dtype=torch.float32)
     image[:, row, column] = color.T.float().clamp(0, 1)
     return image
 
 
-def _bilinear(texture: Tensor, uv: Tensor) -> Tensor:
-    """RGB (N, 3) in [0, 1] of a texture that repeats, between its four nearest texels."""
+def _bilinear(texture: Tensor, uv: Tensor, wraps: tuple[Wrap, Wrap]) -> Tensor:
+    """RGB (N, 3) in [0, 1] of a texture at places (N, 2) in [0, 1], between its four nearest texels."""
     height, width = texture.shape[:2]
     at = uv * uv.new_tensor([width, height]) - 0.5
     low = at.floor()
     share = at - low
     x0, y0 = low.long().unbind(-1)
     rgb = texture[..., :3].double() / 255
-    x0, x1, y0, y1 = x0 % width, (x0 + 1) % width, y0 % height, (y0 + 1) % height
+    x0, x1 = (_beside(x, width, wraps[0]) for x in (x0, x0 + 1))
+    y0, y1 = (_beside(y, height, wraps[1]) for y in (y0, y0 + 1))
     above, below = (torch.lerp(rgb[y, x0], rgb[y, x1], share[:, :1]) for y in (y0, y1))
     return torch.lerp(above, below, share[:, 1:])
+
+
+def _beside(index: Tensor, count: int, wrap: Wrap) -> Tensor:
+    """Texels (N,) of which some are one beyond an edge; a mirror shows the one at the edge there, as a clamp does."""
+    return index % count if wrap == "repeat" else index.clamp(0, count - 1)

@@ -17,7 +17,7 @@ from torch.nn.functional import normalize
 from ..errors import UsageError
 from ..memory import require_free
 from .columns import SH0
-from .mesh import Mesh
+from .mesh import Mesh, folded
 from .nerf_grid import MOST_VERTICES, NerfGrid
 from .splats import Splats
 
@@ -89,14 +89,14 @@ def _painted(mesh: Mesh, face: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]
     corner = mesh.faces.long()[face]
     colors = (mesh.colors[corner] * weights[..., None]).sum(1)
     solid = torch.ones(len(face), dtype=torch.bool)
-    uv = (mesh.uv[corner] * weights[..., None]).sum(1).frac()
-    uv = torch.where(uv < 0, uv + 1, uv)  # repeated beyond its edges
+    uv = (mesh.uv[corner] * weights[..., None]).sum(1)
     texture = mesh.texture[face]
-    for number, image in enumerate(mesh.textures):
+    for number, (image, wraps) in enumerate(mesh.wrapped):
         of_it = texture == number
         height, width = image.shape[:2]
-        column = (uv[of_it, 0] * width).long().clamp(max=width - 1)
-        row = (uv[of_it, 1] * height).long().clamp(max=height - 1)
+        u, v = folded(uv[of_it], wraps).unbind(-1)
+        column = (u * width).long().clamp(max=width - 1)
+        row = (v * height).long().clamp(max=height - 1)
         texel = image[row, column].double() / 255
         colors[of_it] *= texel[:, :3]
         solid[of_it] = texel[:, 3] >= 0.5

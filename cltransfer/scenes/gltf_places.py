@@ -11,9 +11,12 @@ import numpy as np
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .gltf_tree import entry
+from .mesh import REPEATED, Wrap
 
 GLOSSY = "KHR_materials_pbrSpecularGlossiness"
 TRANSFORM = "KHR_texture_transform"
+REPEAT = 10497
+WRAPS: dict[int, Wrap] = {REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}  # of a sampler
 
 
 def with_shown_places(path: Path, tree: dict[str, Any]) -> dict[str, Any]:
@@ -46,6 +49,29 @@ def transform_of(path: Path, material: dict[str, Any]) -> Array | None:
     cos, sin = math.cos(turn), math.sin(turn)  # counter-clockwise as seen: the second axis points down
     linear = np.array([[cos, sin], [-sin, cos]]) * np.array(scale, np.float64)
     return np.column_stack([linear, np.array(offset, np.float64)])
+
+
+def wraps_of(path: Path, tree: dict[str, Any], material: dict[str, Any]) -> tuple[Wrap, Wrap]:
+    """How the texture of a material's base colours goes on beyond its edges, across and down.
+
+    Raises:
+        InputError: its sampler says what glTF does not know.
+    """
+    shown = shown_texture(material)
+    index = entry(path, tree, "textures", shown["index"]).get("sampler") if shown else None
+    if index is None:
+        return REPEATED
+    sampler = entry(path, tree, "samplers", index)
+    across, down = (_wrap(path, f"samplers[{index}]", name, sampler) for name in ("wrapS", "wrapT"))
+    return across, down
+
+
+def _wrap(path: Path, field: str, name: str, sampler: dict[str, Any]) -> Wrap:
+    stored = sampler.get(name, REPEAT)
+    if stored not in WRAPS:
+        known = ", ".join(f"{number} ({wrap})" for number, wrap in WRAPS.items())
+        raise InputError(path, field, f"expected a {name} of {known}, got {stored!r:.40}")
+    return WRAPS[stored]
 
 
 def shown_texture(material: dict[str, Any]) -> dict[str, Any]:

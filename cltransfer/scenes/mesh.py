@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..renderers.kernels.mesh import Packed, pack_images
+from ..renderers.kernels.mesh_raster import CLAMP, MIRROR, REPEAT
 
 GREY = 0.8  # colour of what has none
+
+Wrap = Literal["repeat", "clamp", "mirror"]
+REPEATED: tuple[Wrap, Wrap] = ("repeat", "repeat")
+_NUMBERS = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}  # as the kernels take them
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +34,10 @@ class Mesh:
         colors: RGB in [0, 1], (V, 3).
         label: membership in the subject, [0, 1], (F,).
         shaded: whether a renderer is to light the face, (F,) bool; many colours and textures hold their light already.
-        uv: place in the texture, (V, 2); (0, 0) is its top left corner, (1, 1) its bottom right, repeated beyond.
+        uv: place in the texture, (V, 2); (0, 0) is its top left corner, (1, 1) its bottom right.
         texture: which of ``textures``, (F,) int32; -1 is none.
         textures: RGBA images, each (h, w, 4) uint8.
+        wraps: how each texture goes on beyond its edges, across and down; () is that all of them repeat.
         dropped: how many faces of the source had vertices that were not finite and were left out.
 
     Raises:
@@ -48,6 +54,7 @@ class Mesh:
     uv: Tensor  # (V, 2)
     texture: Tensor  # (F,)
     textures: tuple[Tensor, ...] = ()  # (h, w, 4)
+    wraps: tuple[tuple[Wrap, Wrap], ...] = ()
     dropped: int = 0
 
     def __post_init__(self) -> None:
@@ -64,6 +71,8 @@ class Mesh:
         for image in self.textures:
             if image.dim() != 3 or image.shape[2] != 4 or image.dtype != torch.uint8 or image.numel() == 0:
                 raise ValueError(f"a texture must be (h, w, 4) uint8, got {tuple(image.shape)} {image.dtype}")
+        if self.wraps and len(self.wraps) != len(self.textures):
+            raise ValueError(f"wraps must be () or {len(self.textures)}, one of each texture, got {len(self.wraps)}")
 
     def __len__(self) -> int:
         return len(self.faces)
@@ -72,6 +81,11 @@ class Mesh:
     def means(self) -> Tensor:
         """Middles of the faces, (F, 3)."""
         return self.vertices[self.faces.long()].mean(1)
+
+    @property
+    def wrapped(self) -> tuple[tuple[Tensor, tuple[Wrap, Wrap]], ...]:
+        """Each texture, and how it goes on beyond its edges."""
+        return tuple(zip(self.textures, self.wraps or [REPEATED] * len(self.textures)))
 
     def with_label(self, label: Tensor) -> Mesh:
         """The same faces with another subject membership (F,) in [0, 1]."""
@@ -99,12 +113,12 @@ class Mesh:
 
     @staticmethod
     def concatenate(parts: Sequence[Mesh]) -> Mesh:
-        """All of ``parts`` in one world; an image that several of them share is kept once."""
+        """All of ``parts`` in one world; an image that several of them share and wrap alike is kept once."""
         first_vertex = np.cumsum([0, *(len(p.vertices) for p in parts)])
         faces = [p.faces + int(first) for p, first in zip(parts, first_vertex)]
-        images = {id(image): image for p in parts for image in p.textures}
+        images = {(id(image), wrap): image for p in parts for image, wrap in p.wrapped}
         place = {key: i for i, key in enumerate(images)}
-        places = [p.texture.new_tensor([*(place[id(image)] for image in p.textures), -1]) for p in parts]
+        places = [p.texture.new_tensor([*(place[id(image), wrap] for image, wrap in p.wrapped), -1]) for p in parts]
         texture = [new[p.texture.long()] for p, new in zip(parts, places)]
         names = ("vertices", "colors", "label", "shaded", "uv")
         joined = {name: torch.cat([getattr(p, name) for p in parts]) for name in names}
@@ -113,15 +127,31 @@ class Mesh:
             faces=torch.cat(faces).int(),
             texture=torch.cat(texture).int(),
             textures=tuple(images.values()),
+            wraps=tuple(wrap for _, wrap in images),
             dropped=sum(p.dropped for p in parts),
         )
 
     @cached_property
     def packed(self) -> Packed:
         """Layout of the CPU kernels, made on first use."""
-        texels, images = pack_images([image.cpu().numpy() for image in self.textures])
+        wraps = [(_NUMBERS[across], _NUMBERS[down]) for _, (across, down) in self.wrapped]
+        texels, images = pack_images([image.cpu().numpy() for image in self.textures], wraps)
         floats = (self.vertices, self.colors, self.uv)
         vertices, colors, uv = (np.ascontiguousarray(t.detach().cpu().numpy(), np.float32) for t in floats)
         faces, texture = (np.ascontiguousarray(t.cpu().numpy(), np.int32) for t in (self.faces, self.texture))
         label = np.ascontiguousarray(self.label.detach().cpu().numpy(), np.float32)
         return Packed(vertices, faces, colors, uv, label, self.shaded.cpu().numpy(), texture, texels, images)
+
+
+def folded(uv: Tensor, wraps: tuple[Wrap, Wrap]) -> Tensor:
+    """Places (N, 2) in a texture that goes on beyond its edges, brought into [0, 1]; what is no number is at 0."""
+    return torch.stack([_folded(place, wrap) for place, wrap in zip(uv.unbind(-1), wraps)], dim=-1).nan_to_num(0.0)
+
+
+def _folded(place: Tensor, wrap: Wrap) -> Tensor:
+    if wrap == "clamp":
+        return place.clamp(0, 1)
+    if wrap == "mirror":
+        inside = place - 2 * (place / 2).floor()
+        return torch.where(inside > 1, 2 - inside, inside)
+    return place - place.floor()

@@ -14,8 +14,8 @@ from torch import Tensor
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .gltf_file import Gltf
-from .gltf_places import shown_texture, transform_of
-from .mesh import GREY, Mesh
+from .gltf_places import shown_texture, transform_of, wraps_of
+from .mesh import GREY, REPEATED, Mesh, Wrap
 from .textures import Textures, image_of
 
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
@@ -32,11 +32,13 @@ class Look:
         lit: whether a renderer is to light it.
         textured: whether it promises a texture.
         transform: from texture coordinates to places in the texture, (2, 3); None where they are the same.
+        wraps: how the texture goes on beyond its edges, across and down.
     """
 
     lit: bool
     textured: bool
     transform: Array | None = None  # (2, 3)
+    wraps: tuple[Wrap, Wrap] = REPEATED
 
 
 def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
@@ -45,8 +47,8 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
     Coloured vertices without a material get one: trimesh passes their colours on as stored only beside a material.
 
     Raises:
-        InputError: there are not as many colours or texture coordinates as vertices, or the latter are integers that
-            are no shares.
+        InputError: there are not as many colours or texture coordinates as vertices, the latter are integers that
+            are no shares, or a texture is to be moved or wrapped in a way that is not known.
     """
     gltf = _with_plain_places(gltf)
     materials = gltf.tree.get("materials", [])
@@ -65,6 +67,7 @@ def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
         lit="KHR_materials_unlit" not in about.get("extensions", {}),
         textured=bool(shown_texture(about)),
         transform=transform_of(gltf.path, about),
+        wraps=wraps_of(gltf.path, gltf.tree, about),
     )
 
 
@@ -119,7 +122,8 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
     if not shown:
         return mesh
     places = _places(path, np.asarray(uv, np.float64), look.transform)
-    return replace(mesh, uv=places, texture=torch.zeros_like(mesh.texture), textures=(textures.of(material),))
+    first = torch.zeros_like(mesh.texture)
+    return replace(mesh, uv=places, texture=first, textures=(textures.of(material),), wraps=(look.wraps,))
 
 
 def _places(path: Path, uv: Array, transform: Array | None) -> Tensor:

@@ -64,7 +64,8 @@ def furnished_room(detail: int, seed: int) -> Mesh:
         if i % 2:
             image = torch.from_numpy(rng.integers(0, 256, (5 + i, 4 + i, 4), dtype=np.uint8))
             texture, uv = torch.zeros(len(faces), dtype=torch.int32), 3 * vertices[:, :2]
-            mesh = replace(mesh, uv=uv, texture=texture, textures=(image,))
+            wraps = (("repeat", "repeat"), ("clamp", "mirror"), ("mirror", "clamp"))[i % 3]
+            mesh = replace(mesh, uv=uv, texture=texture, textures=(image,), wraps=(wraps,))
         meshes.append(mesh.with_label(torch.full((len(faces),), float(i % 3 == 2))))
     return Mesh.concatenate(meshes)
 
@@ -176,14 +177,47 @@ def test_a_texture_stands_upright_and_its_holes_show_what_is_behind(backend):
     assert torch.equal(got.depth[0], 2 + 2 * hole)
 
 
-@pytest.mark.parametrize("place", [1e30, -1e30, 9.3e18, -1e-20, math.inf, math.nan])
-def test_a_place_far_outside_a_texture_stays_in_it(place):
+BEYOND = {"repeat": [0, 1, 0, 1, 0, 1], "clamp": [0, 0, 0, 1, 1, 1], "mirror": [1, 0, 0, 1, 1, 0]}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("wrap", BEYOND)
+@pytest.mark.parametrize("down", [False, True])
+def test_a_texture_goes_on_beyond_its_edges_as_it_says(backend, wrap, down):
+    image = torch.tensor([[[255, 0, 0, 255], [255, 255, 255, 0]]]).to(torch.uint8)  # the second is a hole
+    uv, wraps = torch.tensor([[-1.0, 0], [2, 0], [2, 1], [-1, 1]]), (wrap, "repeat")
+    if down:
+        image, uv, wraps = image.transpose(0, 1), uv.flip(1)[[0, 3, 2, 1]], ("repeat", wrap)
+    plain = Mesh.plain(*_square(2.0, 1.0), colors=torch.ones(4, 3))
+    mesh = replace(plain, uv=uv, texture=torch.zeros(2, dtype=torch.int32), textures=(image,), wraps=(wraps,))
+    got = Renderer(backend=backend).render(scene_of(mesh), forward_camera((6, 6), 6.0), ALL)
+    assert (got.alpha[0, :, 0] if down else got.alpha[0, 0]).tolist() == [1 - hole for hole in BEYOND[wrap]]
+    solid = replace(mesh, textures=(image | torch.tensor([0, 0, 0, 255]).to(torch.uint8),))
+    got = Renderer(backend=backend).render(scene_of(solid), forward_camera((6, 6), 6.0), ALL)
+    assert (got.image[0, 1, :, 0] if down else got.image[0, 1, 0]).tolist() == pytest.approx(BEYOND[wrap], abs=1e-6)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("wrap", "share"), [("repeat", 0.25), ("clamp", 0.0), ("mirror", 0.0)])
+def test_a_texture_shows_its_other_side_at_its_edges_only_where_it_repeats(backend, wrap, share):
+    image = torch.tensor([[[0, 0, 0, 255], [255, 255, 255, 255]]]).to(torch.uint8)
+    plain = Mesh.plain(*_square(2.0, 1.0), colors=torch.ones(4, 3))
+    uv = torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    shows = {"texture": torch.zeros(2, dtype=torch.int32), "textures": (image,), "wraps": ((wrap, wrap),)}
+    got = Renderer(backend=backend).render(scene_of(replace(plain, uv=uv, **shows)), forward_camera((4, 4), 4.0), ALL)
+    assert got.image[0, 0, 1].tolist() == pytest.approx([share, 0.25, 0.75, 1 - share], abs=1e-6)
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "clamp", "mirror"])
+@pytest.mark.parametrize("place", [1e30, -1e30, 9.3e18, -1e-20, math.inf, -math.inf, math.nan])
+def test_a_place_far_outside_a_texture_stays_in_it(place, wrap):
     image = torch.tensor([[[255, 0, 0, 200], [0, 255, 0, 60]], [[0, 0, 255, 255], [255, 255, 255, 255]]])
     textured = replace(
         Mesh.plain(*_square(2.0, 1.0), colors=torch.ones(4, 3)),
         uv=torch.full((4, 2), place),
         texture=torch.zeros(2, dtype=torch.int32),
         textures=(image.to(torch.uint8),),
+        wraps=((wrap, wrap),),
     )
     mesh = Mesh.concatenate([textured, wall(4.0, 2.0)])
     fast, plain = (Renderer(backend=b).render(scene_of(mesh), forward_camera((4, 4), 4.0), ALL) for b in BACKENDS)
@@ -287,7 +321,7 @@ start = time.perf_counter()
 corners = np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], np.float32)
 index, ones = np.arange(3, dtype=np.int32)[None], np.ones(3, np.float32)
 uv, none = corners[:, :2].copy(), index[0, :1] - 1
-packed = Packed(corners, index, corners, uv, ones[:1], ones[:1] > 0, none, *pack_images([]))
+packed = Packed(corners, index, corners, uv, ones[:1], ones[:1] > 0, none, *pack_images([], []))
 seen = render(packed, Views(np.eye(4)[None], np.array([[8.0, 8, 4, 4]]), (8, 8)), Settings(0.1, 0.5, 1), True, 1)
 print(int(seen.alpha.sum()), time.perf_counter() - start)
 """

@@ -129,6 +129,19 @@ def test_a_texture_is_looked_up_and_its_holes_stay_holes() -> None:
     assert samples.colors[~left].unique(dim=0).tolist() == [[0, 0, 1]]
 
 
+def test_a_texture_is_baked_beyond_its_edges_as_it_goes_on_there() -> None:
+    square = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    image = torch.tensor([[[0, 0, 0, 255], [255, 255, 255, 255]]]).to(torch.uint8)
+    plain = Mesh.plain(square, torch.tensor([[0, 1, 2], [0, 2, 3]]), torch.ones(4, 3))
+    uv = torch.stack([1.01 + 0.98 * square[:, 0], square[:, 1]], dim=1)  # all of it lies to the right of the image
+    mesh = replace(plain, uv=uv, texture=torch.zeros(2, dtype=torch.int32), textures=(image,))
+    for wrap, (left, right) in {"repeat": (0, 1), "clamp": (1, 1), "mirror": (1, 0)}.items():
+        samples = sample_surface(replace(mesh, wraps=((wrap, "clamp"),)), 500)  # type: ignore[arg-type]  # no literal
+        x = samples.points[:, 0]
+        expected = torch.where(x < 0.5, left, right).double()
+        assert bool((samples.colors[:, 0] == expected)[(x - 0.5).abs() > 1e-9].all())
+
+
 def test_nothing_to_bake_is_refused() -> None:
     point = Mesh.plain(torch.zeros(3, 3), torch.tensor([[0, 1, 2]]))
     with pytest.raises(ValueError, match="positive count and area"):

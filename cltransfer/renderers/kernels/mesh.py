@@ -25,7 +25,7 @@ class Packed(NamedTuple):
     shaded: Array  # (F,) bool
     texture: Array  # (F,) int32
     texels: Array  # (T, 4) uint8, all textures in turn
-    images: Array  # (n, 4) int64: first texel, width, height, whether it has holes
+    images: Array  # (n, 6) int64: first texel, width, height, whether it has holes, wrap across and down
 
 
 class Views(NamedTuple):
@@ -61,15 +61,15 @@ def _buffers(count: int, size: tuple[int, int], color: bool) -> Buffers:
     return Buffers(depth, expected_depth, alpha, label, image)
 
 
-def pack_images(images: Sequence[Array]) -> tuple[Array, Array]:
-    """Texels (T, 4) uint8 and table (n, 4) int64 of RGBA images (h, w, 4)."""
+def pack_images(images: Sequence[Array], wraps: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
+    """Texels (T, 4) uint8 and table (n, 6) int64 of RGBA images (h, w, 4), and of how each goes on beyond its edges."""
     rows, first = [], 0
-    for image in images:
+    for image, (across, down) in zip(images, wraps, strict=True):
         height, width = image.shape[:2]
-        rows.append((first, width, height, int((image[..., 3] < HOLE).any())))
+        rows.append((first, width, height, int((image[..., 3] < HOLE).any()), across, down))
         first += height * width
     texels = [image.reshape(-1, 4) for image in images] or [np.empty((0, 4), np.uint8)]
-    return np.ascontiguousarray(np.concatenate(texels)), np.array(rows, np.int64).reshape(-1, 4)
+    return np.ascontiguousarray(np.concatenate(texels)), np.array(rows, np.int64).reshape(-1, 6)
 
 
 def render(packed: Packed, views: Views, settings: Settings, color: bool, threads: int) -> Buffers:

@@ -15,7 +15,8 @@ from . import CACHED, INLINE, Array, f32
 INSIDE = -1e-9  # weight of a corner that still counts as inside: closes the seam between two faces
 FLAT = 1e-13  # determinant over the product of the corners' distances: a face seen from its edge
 HOLE = 128  # texture alpha below which nothing is drawn
-OFFSET, WIDTH, HEIGHT, HOLES = 0, 1, 2, 3  # columns of an image row
+OFFSET, WIDTH, HEIGHT, HOLES, ACROSS, DOWN = 0, 1, 2, 3, 4, 5  # columns of an image row
+REPEAT, CLAMP, MIRROR = 0, 1, 2  # wraps: how an image goes on beyond its edges, along one axis
 
 
 @njit(**CACHED)
@@ -80,16 +81,21 @@ def _planes(corners: Array, points: Array, lens: Array, planes: Array) -> bool:
 
 
 @njit(**INLINE)
-def _texel(place: float, count: int) -> int:
-    """The texel at ``place`` (1 is the whole width), which repeats; what is no number is at 0."""
+def _texel(place: float, count: int, wrap: int) -> int:
+    """The texel at ``place`` (1 is the whole width); what is no number is at 0."""
     inside = place - np.floor(place)  # as a float: a huge place would overflow an integer
+    if wrap == CLAMP:
+        inside = 1.0 if place > 1 else place
+    elif wrap == MIRROR:
+        inside = place - 2 * np.floor(0.5 * place)
+        inside = inside if inside <= 1 else 2 - inside
     return min(int((inside if inside >= 0 else 0.0) * count), count - 1)
 
 
 @njit(**INLINE)
 def _is_hole(u: float, v: float, image: Array, texels: Array) -> bool:
     """Whether the texel at (u, v) is transparent."""
-    column, row = _texel(u, image[WIDTH]), _texel(v, image[HEIGHT])
+    column, row = _texel(u, image[WIDTH], image[ACROSS]), _texel(v, image[HEIGHT], image[DOWN])
     return texels[image[OFFSET] + row * image[WIDTH] + column, 3] < HOLE
 
 
@@ -100,7 +106,7 @@ def rasterise(
     """Nearest face of each pixel.
 
     Args:
-        mesh: faces (F, 3) int32, uv (V, 2), texture (F,) int32, texels (T, 4) uint8, images (n, 4) int64.
+        mesh: faces (F, 3) int32, uv (V, 2), texture (F,) int32, texels (T, 4) uint8, images (n, 6) int64.
         points: of :func:`to_camera`, (V, 3).
         pixels: of :func:`to_camera`, (V, 2).
         lens: (4,) float64 [px].

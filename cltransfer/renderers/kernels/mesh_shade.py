@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array
+from .mesh_raster import ACROSS, CLAMP, DOWN, HEIGHT, MIRROR, OFFSET, REPEAT, WIDTH
 
 _BYTE = 1 / 255
 
@@ -38,13 +39,19 @@ def _facing(corners: Array, points: Array, x: float, y: float) -> float:
 
 
 @njit(**INLINE)
-def _wrapped(place: float, count: int) -> tuple[int, int, float]:
+def _wrapped(place: float, count: int, wrap: int) -> tuple[int, int, float]:
     """The two texels about ``place`` (1 is the whole width) and the share of the second; what is no number is at 0."""
     inside = place - np.floor(place)  # as a float: a huge place would overflow an integer
+    if wrap == CLAMP:
+        inside = 1.0 if place > 1 else place
+    elif wrap == MIRROR:
+        inside = place - 2 * np.floor(0.5 * place)
+        inside = inside if inside <= 1 else 2 - inside
     at = (inside if inside >= 0 else 0.0) * count - 0.5
     low = floor(at)
     high = low + 1
-    return low if low >= 0 else count - 1, high if high < count else 0, at - low
+    before, after = (count - 1, 0) if wrap == REPEAT else (0, count - 1)  # beyond the edges
+    return low if low >= 0 else before, high if high < count else after, at - low
 
 
 @njit(**INLINE)
@@ -61,7 +68,7 @@ def shade(mesh: tuple[Array, ...], points: Array, lens: Array, headlight: float,
     """Colour of every pixel.
 
     Args:
-        mesh: faces (F, 3), colors (V, 3), uv (V, 2), shaded (F,), texture (F,), texels (T, 4) uint8, images (n, 4).
+        mesh: faces (F, 3), colors (V, 3), uv (V, 2), shaded (F,), texture (F,), texels (T, 4) uint8, images (n, 6).
         points: camera points of the vertices, (V, 3).
         lens: fx, fy, cx, cy [px].
         headlight: share of the light that comes from the camera, in [0, 1].
@@ -85,9 +92,10 @@ def shade(mesh: tuple[Array, ...], points: Array, lens: Array, headlight: float,
             if textured:
                 u = weight[0] * uv[corners[0], 0] + weight[1] * uv[corners[1], 0] + weight[2] * uv[corners[2], 0]
                 v = weight[0] * uv[corners[0], 1] + weight[1] * uv[corners[1], 1] + weight[2] * uv[corners[2], 1]
-                start, width, height = images[texture[f], 0], images[texture[f], 1], images[texture[f], 2]
-                columns = _wrapped(u, width)
-                above, below, down = _wrapped(v, height)
+                about = images[texture[f]]
+                start, width, height = about[OFFSET], about[WIDTH], about[HEIGHT]
+                columns = _wrapped(u, width, about[ACROSS])
+                above, below, down = _wrapped(v, height, about[DOWN])
                 rows = (start + above * width, start + below * width)
             for channel in range(3):
                 value = light * (

@@ -96,3 +96,37 @@ def test_places_that_are_stored_as_shares_are_shown(shown, component, most):
 def test_places_of_only_some_vertices_are_refused(shown):
     with pytest.raises(InputError, match="TEXCOORD_0: expected 4, one of each vertex, got 3"):
         shown({}, count=3)
+
+
+@pytest.mark.parametrize("glossy", [False, True])
+@pytest.mark.parametrize(
+    ("sampler", "wraps"),
+    [
+        ({}, ("repeat", "repeat")),
+        ({"wrapS": 33071}, ("clamp", "repeat")),
+        ({"wrapS": 10497, "wrapT": 33648}, ("repeat", "mirror")),
+        ({"wrapS": 33648, "wrapT": 33071, "magFilter": 9728}, ("mirror", "clamp")),
+    ],
+)
+def test_a_texture_is_wrapped_as_its_sampler_says(
+    bar, with_texture, image_file, write_glb, tmp_path, glossy, sampler, wraps
+):
+    picture = image_file(np.full((4, 4, 3), 200, np.uint8))
+    shiny = {"extensions": {GLOSSY: {"diffuseTexture": {"index": 0}}}} if glossy else {}
+    tree, blob = with_texture(bar(), picture, **shiny)
+    tree["samplers"], tree["textures"][0]["sampler"] = [{"wrapS": 33071, "wrapT": 33071}, sampler], 1
+    assert read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh.wraps == (wraps,)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "index", "says"),
+    [
+        ({"wrapT": 9}, 0, r"samplers\[0\]: expected a wrapT of 10497 \(repeat\), 33071 \(clamp\), 33648 .* got 9"),
+        ({}, 1, "samplers: has no entry 1"),
+    ],
+)
+def test_a_sampler_without_sense_is_refused(bar, with_texture, image_file, write_glb, tmp_path, sampler, index, says):
+    tree, blob = with_texture(bar(), image_file(np.full((4, 4, 3), 200, np.uint8)))
+    tree["samplers"], tree["textures"][0]["sampler"] = [sampler], index
+    with pytest.raises(InputError, match=rf"bar.glb: {says}"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))

@@ -52,6 +52,16 @@ def test_joined_meshes_keep_an_image_that_they_share_once():
     assert [image is other for image, other in zip(joined.textures, (red, blue), strict=True)] == [True, True]
 
 
+def test_an_image_that_is_wrapped_in_two_ways_is_two_textures():
+    image = torch.zeros(2, 3, 4, dtype=torch.uint8)
+    first = replace(Mesh.plain(CORNERS, FACES), texture=torch.tensor([0, -1]).int(), textures=(image,))
+    clamped = replace(first, wraps=(("clamp", "mirror"),))
+    joined = Mesh.concatenate([first, clamped, first, clamped])
+    assert joined.texture.tolist() == [0, -1, 1, -1] * 2
+    assert joined.wraps == (("repeat", "repeat"), ("clamp", "mirror"))
+    assert joined.packed.images[:, 4:].tolist() == [[0, 0], [1, 2]]
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -60,6 +70,7 @@ def test_joined_meshes_keep_an_image_that_they_share_once():
         ({"uv": torch.zeros(3, 2)}, r"uv must be \(4, 2\)"),
         ({"label": torch.zeros(3)}, r"label must be \(2,\)"),
         ({"textures": (torch.zeros(2, 2, 3, dtype=torch.uint8),)}, "RGBA|uint8"),
+        ({"wraps": (("clamp", "clamp"),)}, r"wraps must be \(\) or 0, one of each texture, got 1"),
     ],
 )
 def test_wrong_shapes_and_indices_are_refused(change, reason):
