@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import io
+import logging
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,15 @@ IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
 
 _ORIENTATION = 0x0112  # of EXIF
 _MIRRORED = (2, 4, 5, 7)
+_TURNS = {
+    2: 2,
+    3: 2,
+    5: -1,
+    6: -1,
+    7: 1,
+    8: 1,
+}  # quarter turns to the left, after the rows of a mirrored one are reversed
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 # Playlists and scripts that open other files are no clips, whatever their name ends in.
 _OPTIONS = {
@@ -34,6 +46,8 @@ _OPTIONS = {
     "max_pixels": str(PIXEL_LIMIT),
     "err_detect": "explode",
 }
+
+_log = logging.getLogger("cltransfer")
 
 
 @dataclass(frozen=True)
@@ -44,18 +58,20 @@ class Frame:
         raw: as decoded, before rotation.
         size: (W, H) as shown, upright and with square pixels.
         time: presentation time in the file [s].
-        mirrored: whether its rows are shown in reverse order before it is rotated.
+        turns: quarter turns to the left that bring it upright.
+        mirrored: whether its rows are shown in reverse order before it is turned.
     """
 
     raw: av.VideoFrame
     size: tuple[int, int]
     time: float
-    mirrored: bool = False
+    turns: int
+    mirrored: bool
 
     def rgb(self, size: tuple[int, int]) -> np.ndarray:
         """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller."""
         pixels = self.raw.to_ndarray(format="rgb24")
-        upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.raw.rotation // 90)
+        upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.turns)
         if upright.shape[1::-1] == size:
             return np.ascontiguousarray(upright)
         return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
@@ -91,23 +107,35 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
     demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
-    if demuxer:
-        _check_image_file(path)
+    source = _image_source(path) if demuxer else str(path)
     try:
-        with av.open(str(path), format=demuxer, options=_OPTIONS) as container:
+        with av.open(source, "r", format=demuxer, options=_OPTIONS) as container:
             yield container, _video_stream(path, container)
     except av.FFmpegError as error:
         hint = "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
         raise InputError(path, "video", f"cannot be decoded: {error.strerror}", hint) from None
 
 
-def _check_image_file(path: Path) -> None:
+def _image_source(path: Path) -> str | io.BytesIO:
+    """What the decoder is given of an image file that is not too large and has an end."""
     if path.stat().st_size > IMAGE_BYTE_LIMIT:
         raise InputError(path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}")
     data = path.read_bytes()
     # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
     if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
+    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path)
+
+
+def _without_exif(data: bytes) -> bytes:
+    """A PNG without the chunk that holds its EXIF, for which the decoder would refuse all of it if that is damaged."""
+    kept, at = [data[: len(_PNG)]], len(_PNG)
+    while at < len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4], "big")  # length, name, content, checksum
+        if data[at + 4 : at + 8] != b"eXIf":
+            kept.append(data[at:end])
+        at = end
+    return b"".join(kept)
 
 
 def _video_stream(path: Path, container: InputContainer) -> VideoStream:
@@ -137,18 +165,25 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream) ->
         raise InputError(path, field, "is damaged")
     if raw.time is None:
         raise InputError(path, field, "has no presentation time", "re-encode it")
+    turns, mirrored = _upright(path, field, raw)
+    size = (max(1, round(raw.width * float(stream.sample_aspect_ratio or 1))), raw.height)
+    upright = size if turns % 2 == 0 else size[::-1]
+    _check_size(path, field, upright)
+    return Frame(raw, upright, raw.time, turns, mirrored)
+
+
+def _upright(path: Path, field: str, raw: av.VideoFrame) -> tuple[int, bool]:
+    """Quarter turns to the left that the file asks for, and whether the rows are reversed before."""
+    if path.suffix.lower() in IMAGE_DEMUXERS:
+        orientation = _exif_orientation(path)  # the decoder reads nothing of an EXIF that is damaged anywhere
+        return _TURNS.get(orientation, 0), orientation in _MIRRORED
     if raw.rotation % 90:
         raise InputError(path, field, f"expected a rotation tag of quarter turns, got {raw.rotation} degrees")
-    size = (max(1, round(raw.width * float(stream.sample_aspect_ratio or 1))), raw.height)
-    upright = size if raw.rotation % 180 == 0 else size[::-1]
-    _check_size(path, field, upright)
-    return Frame(raw, upright, raw.time, _mirrored(path, raw))
+    return raw.rotation // 90, _mirrored(raw)
 
 
-def _mirrored(path: Path, raw: av.VideoFrame) -> bool:
-    """Whether the file asks for ``raw`` to be shown mirrored, of which its rotation says nothing."""
-    if path.suffix.lower() in IMAGE_DEMUXERS:
-        return _exif_orientation(path) in _MIRRORED
+def _mirrored(raw: av.VideoFrame) -> bool:
+    """Whether a video asks for ``raw`` to be shown mirrored, of which its rotation says nothing."""
     try:
         matrix: Any = raw.side_data.get("DISPLAYMATRIX")
     except ValueError:  # there is a kind that PyAV does not know, as on frames of two views, which nothing mirrors
@@ -160,7 +195,7 @@ def _mirrored(path: Path, raw: av.VideoFrame) -> bool:
 
 
 def _exif_orientation(path: Path) -> int:
-    """Orientation 1 to 8 that the EXIF of an image file states; 1 where it states none."""
+    """Orientation that the EXIF of an image file states; 1, as stored, where it states none or cannot be read."""
     from PIL import Image
 
     exif = Image.Exif()
@@ -169,7 +204,14 @@ def _exif_orientation(path: Path) -> int:
             exif.load(image.info.get("exif", b""))
         return int(exif.get(_ORIENTATION, 1))
     except (OSError, ValueError, TypeError, SyntaxError, struct.error):
-        raise InputError(path, "EXIF", "cannot be read, which may turn the picture", "re-encode it") from None
+        _tell_unread(path.parent)
+        return 1
+
+
+@cache
+def _tell_unread(folder: Path) -> None:
+    """Tell of an image that is shown as any viewer shows it; once a folder, which may hold a thousand of them."""
+    _log.warning("%s: EXIF that cannot be read in an image: it is shown as it is stored, and so are others", folder)
 
 
 def _check_complete(path: Path, container: InputContainer, stream: VideoStream, count: int, end: float) -> None:

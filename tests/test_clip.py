@@ -159,19 +159,49 @@ def test_a_mirrored_video_is_shown_so(tmp_path, degrees, turns, hflip, vflip):
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_every_orientation_of_an_image_is_honoured(tmp_path, suffix, orientation):
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=exif)
+    block = Image.Exif()
+    block[0x0112] = orientation
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=block)
     expected = np.array(ImageOps.exif_transpose(Image.open(tmp_path / f"0.{suffix}")).convert("RGB"))
     clip = read_clip(tmp_path)
     assert clip.size == expected.shape[1::-1]
     assert np.abs(clip.image[0].permute(1, 2, 0).numpy().astype(int) - expected).mean() < 3
 
 
-def test_exif_that_cannot_be_read_is_refused(tmp_path):
-    picture = Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy())
-    picture.save(tmp_path / "0.jpg", exif=b"Exif\0\0no such thing")
-    refused(tmp_path, "EXIF", "cannot be read")
+def exif(orientation, kind="<H2x", entries=1, start=8):
+    """The bytes of an EXIF that states an orientation, stored as a struct ``kind``, and may be damaged behind it."""
+    code = {"<H2x": 3, "<I": 4}[kind]
+    entry = struct.pack("<HHI", 0x0112, code, 1) + struct.pack(kind, orientation)
+    return b"Exif\0\0II*\0" + struct.pack("<IH", start, entries) + entry + bytes(4)
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+@pytest.mark.parametrize("block", [b"Exif\0\0no such thing", b"Exif\0\0", b"Exif\0\0II*\0", exif(6, start=9999)])
+def test_an_image_whose_exif_cannot_be_read_is_shown_as_it_is_stored(tmp_path, suffix, block):
+    expected = smooth(1)
+    Image.fromarray(expected[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=block)
+    assert (read_clip(tmp_path).image.int() - expected.int()).abs().float().mean() < 3
+
+
+def test_exif_that_cannot_be_read_is_told_once_a_folder(tmp_path, caplog):
+    for name in ("0.jpg", "1.jpg"):
+        picture = Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy())
+        picture.save(tmp_path / name, exif=b"Exif\0\0no such thing")
+    read_clip(tmp_path)
+    said = [record.getMessage() for record in caplog.records]
+    assert said == [f"{tmp_path}: EXIF that cannot be read in an image: it is shown as it is stored, and so are others"]
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+@pytest.mark.parametrize("orientation", [2, 5, 6])
+@pytest.mark.parametrize("change", [{"entries": 50}, {"kind": "<I"}])
+def test_an_orientation_is_honoured_where_only_what_is_behind_it_is_damaged(tmp_path, suffix, orientation, change):
+    block = exif(orientation, **change)
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=block)
+    expected = np.array(ImageOps.exif_transpose(Image.open(tmp_path / f"0.{suffix}")).convert("RGB"))
+    clip = read_clip(tmp_path)
+    assert clip.size == expected.shape[1::-1]
+    assert np.abs(clip.image[0].permute(1, 2, 0).numpy().astype(int) - expected).mean() < 3
 
 
 def test_pixels_that_are_not_square_are_made_square(tmp_path):
