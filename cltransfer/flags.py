@@ -9,6 +9,7 @@ import torch
 
 from .driver.refine import least_curvature
 from .losses.shot_size import degenerate
+from .renderers._request import smaller_near
 from .report.data import Flag
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         if note:
             yield Flag(None, note)
     yield from _floaters(result)
+    yield from _near(result)
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
         hint = "`cltransfer lift SCENE --person N` and --subject take another"
@@ -59,6 +61,21 @@ def _floaters(result: Result) -> Iterator[Flag]:
         totals = f"the total is {left_out.among:.3g} for {left_out.alone:.3g} without"
         removed = "`cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them"
         yield Flag(None, f"they spoil the result, {totals}: {removed}")
+
+
+def _near(result: Result) -> Iterator[Flag]:
+    """Whether the person comes nearer to a camera than what is drawn whole, as in a scene whose unit is large."""
+    person, cameras = result.scene.subject, result.trajectory.camera
+    near, fade = (getattr(result.renderer, name, 0.0) for name in ("near", "near_fade"))
+    if person is None:
+        return
+    pixels, depth = cameras.project(person.joints)
+    shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
+    nearest = torch.where(shown, depth, torch.inf).amin(1)
+    count, least = int((nearest < near + fade).sum()), float(nearest.min())
+    if count:
+        where = f"in {count} of {len(cameras)} frames, as near as {least:.2g} scene units"
+        yield Flag(None, f"the person is faded or cut {where}: set {smaller_near(result.scene, least / 2)}")
 
 
 def _reference(result: Result) -> Iterator[Flag]:

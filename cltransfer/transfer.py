@@ -34,6 +34,7 @@ class Result:
         searched: the score in the search, by the inner extractors at the search size, of the cleaned reference.
         held: the score of the first view held still.
         search: vectors to cameras.
+        renderer: what drew the scene.
         objective: the losses.
         schedule: how frames were searched.
         note: why there were fewer rounds than the config asks for, empty where there were not.
@@ -53,6 +54,7 @@ class Result:
     searched: Scores
     held: Scores
     search: Any
+    renderer: Any
     objective: Objective
     schedule: Schedule
     note: str
@@ -111,6 +113,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         searched=tabulate(stage.objective, job.wanted, terms, reference.missing),
         held=held,
         search=job.search,
+        renderer=job.parts.renderer,
         objective=stage.objective,
         schedule=job.schedule,
         note=note,

@@ -12,6 +12,7 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.floaters import floaters
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.splats import Splats
@@ -41,6 +42,25 @@ def test_what_was_left_out_of_the_search_is_told(plain: Result) -> None:
     whole = transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "floaters=keep"]))
     assert whole.floaters == 0
     assert not any("hang in the air" in flag.reason for flag in run_flags(whole))
+
+
+def test_a_person_nearer_than_what_is_drawn_whole_is_told_with_what_would_draw_them(plain: Result) -> None:
+    def told(**options: float) -> list[str]:
+        result = replace(plain, renderer=GaussianSplats(**options))  # type: ignore[arg-type]
+        return [flag.reason for flag in run_flags(result) if "faded or cut" in flag.reason]
+
+    person, cameras = plain.scene.subject, plain.trajectory.camera
+    assert person is not None
+    pixels, depth = cameras.project(person.joints)
+    shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
+    far, near = depth.where(shown, torch.inf).amin(1).tolist()
+    assert told() == told(near=0.1, near_fade=near - 0.2) == []
+    (one,) = told(near=0.1, near_fade=near)
+    assert one.startswith(f"the person is faded or cut in 1 of 2 frames, as near as {near:.2g} scene units: set ")
+    (both,) = told(near=far + 0.1, near_fade=0)
+    assert "in 2 of 2 frames" in both
+    options = dict(part.split("=") for part in both.split(": set ")[1].split())
+    assert told(**{name.removeprefix("renderer.gaussian_splats."): float(v) for name, v in options.items()}) == []
 
 
 @pytest.fixture(scope="module")
