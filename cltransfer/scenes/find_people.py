@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..errors import InputError, UsageError
+from ..renderers._request import smaller_near
 from . import Scene
 from .triangulate import triangulate
 
@@ -23,6 +24,7 @@ SHARES = (0.5, 0.9, 1.6)  # of the scene's reach that the first rings are fitted
 CLOSER = 2  # rounds of views about each person
 MEET = 0.04  # frame widths by which boxes of one person may miss their common middle
 APART = 0.35  # heights between the middles of two people, at least
+TINY = 1.0  # reach of a scene [scene units] below which the near plane of a renderer may hide people
 MINIMUM_VIEWS = 2  # that must agree on a person
 
 Boxes = list[np.ndarray]  # of all persons in each of V views, (P, 5) each: x, y, width, height [px], score
@@ -51,15 +53,20 @@ def find_people(scene: Scene, see: See) -> list[Found]:
         scene: any geometry with ``means``.
         see: boxes of all persons in views of the scene.
     """
-    means = scene.geometry.means.double()
-    center = means.median(0).values
-    reach = float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
+    center, reach = _reach(scene)
     rough: list[Found] = []
     for share in SHARES:
         cameras = ring(center, share * reach, scene.up, 12)
         rough += people_of(cameras, see(cameras))
     near = [_closer(scene, person, see) for person in _told_apart(rough)]
     return _told_apart([person for person in near if person is not None])
+
+
+def _reach(scene: Scene) -> tuple[Tensor, float]:
+    """Middle of a scene (3,), and how far from there most of it lies."""
+    means = scene.geometry.means.double()
+    center = means.median(0).values
+    return center, float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
 
 
 def chosen(people: list[Found], person: int, scene: Scene) -> Found:
@@ -70,7 +77,9 @@ def chosen(people: list[Found], person: int, scene: Scene) -> Found:
         UsageError: there are not so many.
     """
     if not people:
-        hint = "is another way up? --up X,Y,Z, or give views: --view FILE"
+        _, reach = _reach(scene)
+        cut = f"is all cut off before the lens? {smaller_near(scene, reach / 10)}, " if reach < TINY else ""
+        hint = f"is another way up? --up X,Y,Z, {cut}or give views: --view FILE"
         raise InputError(scene.name, "lift", "no person found in any view", hint)
     if person >= len(people):
         raise UsageError(scene.name, f"person={person}", f"expected 0 to {len(people) - 1}: {len(people)} are seen")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -83,8 +86,22 @@ def test_a_scene_is_searched_from_far_then_near() -> None:
 
 def test_nobody_and_too_few_are_errors() -> None:
     scene = named_scene("courtyard")
-    with pytest.raises(InputError, match="no person found"):
+    with pytest.raises(InputError, match="no person found") as caught:
         chosen(find_people(scene, lambda cameras: seen(cameras)), 0, scene)
+    assert "cut off" not in str(caught.value)
     cameras = wide()
     with pytest.raises(UsageError, match="expected 0 to 0: 1 are seen"):
         chosen(people_of(cameras, seen(cameras, TALL)), 1, scene)
+
+
+def test_of_a_tiny_scene_the_hint_says_how_to_draw_it_whole() -> None:
+    scene = named_scene("courtyard")
+    splats = scene.geometry
+    tiny = replace(scene, geometry=replace(splats, means=0.02 * splats.means, scales=0.02 * splats.scales))
+    said = r"cut off before the lens\? renderer.gaussian_splats.near=(\S+) renderer.gaussian_splats.near_fade=([^,]+),"
+    with pytest.raises(InputError) as caught:
+        chosen([], 0, tiny)
+    found = re.search(said, str(caught.value))
+    assert found is not None
+    assert scene.subject is not None
+    assert 0 < float(found[1]) + float(found[2]) < 0.02 * 2.2 * scene.subject.height  # from where a ring looks at them
