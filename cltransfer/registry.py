@@ -134,7 +134,7 @@ class Registry(Generic[T]):
 def code_of(component: object) -> str:
     """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
 
-    Empty for what comes with cltransfer.
+    Empty for what comes with cltransfer. Hidden files and folders are none of it.
     """
     module = type(component).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
@@ -145,6 +145,8 @@ def code_of(component: object) -> str:
         return hashlib.sha256(Path(file).read_bytes()).hexdigest()
     digest = hashlib.sha256()
     for part in sorted(package.rglob("*.py")):
+        if not part.is_file() or any(name.startswith(".") for name in part.relative_to(package).parts):
+            continue
         digest.update(f"{part.relative_to(package)}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode())
     return digest.hexdigest()
 

@@ -62,6 +62,16 @@ def test_the_code_of_a_plugin_is_all_of_its_package(package: Path) -> None:
     assert code_of(mine) != whole
 
 
+def test_what_an_editor_leaves_in_a_package_is_no_code(package: Path) -> None:
+    importlib.import_module("own_plugins.losses.mine")
+    whole = code_of(LOSSES.build("mine"))
+    (package / ".#mine.py").symlink_to("nobody@nowhere.1")  # Emacs' lock, which leads nowhere
+    (package / "data.py").mkdir()
+    (package / ".venv").mkdir()
+    (package / ".venv" / "other.py").touch()
+    assert code_of(LOSSES.build("mine")) == whole
+
+
 def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OWN)
     allow([tmp_path])

@@ -163,13 +163,17 @@ def least_curvature(J: Tensor, r: Tensor, groups: Tensor) -> float:
 def flat_directions(J: Tensor, r: Tensor, groups: Tensor) -> Tensor:
     """Square root (D, D) of the inverse of J^T W J, its longest axis 1 long: where CMA-ES is to begin with long steps.
 
+    Round where nothing changes in any direction.
+
     Args:
         J: Jacobian, (R, D).
         r: residuals, (R,).
         groups: group of each residual, (R,).
     """
     values, vectors = torch.linalg.eigh(_curvature(J, r, groups))
-    axes = (values + FLATTEST * values[-1]).rsqrt()
+    if not values[-1] > 0:
+        return torch.eye(len(values), dtype=values.dtype)
+    axes = (values.clamp_min(0) + FLATTEST * values[-1]).rsqrt()
     return vectors * (axes / axes.max())
 
 

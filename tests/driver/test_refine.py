@@ -120,3 +120,11 @@ def test_no_direction_is_taken_for_flatter_than_so_much() -> None:
     shape = flat_directions(blind, torch.zeros(3, dtype=torch.float64), torch.arange(3))
     lengths = torch.linalg.svdvals(shape)
     torch.testing.assert_close(lengths, torch.tensor([1.0, 0.1, 0.1], dtype=torch.float64), atol=2e-3, rtol=0)
+
+
+def test_where_nothing_changes_every_direction_is_as_flat() -> None:
+    """As of a person who is cut off in every candidate: all terms are penalties, without a slope."""
+    nothing = torch.zeros(4, 3, dtype=torch.float64)
+    torch.testing.assert_close(
+        flat_directions(nothing, bent(nothing[:1])[0], GROUPS), torch.eye(3, dtype=torch.float64)
+    )
