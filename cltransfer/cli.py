@@ -41,14 +41,6 @@ app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
 app.add_typer(models_app, name="models")
 app.add_typer(assets_app, name="assets")
-app.command()(ablate)
-app.command()(fit)
-app.command()(simplify)
-app.command()(bake)
-app.command()(study)
-app.command()(evaluate)
-app.command()(describe)
-app.command()(inspect)
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 
@@ -201,7 +193,8 @@ def render(
     print(written)
 
 
-app.command()(lift)  # after render, as `--help` lists them
+for verb in (evaluate, ablate, inspect, describe, lift, fit, bake, simplify, study):  # as `--help` lists them
+    app.command()(verb)
 
 
 @app.command()

@@ -90,6 +90,10 @@ def helps(verb: Any) -> Iterator[str]:
         yield from helps(below)
 
 
+def test_help_begins_with_what_most_people_want() -> None:
+    assert list(typer.main.get_command(app).commands)[:4] == ["transfer", "render", "evaluate", "ablate"]  # type: ignore[attr-defined]
+
+
 def test_no_help_says_a_word_twice_in_a_row() -> None:
     texts = list(helps(typer.main.get_command(app)))
     assert len(texts) > 100

@@ -98,7 +98,7 @@ def bench_grid(
 def bench_lod(
     scene: Annotated[list[Path] | None, typer.Argument(help="Splat .ply files beside the synthetic room.")] = None,
     members: Annotated[
-        int, typer.Option(help="So many first Gaussians of each file are its subject, as in scenes put together.")
+        int, typer.Option(help="How many of the first Gaussians of each file are its person, in scenes put together.")
     ] = 0,
     seed: Annotated[list[int] | None, typer.Option(help="Seeds of the candidates (repeatable).")] = None,
     count: Annotated[int, typer.Option(help="Gaussians of the synthetic room.")] = 500_000,
