@@ -9,7 +9,7 @@ import torch
 
 from .driver.refine import least_curvature
 from .losses.shot_size import degenerate
-from .renderers._request import smaller_near
+from .near_plane import drawn_whole, smaller_near
 from .report.data import Flag
 
 if TYPE_CHECKING:
@@ -66,16 +66,15 @@ def _floaters(result: Result) -> Iterator[Flag]:
 def _near(result: Result) -> Iterator[Flag]:
     """Whether the person comes nearer to a camera than what is drawn whole, as in a scene whose unit is large."""
     person, cameras = result.scene.subject, result.trajectory.camera
-    near, fade = (getattr(result.renderer, name, 0.0) for name in ("near", "near_fade"))
     if person is None:
         return
     pixels, depth = cameras.project(person.joints)
     shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
     nearest = torch.where(shown, depth, torch.inf).amin(1)
-    count, least = int((nearest < near + fade).sum()), float(nearest.min())
+    count, least = int((nearest < drawn_whole(result.renderer)).sum()), float(nearest.min())
     if count:
         where = f"in {count} of {len(cameras)} frames, as near as {least:.2g} scene units"
-        yield Flag(None, f"the person is faded or cut {where}: set {smaller_near(result.scene, least / 2)}")
+        yield Flag(None, f"the person is faded or cut {where}: set {smaller_near(result.renderer, least / 2)}")
 
 
 def _reference(result: Result) -> Iterator[Flag]:

@@ -92,6 +92,10 @@ class Registry(Generic[T]):
             importlib.import_module(f"{self.package}.{name}")  # its decorator registers it
         return self._classes[name]
 
+    def name_of(self, component: object) -> str:
+        """The name of the class of ``component``; empty where that is not registered."""
+        return next((name for name, cls in self._classes.items() if cls is type(component)), "")
+
     def build(self, name: str, options: Mapping[str, Any] | None = None) -> T:
         """Component ``name`` with ``options`` checked and converted by its own fields.
 

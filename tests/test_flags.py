@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
+from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.floaters import floaters
 from cltransfer.scenes.load import load_scene
@@ -61,6 +63,30 @@ def test_a_person_nearer_than_what_is_drawn_whole_is_told_with_what_would_draw_t
     assert "in 2 of 2 frames" in both
     options = dict(part.split("=") for part in both.split(": set ")[1].split())
     assert told(**{name.removeprefix("renderer.gaussian_splats."): float(v) for name, v in options.items()}) == []
+
+
+@dataclass(frozen=True)
+class Odd:
+    """The renderer of a plugin, whose ``near`` may be anything."""
+
+    near: Any = None
+    near_fade: Any = 9.0
+
+
+@pytest.mark.parametrize("near", [None, "0.1", [1.0], True, float("nan")])
+def test_a_near_plane_that_is_no_number_is_not_told_of(plain: Result, near: object) -> None:
+    assert not any("faded or cut" in flag.reason for flag in run_flags(replace(plain, renderer=Odd(near))))
+
+
+def test_the_options_that_are_told_are_those_of_the_renderer_in_use(
+    plain: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("", "odd"):
+        if name:
+            monkeypatch.setitem(RENDERERS._classes, name, Odd)
+        (told,) = [flag.reason for flag in run_flags(replace(plain, renderer=Odd(1))) if "faded or cut" in flag.reason]
+        above = "renderer.odd." if name else ""
+        assert re.search(rf": set {above}near=[\d.]+ {above}near_fade=[\d.]+$", told)
 
 
 @pytest.fixture(scope="module")

@@ -53,14 +53,6 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
     return drawn
 
 
-def smaller_near(scene: Scene, distance: float) -> str:
-    """Options of the renderer of ``scene`` by which what is farther than ``distance`` [scene units] is drawn whole."""
-    kind = getattr(scene.geometry, "renderer", "NAME")
-    if kind != "gaussian_splats":
-        return f"renderer.{kind}.near={distance:.1g}"
-    return f"renderer.{kind}.near={distance / 4:.1g} renderer.{kind}.near_fade={3 * distance / 4:.1g}"
-
-
 def check_device(backend: str, device: str) -> None:
     """Whether ``backend`` can work on ``device``.
 

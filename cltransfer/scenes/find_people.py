@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..errors import InputError, UsageError
-from ..renderers._request import smaller_near
+from ..near_plane import smaller_near
 from . import Scene
 from .triangulate import triangulate
 
@@ -24,7 +25,7 @@ SHARES = (0.5, 0.9, 1.6)  # of the scene's reach that the first rings are fitted
 CLOSER = 2  # rounds of views about each person
 MEET = 0.04  # frame widths by which boxes of one person may miss their common middle
 APART = 0.35  # heights between the middles of two people, at least
-TINY = 1.0  # reach of a scene [scene units] below which the near plane of a renderer may hide people
+BETWEEN = 0.1  # of the scene's reach, about what lies between it and the nearest views around it
 MINIMUM_VIEWS = 2  # that must agree on a person
 
 Boxes = list[np.ndarray]  # of all persons in each of V views, (P, 5) each: x, y, width, height [px], score
@@ -69,16 +70,16 @@ def _reach(scene: Scene) -> tuple[Tensor, float]:
     return center, float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
 
 
-def chosen(people: list[Found], person: int, scene: Scene) -> Found:
+def chosen(people: list[Found], person: int, scene: Scene, renderer: Any) -> Found:
     """The one called ``person``.
 
     Raises:
-        InputError: there is nobody.
+        InputError: there is nobody; the line says so where what ``renderer`` does not draw whole may be why.
         UsageError: there are not so many.
     """
     if not people:
-        _, reach = _reach(scene)
-        cut = f"is all cut off before the lens? {smaller_near(scene, reach / 10)}, " if reach < TINY else ""
+        options = smaller_near(renderer, BETWEEN * _reach(scene)[1])
+        cut = f"are they cut off before the lens? {options}, " if options else ""
         hint = f"is another way up? --up X,Y,Z, {cut}or give views: --view FILE"
         raise InputError(scene.name, "lift", "no person found in any view", hint)
     if person >= len(people):

@@ -85,11 +85,12 @@ class LiftOptions:
     person: int | None = None
 
 
-def lift(scene: Scene, look: Look, see: See, options: LiftOptions) -> Lift:
+def lift(scene: Scene, renderer: Any, look: Look, see: See, options: LiftOptions) -> Lift:
     """Lift a person of ``scene``.
 
     Args:
         scene: any geometry that has ``means`` to vote on.
+        renderer: what draws the views.
         look: renders cameras and reads them: box, keypoints, subject, orientation, depth; of the persons in the boxes
             (V, 5) if they are given, else of the main ones.
         see: boxes of all persons in views.
@@ -102,13 +103,13 @@ def lift(scene: Scene, look: Look, see: See, options: LiftOptions) -> Lift:
     given, box = options.given, None
     if given is None:
         people = find_people(scene, see)
-        who = chosen(people, options.person or 0, scene)
+        who = chosen(people, options.person or 0, scene, renderer)
         given = ring(who.middle, who.height, scene.up, options.views)
         box = boxes_of(who, given, see(given))
     else:
         people = people_of(given, see(given))
         if options.person is not None:
-            box = boxes_of(chosen(people, options.person, scene), given, see(given))
+            box = boxes_of(chosen(people, options.person, scene, renderer), given, see(given))
     seen = look(given, box)
     found = torch.isfinite(seen.require("box")[:, 0])
     if int(found.sum()) < MINIMUM_VIEWS:

@@ -57,7 +57,7 @@ def lift_scene(
         raise InputError(scene.name, "lift", f"needs {name!r}: {reason}")
     plan.load_networks()
     eyes = _Eyes(scene, renderer, plan, progress)
-    return lift(scene, eyes.look, eyes.see, options)
+    return lift(scene, renderer, eyes.look, eyes.see, options)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +10,13 @@ import torch
 
 from cltransfer.camera import Camera
 from cltransfer.errors import InputError, UsageError
+from cltransfer.near_plane import drawn_whole
+from cltransfer.registry import RENDERERS
+from cltransfer.scenes import Scene
+from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import named_scene
-from cltransfer.scenes.find_people import Boxes, boxes_of, chosen, find_people, people_of, ring
+from cltransfer.scenes.find_people import Boxes, _reach, boxes_of, chosen, find_people, people_of, ring
+from cltransfer.scenes.mesh import Mesh
 
 UP = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
 TALL = torch.tensor([0.0, 0.0, 0.0], dtype=torch.float64), 1.8
@@ -85,23 +89,41 @@ def test_a_scene_is_searched_from_far_then_near() -> None:
 
 
 def test_nobody_and_too_few_are_errors() -> None:
-    scene = named_scene("courtyard")
+    scene, renderer = named_scene("courtyard"), RENDERERS.build("gaussian_splats")
     with pytest.raises(InputError, match="no person found") as caught:
-        chosen(find_people(scene, lambda cameras: seen(cameras)), 0, scene)
+        chosen(find_people(scene, lambda cameras: seen(cameras)), 0, scene, renderer)
     assert "cut off" not in str(caught.value)
     cameras = wide()
     with pytest.raises(UsageError, match="expected 0 to 0: 1 are seen"):
-        chosen(people_of(cameras, seen(cameras, TALL)), 1, scene)
+        chosen(people_of(cameras, seen(cameras, TALL)), 1, scene, renderer)
 
 
-def test_of_a_tiny_scene_the_hint_says_how_to_draw_it_whole() -> None:
-    scene = named_scene("courtyard")
-    splats = scene.geometry
-    tiny = replace(scene, geometry=replace(splats, means=0.02 * splats.means, scales=0.02 * splats.scales))
-    said = r"cut off before the lens\? renderer.gaussian_splats.near=(\S+) renderer.gaussian_splats.near_fade=([^,]+),"
+def of_reach(reach: float, geometry: str) -> Scene:
+    """A box most of which lies within about ``reach`` of its middle."""
+    signs = torch.tensor([[x, y, z] for x in (-1.0, 1) for y in (-1.0, 1) for z in (-1.0, 1)])
+    mesh = Mesh.plain(reach / 3**0.5 * signs, torch.combinations(torch.arange(8), 3))
+    forms = {
+        "mesh": lambda: mesh,
+        "gaussian_splats": lambda: bake_splats(mesh, 500),
+        "nerf_grid": lambda: bake_grid(mesh, 8),
+    }
+    return Scene(forms[geometry](), None, UP, "box", "")
+
+
+@pytest.mark.parametrize("geometry", ["mesh", "gaussian_splats", "nerf_grid"])
+@pytest.mark.parametrize("reach", [0.05, 0.9, 20.0])
+def test_who_may_be_cut_off_before_the_lens_is_told_with_the_options_that_draw_them(
+    reach: float, geometry: str
+) -> None:
+    scene, usual = of_reach(reach, geometry), RENDERERS.build(geometry)
+    nearest = _reach(scene)[1] / 10
     with pytest.raises(InputError) as caught:
-        chosen([], 0, tiny)
-    found = re.search(said, str(caught.value))
-    assert found is not None
-    assert scene.subject is not None
-    assert 0 < float(found[1]) + float(found[2]) < 0.02 * 2.2 * scene.subject.height  # from where a ring looks at them
+        chosen([], 0, scene, usual)
+    options = dict(re.findall(rf"renderer.{geometry}.(\w+)=([\d.e-]+\d)", str(caught.value)))
+    assert bool(options) == ("cut off before the lens" in str(caught.value)) == (nearest < drawn_whole(usual))
+    if options:
+        told = RENDERERS.build(geometry, {name: float(value) for name, value in options.items()})
+        assert 0 < drawn_whole(told) <= nearest
+        with pytest.raises(InputError) as caught:
+            chosen([], 0, scene, told)
+        assert "cut off" not in str(caught.value)
