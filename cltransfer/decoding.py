@@ -29,14 +29,7 @@ IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
 
 _ORIENTATION = 0x0112  # of EXIF
 _MIRRORED = (2, 4, 5, 7)
-_TURNS = {
-    2: 2,
-    3: 2,
-    5: -1,
-    6: -1,
-    7: 1,
-    8: 1,
-}  # quarter turns to the left, after the rows of a mirrored one are reversed
+_TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 # Playlists and scripts that open other files are no clips, whatever their name ends in.
@@ -129,13 +122,15 @@ def _image_source(path: Path) -> str | io.BytesIO:
 
 def _without_exif(data: bytes) -> bytes:
     """A PNG without the chunk that holds its EXIF, for which the decoder would refuse all of it if that is damaged."""
-    kept, at = [data[: len(_PNG)]], len(_PNG)
+    view, kept, begin, at = memoryview(data), bytearray(), 0, len(_PNG)
     while at < len(data):
         end = at + 12 + int.from_bytes(data[at : at + 4], "big")  # length, name, content, checksum
-        if data[at + 4 : at + 8] != b"eXIf":
-            kept.append(data[at:end])
+        if data[at + 4 : at + 8] == b"eXIf":
+            kept += view[begin:at]
+            begin = end
         at = end
-    return b"".join(kept)
+    kept += view[begin:]
+    return bytes(kept)
 
 
 def _video_stream(path: Path, container: InputContainer) -> VideoStream:

@@ -1,6 +1,7 @@
 import json
 import struct
 import time
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import torch
 from PIL import Image, ImageOps
 
 from cltransfer.clip import pair_by_time, read_clip, write_video
+from cltransfer.decoding import _without_exif
 from cltransfer.errors import InputError, ResourceError, UsageError
 
 VIDEOS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "video"
@@ -181,6 +183,18 @@ def test_an_image_whose_exif_cannot_be_read_is_shown_as_it_is_stored(tmp_path, s
     expected = smooth(1)
     Image.fromarray(expected[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=block)
     assert (read_clip(tmp_path).image.int() - expected.int()).abs().float().mean() < 3
+
+
+def test_a_png_of_many_chunks_takes_little_memory_without_its_exif():
+    rest = b"\0\0\0\0teSt\0\0\0\0" * 50_000
+    block = b"\0\0\0\4eXIfdata\0\0\0\0"
+    data = b"\x89PNG\r\n\x1a\n" + block + rest + block + block + rest
+    tracemalloc.start()
+    without = _without_exif(data)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert without == data.replace(block, b"")
+    assert most < 3 * len(data)
 
 
 def test_exif_that_cannot_be_read_is_told_once_a_folder(tmp_path, caplog):
