@@ -6,6 +6,7 @@ import contextlib
 import io
 import logging
 import struct
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -194,13 +195,17 @@ def _exif_orientation(path: Path) -> int:
     from PIL import Image
 
     exif = Image.Exif()
-    try:
+    unread = (OSError, ValueError, TypeError, SyntaxError, struct.error, Image.DecompressionBombError)
+    with warnings.catch_warnings(), contextlib.suppress(*unread):
+        # what matters is told below, once a folder; a thread may leave this filter behind, so it is of Pillow alone
+        warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")
         with Image.open(path, formats=("JPEG", "PNG")) as image:
             exif.load(image.info.get("exif", b""))
-        return int(exif.get(_ORIENTATION, 1))
-    except (OSError, ValueError, TypeError, SyntaxError, struct.error):
-        _tell_unread(path.parent)
-        return 1
+        stated = exif.get(_ORIENTATION, 1)
+        if isinstance(stated, int) or stated in range(1, 9):
+            return int(stated)
+    _tell_unread(path.parent)
+    return 1
 
 
 @cache

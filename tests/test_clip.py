@@ -172,17 +172,41 @@ def test_every_orientation_of_an_image_is_honoured(tmp_path, suffix, orientation
 
 def exif(orientation, kind="<H2x", entries=1, start=8):
     """The bytes of an EXIF that states an orientation, stored as a struct ``kind``, and may be damaged behind it."""
-    code = {"<H2x": 3, "<I": 4}[kind]
+    code = {"<H2x": 3, "<I": 4, "<f": 11}[kind]
     entry = struct.pack("<HHI", 0x0112, code, 1) + struct.pack(kind, orientation)
     return b"Exif\0\0II*\0" + struct.pack("<IH", start, entries) + entry + bytes(4)
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
-@pytest.mark.parametrize("block", [b"Exif\0\0no such thing", b"Exif\0\0", b"Exif\0\0II*\0", exif(6, start=9999)])
+@pytest.mark.parametrize(
+    "block",
+    [
+        b"Exif\0\0no such thing",
+        b"Exif\0\0",
+        b"Exif\0\0II*\0",
+        exif(6, start=9999),
+        *(exif(value, "<f") for value in (float("inf"), float("nan"), -1e30, 6.5)),
+    ],
+)
 def test_an_image_whose_exif_cannot_be_read_is_shown_as_it_is_stored(tmp_path, suffix, block):
     expected = smooth(1)
     Image.fromarray(expected[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=block)
     assert (read_clip(tmp_path).image.int() - expected.int()).abs().float().mean() < 3
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_an_image_that_pillow_does_not_open_is_shown_as_it_is_stored(tmp_path, suffix, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # more than twice so many are refused
+    image = smooth(1)
+    Image.fromarray(image[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}")
+    assert (read_clip(tmp_path).image.int() - image.int()).abs().float().mean() < 3
+
+
+@pytest.mark.parametrize("block", [b"Exif\0\0II*\0", exif(6, start=9999), exif(6, entries=50)])
+def test_pillow_does_not_warn_of_an_exif_by_itself(tmp_path, block, recwarn):
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / "0.jpg", exif=block)
+    read_clip(tmp_path)
+    assert [str(one.message) for one in recwarn if "PIL" in one.filename] == []
 
 
 def test_a_png_of_many_chunks_takes_little_memory_without_its_exif():
@@ -208,7 +232,7 @@ def test_exif_that_cannot_be_read_is_told_once_a_folder(tmp_path, caplog):
 
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
 @pytest.mark.parametrize("orientation", [2, 5, 6])
-@pytest.mark.parametrize("change", [{"entries": 50}, {"kind": "<I"}])
+@pytest.mark.parametrize("change", [{"entries": 50}, {"kind": "<I"}, {"kind": "<f"}])
 def test_an_orientation_is_honoured_where_only_what_is_behind_it_is_damaged(tmp_path, suffix, orientation, change):
     block = exif(orientation, **change)
     Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / f"0.{suffix}", exif=block)
