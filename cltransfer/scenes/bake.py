@@ -79,8 +79,8 @@ def sample_surface(mesh: Mesh, count: int) -> Samples:
 def _barycentric(index: Tensor) -> Tensor:
     """Weights of three corners (N, 3) that fill a triangle evenly."""
     a, b = (index / _PLASTIC + 0.5).frac(), (index / _PLASTIC**2 + 0.5).frac()
-    folded = a + b > 1
-    a, b = torch.where(folded, 1 - a, a), torch.where(folded, 1 - b, b)
+    beyond = a + b > 1
+    a, b = torch.where(beyond, 1 - a, a), torch.where(beyond, 1 - b, b)
     return torch.stack([1 - a - b, a, b], dim=1)
 
 
