@@ -135,7 +135,8 @@ class Mesh:
     def packed(self) -> Packed:
         """Layout of the CPU kernels, made on first use."""
         wraps = [(_NUMBERS[across], _NUMBERS[down]) for _, (across, down) in self.wrapped]
-        texels, images = pack_images([image.cpu().numpy() for image in self.textures], wraps)
+        arrays = {id(image): image.cpu().numpy() for image in self.textures}  # one of an image under several wraps
+        texels, images = pack_images([arrays[id(image)] for image in self.textures], wraps)
         floats = (self.vertices, self.colors, self.uv)
         vertices, colors, uv = (np.ascontiguousarray(t.detach().cpu().numpy(), np.float32) for t in floats)
         faces, texture = (np.ascontiguousarray(t.cpu().numpy(), np.int32) for t in (self.faces, self.texture))

@@ -62,14 +62,18 @@ def _buffers(count: int, size: tuple[int, int], color: bool) -> Buffers:
 
 
 def pack_images(images: Sequence[Array], wraps: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
-    """Texels (T, 4) uint8 and table (n, 6) int64 of RGBA images (h, w, 4), and of how each goes on beyond its edges."""
-    rows, first = [], 0
+    """Texels (T, 4) uint8 and table (n, 6) int64 of RGBA images (h, w, 4), and of how each goes on beyond its edges.
+
+    The same array under several wraps is packed once.
+    """
+    texels = {id(image): image.reshape(-1, 4) for image in images}
+    first = dict(zip(texels, np.cumsum([0, *map(len, texels.values())])))
+    rows = []
     for image, (across, down) in zip(images, wraps, strict=True):
         height, width = image.shape[:2]
-        rows.append((first, width, height, int((image[..., 3] < HOLE).any()), across, down))
-        first += height * width
-    texels = [image.reshape(-1, 4) for image in images] or [np.empty((0, 4), np.uint8)]
-    return np.ascontiguousarray(np.concatenate(texels)), np.array(rows, np.int64).reshape(-1, 6)
+        rows.append((first[id(image)], width, height, int((image[..., 3] < HOLE).any()), across, down))
+    every = [*texels.values()] or [np.empty((0, 4), np.uint8)]
+    return np.ascontiguousarray(np.concatenate(every)), np.array(rows, np.int64).reshape(-1, 6)
 
 
 def render(packed: Packed, views: Views, settings: Settings, color: bool, threads: int) -> Buffers:

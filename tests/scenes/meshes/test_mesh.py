@@ -62,6 +62,15 @@ def test_an_image_that_is_wrapped_in_two_ways_is_two_textures():
     assert joined.packed.images[:, 4:].tolist() == [[0, 0], [1, 2]]
 
 
+def test_an_image_that_is_wrapped_in_many_ways_is_packed_once():
+    shown, other = (torch.full((2, 3, 4), value, dtype=torch.uint8) for value in (200, 100))
+    images, wraps = (shown, other, shown), (("repeat", "repeat"), ("clamp", "clamp"), ("clamp", "mirror"))
+    mesh = replace(Mesh.plain(CORNERS, FACES), texture=torch.tensor([0, 2]).int(), textures=images, wraps=wraps)
+    packed = mesh.packed
+    assert packed.images[:, 0].tolist() == [0, 6, 0]
+    assert packed.texels.tolist() == [[200] * 4] * 6 + [[100] * 4] * 6
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

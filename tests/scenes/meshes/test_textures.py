@@ -57,6 +57,20 @@ def test_an_image_of_many_nodes_and_materials_is_decoded_once(bar, with_texture,
     assert decoded == [(4, 4)]
 
 
+def test_an_image_under_many_samplers_is_decoded_and_packed_once(
+    bar, with_texture, picture, write_glb, tmp_path, decoded
+):
+    tree, blob = with_texture(bar(), picture())
+    (primitive,) = tree["meshes"][0]["primitives"]
+    tree["samplers"] = [{"wrapS": s, "wrapT": t} for s in (10497, 33071, 33648) for t in (10497, 33071, 33648)]
+    tree["textures"] = [{"source": 0, "sampler": i} for i in range(9)]
+    tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": i}}} for i in range(9)]
+    tree["meshes"][0]["primitives"] = [{**primitive, "material": i} for i in range(9)]
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    assert (len(set(mesh.wraps)), len(mesh.packed.images), len(mesh.packed.texels)) == (9, 9, 16)
+    assert decoded == [(4, 4)]
+
+
 def test_an_image_of_many_materials_of_an_obj_is_decoded_once(picture, write_obj, tmp_path, decoded):
     (tmp_path / "wood.png").write_bytes(picture())
     mesh = read_mesh(write_obj(tmp_path, materials=3)).mesh
