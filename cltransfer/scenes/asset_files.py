@@ -51,10 +51,14 @@ class Beside:
     """Gives a mesh reader the files that ``path`` names, and remembers what it gave and what it refused.
 
     It has the methods of a trimesh resolver; trimesh goes on without what it was refused, our readers do not.
+
+    Args:
+        path: of the mesh.
+        first: bytes of the first file that is asked for, at most.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, first: int = LIMIT) -> None:
+        self.path, self._first = path, first
         self.given: list[Path] = []
         self.refused: InputError | None = None
         self._read: dict[Path, bytes] = {}
@@ -74,8 +78,9 @@ class Beside:
         """Bytes of the file ``name``, which is read once however often it is asked for."""
         found = self.find(name)
         key = found.resolve()
+        limit = self._first if found == self.given[0] else LIMIT
         try:
-            self._read[key] = self._read.get(key) or read_limited(found)
+            self._read[key] = self._read.get(key) or read_limited(found, limit)
         except InputError as error:
             self.refused = self.refused or error
             raise

@@ -12,7 +12,7 @@ def opened(monkeypatch):
     """Names of the files that were read."""
     names: list[str] = []
     read = asset_files.read_limited
-    monkeypatch.setattr(asset_files, "read_limited", lambda path: names.append(path.name) or read(path))
+    monkeypatch.setattr(asset_files, "read_limited", lambda path, *most: names.append(path.name) or read(path, *most))
     return names
 
 

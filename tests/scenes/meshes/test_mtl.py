@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
+from cltransfer.scenes.mtl import LIBRARY_LIMIT
 from cltransfer.scenes.read_mesh import read_mesh
 
 FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl dark wood\nf 1/1 2/2 3/3\n"
@@ -15,11 +16,11 @@ FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl dark wood\nf 1
 def stage(tmp_path, image_file):
     """Writes stage.obj, whose one face shows the material "dark wood" of a library; wood.png is an image."""
 
-    def write(library: str) -> Path:
+    def write(library: str, face: str = FACE) -> Path:
         (tmp_path / "wood.png").write_bytes(image_file(np.full((4, 2, 3), 90, np.uint8)))
         (tmp_path / "none.png").write_bytes(b"no picture")
         (tmp_path / "stage.mtl").write_text(library)
-        (tmp_path / "stage.obj").write_text("mtllib stage.mtl\n" + FACE)
+        (tmp_path / "stage.obj").write_text("mtllib stage.mtl\n" + face)
         return tmp_path / "stage.obj"
 
     return write
@@ -38,3 +39,31 @@ def test_an_image_that_no_face_shows_may_be_none(stage):
     assert [image.shape for image in mesh.textures] == [(4, 2, 4)]
     mesh = read_mesh(stage("newmtl dark wood\nKd 1 0 0\nmap_Kd\nnewmtl spare\nmap_Kd none.png\n")).mesh
     assert (mesh.textures, mesh.colors.unique(dim=0).tolist()) == ((), [[1, 0, 0]])
+
+
+def test_of_a_material_that_is_defined_twice_the_last_counts(stage):
+    first, last = "newmtl dark wood\nmap_Kd none.png\n", "newmtl dark wood\nKd 1 0 0\n"
+    mesh = read_mesh(stage(first + last)).mesh
+    assert (mesh.textures, mesh.colors.unique(dim=0).tolist()) == ((), [[1, 0, 0]])
+    with pytest.raises(InputError, match=r"'none\.png' of material 'dark wood'"):
+        read_mesh(stage(last + first))
+
+
+def test_where_no_face_has_a_place_in_an_image_none_is_asked_for(stage):
+    bare = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl dark wood\nf 1 2 3\n"
+    mesh = read_mesh(stage("newmtl dark wood\nKd 1 0 0\nmap_Kd none.png\n", bare)).mesh
+    assert (mesh.textures, mesh.colors.unique(dim=0).tolist()) == ((), [[1, 0, 0]])
+
+
+def test_a_library_of_any_size_is_not_read(stage):
+    path = stage("newmtl dark wood\nKd 1 0 0\n" + "#" * LIBRARY_LIMIT)
+    with pytest.raises(InputError, match=rf"stage.mtl: expected at most {LIBRARY_LIMIT} bytes, got "):
+        read_mesh(path)
+    assert len(read_mesh(stage("newmtl dark wood\nmap_Kd wood.png\n")).mesh.textures) == 1
+
+
+def test_an_image_may_be_larger_than_a_library(stage, image_file):
+    path = stage("newmtl dark wood\nmap_Kd wood.png\n")
+    noise = np.random.default_rng(0).integers(0, 256, (1200, 1200, 3), np.uint8)
+    assert path.with_name("wood.png").write_bytes(image_file(noise)) > LIBRARY_LIMIT
+    assert read_mesh(path).mesh.textures[0].shape == (1200, 1200, 4)
