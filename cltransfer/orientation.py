@@ -19,8 +19,10 @@ def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Te
     Returns:
         (..., 3) [rad]. Yaw in (-pi, pi] is 0 in front of the body and positive on its left, pitch in
         [-pi/2, pi/2] is positive from above, roll in (-pi, pi] is positive when the body leans right in the
-        image. NaN where an axis is NaN or zero or the two are parallel; looking straight along ``up`` leaves
-        yaw without meaning.
+        image of a camera that is turned, the shortest way, to look at it: beside the optical axis a level camera
+        that looks down shows a body lean that stands upright, and what reads a crop sees none of that. NaN where
+        an axis is NaN or zero or the two are parallel; looking straight along ``up`` leaves yaw without meaning,
+        and a body right behind the camera roll.
 
     >>> orientation_from_axes(*torch.tensor([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])).abs()
     tensor([0., 0., 0.])
@@ -32,8 +34,15 @@ def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Te
     on_left, on_front, on_up = ((toward_camera * axis).sum(-1) for axis in (left, front, up))
     yaw = torch.atan2(on_left, on_front)
     pitch = torch.asin(on_up.clamp(-1, 1))
-    roll = torch.atan2(up[..., 0], -up[..., 1])
+    right, down = _turned(up, -toward_camera)
+    roll = torch.atan2(right, -down)
     return torch.stack([yaw, pitch, roll.expand_as(yaw)], dim=-1)
+
+
+def _turned(vector: Tensor, ray: Tensor) -> tuple[Tensor, Tensor]:
+    """x and y (...) of ``vector`` (..., 3) as the least rotation turns it that brings the unit ``ray`` to the axis z."""
+    along = ((vector * ray).sum(-1) + vector[..., 2]) / (1 + ray[..., 2])
+    return vector[..., 0] - along * ray[..., 0], vector[..., 1] - along * ray[..., 1]
 
 
 def unit(vector: Tensor) -> Tensor:

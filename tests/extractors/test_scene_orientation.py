@@ -8,6 +8,7 @@ import torch
 from cltransfer.camera import Camera
 from cltransfer.extractors.scene_orientation import SceneOrientation
 from cltransfer.features import Features
+from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
 from cltransfer.testing import sample_subject
 
 UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
@@ -50,6 +51,18 @@ def test_panning_away_leaves_the_place_of_the_camera() -> None:
     camera = Camera.look_at(eye.expand(2, 3), aims, UP, math.radians(40), (64, 36))
     got = SceneOrientation()(Features((64, 36), camera=camera, person=sample_subject()), None).orientation
     torch.testing.assert_close(got[0], got[1], atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.3, -2.5])
+@pytest.mark.parametrize(("x", "y"), [(-0.4, 0.1), (0.25, 0.0), (0.3, -0.45)])
+def test_roll_is_that_of_a_camera_turned_to_the_person(roll: float, x: float, y: float) -> None:
+    """As the search places its cameras, and as networks read a crop: where in the frame the person is changes nothing."""
+    person, search = sample_subject(), SubjectOrbit()
+    home = Camera.look_at(MIDDLE[None] + 4 * person.facing, MIDDLE[None], person.up, math.radians(40), (64, 36))
+    asked = torch.tensor([[0.4, 0.7, roll, 1.2, x, y, -0.4]], dtype=torch.float64) / SCALE
+    camera = search.cameras(asked, home, person)
+    got = SceneOrientation()(Features((64, 36), camera=camera, person=person), None).orientation
+    torch.testing.assert_close(got, asked[:, :3] * SCALE[:3], atol=1e-9, rtol=0)
 
 
 def test_person_behind_the_camera_is_undefined_row_4() -> None:
