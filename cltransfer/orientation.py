@@ -40,7 +40,7 @@ def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Te
 
 
 def _turned(vector: Tensor, ray: Tensor) -> tuple[Tensor, Tensor]:
-    """x and y (...) of ``vector`` (..., 3) as the least rotation turns it that brings the unit ``ray`` to the axis z."""
+    """x and y (...) of ``vector`` (..., 3) after the least rotation that brings the unit ``ray`` to the axis z."""
     along = ((vector * ray).sum(-1) + vector[..., 2]) / (1 + ray[..., 2])
     return vector[..., 0] - along * ray[..., 0], vector[..., 1] - along * ray[..., 1]
 

@@ -56,7 +56,7 @@ def test_panning_away_leaves_the_place_of_the_camera() -> None:
 @pytest.mark.parametrize("roll", [0.0, 0.3, -2.5])
 @pytest.mark.parametrize(("x", "y"), [(-0.4, 0.1), (0.25, 0.0), (0.3, -0.45)])
 def test_roll_is_that_of_a_camera_turned_to_the_person(roll: float, x: float, y: float) -> None:
-    """As the search places its cameras, and as networks read a crop: where in the frame the person is changes nothing."""
+    """As the search places cameras, and as networks read a crop: where in the frame the person is changes nothing."""
     person, search = sample_subject(), SubjectOrbit()
     home = Camera.look_at(MIDDLE[None] + 4 * person.facing, MIDDLE[None], person.up, math.radians(40), (64, 36))
     asked = torch.tensor([[0.4, 0.7, roll, 1.2, x, y, -0.4]], dtype=torch.float64) / SCALE
