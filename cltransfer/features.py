@@ -37,7 +37,8 @@ class Features:
         flow: backward flow, frame i -> i-1, (B, 2, H, W) [px of ``size``]; NaN where undefined (first frame).
         flow_confidence: how far ``flow`` can be trusted, (B, H, W) in [0, 1] on its pixels; NaN where it is undefined.
         orientation: yaw, pitch, roll of the camera about the subject, (B, 3) [rad]. Yaw is 0 in front of the
-            body and grows to its left, pitch is positive from above, roll is positive when the body leans right.
+            body and grows to its left, pitch is positive from above, roll is positive when the body leans right
+            as a camera shows it that is turned to look at it (:func:`cltransfer.orientation.orientation_from_axes`).
         camera: who looks, where known (a renderer knows, a clip does not).
         person: who stands in the scene, where known.
         extras: plugins' own features, each with batch first.
