@@ -56,7 +56,8 @@ def render_features(image: Tensor, cameras: Camera, subject: Subject | None, pla
     if subject is None:
         return clip_features(image, plan)
     person = Found(subject.anchor, subject.height, len(cameras))
-    return _read(image, plan, lambda boxes: (boxes_of(person, cameras, boxes).numpy(), ()), silent)[0]
+    body = subject.joints[torch.isfinite(subject.joints).all(1)]
+    return _read(image, plan, lambda boxes: (boxes_of(person, body, cameras, boxes).numpy(), ()), silent)[0]
 
 
 def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent) -> tuple[Features, tuple[str, ...]]:

@@ -26,6 +26,9 @@ CLOSER = 2  # rounds of views about each person
 MEET = 0.04  # frame widths by which boxes of one person may miss their common middle
 APART = 0.35  # heights between the middles of two people, at least
 BETWEEN = 0.1  # of the scene's reach, about what lies between it and the nearest views around it
+STEPS = 9  # points from a body's middle to each of its ends
+ROUND = 0.1  # heights that a body reaches beyond its joints
+LENS = 0.02  # heights before the camera from which a part of a body is seen
 MINIMUM_VIEWS = 2  # that must agree on a person
 
 Boxes = list[np.ndarray]  # of all persons in each of V views, (P, 5) each: x, y, width, height [px], score
@@ -108,20 +111,50 @@ def people_of(cameras: Camera, boxes: Boxes) -> list[Found]:
         left = [found[~gone] for found, gone in zip(left, np.split(agreed.numpy(), np.cumsum([*map(len, left)])[:-1]))]
 
 
-def boxes_of(person: Found, cameras: Camera, boxes: Boxes) -> Tensor:
-    """In each of V views the box nearest to where the person must be, (V, 5) [px]; NaN where there is none."""
-    pixels, depth = cameras.project(person.middle[None])
-    tall = person.height * cameras.focal / depth[:, 0]  # [px]
+def boxes_of(person: Found, body: Tensor, cameras: Camera, boxes: Boxes) -> Tensor:
+    """In each of V views the box nearest to where the person must be, (V, 5) [px]; NaN where there is none.
+
+    A box ends where the frame does, so its middle is compared with that of the part of the body in the frame.
+
+    Args:
+        person: whose boxes.
+        body: its ends, (P, 3) world: joints, or :func:`standing`.
+        cameras: of the views, V.
+        boxes: of all persons in each view.
+    """
+    middle, inside = _in_frame(person, body, cameras)
+    depth = cameras.project(person.middle[None])[1][:, 0]
+    tall = torch.where(depth > 0, person.height * cameras.focal / depth, torch.inf)
+    near = APART * tall.clamp_max(cameras.size[1])  # [px]
     found = torch.full((len(cameras), 5), torch.nan)
     for v, view in enumerate(boxes):
-        if len(view) == 0 or depth[v, 0] <= 0:
+        if len(view) == 0 or not inside[v]:
             continue
         box = torch.from_numpy(view)
-        off = (_middle(box.double()) - pixels[v, 0]).norm(dim=1)
+        off = (_middle(box.double()) - middle[v]).norm(dim=1)
         nearest = int(off.argmin())
-        if off[nearest] < APART * tall[v]:
+        if off[nearest] < near[v]:
             found[v] = box[nearest].float()
     return found
+
+
+def standing(person: Found, up: Tensor) -> Tensor:
+    """Head and feet of one who stands, (2, 3) world."""
+    half = 0.5 * person.height * up.to(person.middle)
+    return torch.stack([person.middle + half, person.middle - half])
+
+
+def _in_frame(person: Found, body: Tensor, cameras: Camera) -> tuple[Tensor, Tensor]:
+    """Middle of what V views show of a body with ends (P, 3), (V, 2) [px], and whether they show any, (V,)."""
+    share = torch.linspace(0, 1, STEPS, dtype=torch.float64)[:, None, None]
+    points = (person.middle + share * (body - person.middle)).flatten(0, 1)  # a part may be behind the camera
+    pixels, depth = cameras.project(points)
+    shown = (depth > LENS * person.height)[..., None]
+    around = ROUND * person.height * (cameras.focal[:, None] / depth)[..., None]  # [px]
+    frame = pixels.new_tensor(cameras.size)
+    low = torch.where(shown, pixels - around, torch.inf).amin(1).clamp_min(0)
+    high = torch.where(shown, pixels + around, -torch.inf).amax(1).minimum(frame)
+    return (low + high) / 2, (low < high).all(1)
 
 
 def ring(center: Tensor, height: float, up: Tensor, views: int) -> Camera:

@@ -20,7 +20,7 @@ from ..features import Features
 from ..skeleton import JOINTS, VISIBLE
 from ..subject import Subject
 from . import Scene
-from .find_people import See, boxes_of, chosen, find_people, people_of, ring
+from .find_people import See, boxes_of, chosen, find_people, people_of, ring, standing
 from .triangulate import Triangulated, triangulate
 from .vote import vote_labels
 
@@ -105,11 +105,12 @@ def lift(scene: Scene, renderer: Any, look: Look, see: See, options: LiftOptions
         people = find_people(scene, see)
         who = chosen(people, options.person or 0, scene, renderer)
         given = ring(who.middle, who.height, scene.up, options.views)
-        box = boxes_of(who, given, see(given))
+        box = boxes_of(who, standing(who, scene.up), given, see(given))
     else:
         people = people_of(given, see(given))
         if options.person is not None:
-            box = boxes_of(chosen(people, options.person, scene, renderer), given, see(given))
+            who = chosen(people, options.person, scene, renderer)
+            box = boxes_of(who, standing(who, scene.up), given, see(given))
     seen = look(given, box)
     found = torch.isfinite(seen.require("box")[:, 0])
     if int(found.sum()) < MINIMUM_VIEWS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -15,7 +16,19 @@ from cltransfer.registry import RENDERERS
 from cltransfer.scenes import Scene
 from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import named_scene
-from cltransfer.scenes.find_people import Boxes, _reach, boxes_of, chosen, find_people, people_of, ring
+from cltransfer.scenes.find_people import (
+    FOV,
+    SIZE,
+    Boxes,
+    Found,
+    _reach,
+    boxes_of,
+    chosen,
+    find_people,
+    people_of,
+    ring,
+    standing,
+)
 from cltransfer.scenes.mesh import Mesh
 
 UP = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
@@ -36,6 +49,14 @@ def seen(cameras: Camera, *people: tuple[torch.Tensor, float]) -> Boxes:
             box = np.array([[x - 0.2 * tall, y - 0.5 * tall, 0.4 * tall, tall, 0.9]])
             boxes[v] = np.concatenate([boxes[v], box])
     return boxes
+
+
+def seen_anywhere(camera: Camera, person: tuple[torch.Tensor, float]) -> np.ndarray:
+    """The whole box of a standing person in one view, (5,), however much of it the frame cuts off."""
+    pixels, depth = camera.project(person[0][None])
+    tall = person[1] * float(camera.focal[0] / depth[0, 0])
+    x, y = pixels[0, 0].tolist()
+    return np.array([x - 0.2 * tall, y - 0.5 * tall, 0.4 * tall, tall, 0.9])
 
 
 def wide() -> Camera:
@@ -65,7 +86,7 @@ def test_everyone_gets_their_own_boxes() -> None:
     for person in people_of(cameras, boxes):
         middle = TALL if person.height > 1.5 else SMALL
         expected = torch.stack([torch.from_numpy(view[0]) for view in seen(cameras, middle)]).float()
-        torch.testing.assert_close(boxes_of(person, cameras, boxes), expected)
+        torch.testing.assert_close(boxes_of(person, standing(person, UP), cameras, boxes), expected)
 
 
 def test_where_the_person_is_not_seen_there_is_no_box() -> None:
@@ -74,8 +95,33 @@ def test_where_the_person_is_not_seen_there_is_no_box() -> None:
     boxes = seen(cameras, TALL)
     boxes[3] = seen(cameras, SMALL)[3]
     boxes[5] = boxes[5][:0]
-    found = boxes_of(person, cameras, boxes)
+    found = boxes_of(person, standing(person, UP), cameras, boxes)
     assert torch.isnan(found[:, 0]).nonzero()[:, 0].tolist() == [3, 5]
+
+
+@pytest.mark.parametrize("span", [0.8, 0.5, 0.3, 0.2])
+def test_in_a_close_up_the_box_that_the_frame_cuts_is_the_persons(span: float) -> None:
+    person = Found(*TALL, views=12)
+    face = TALL[0] + 0.45 * TALL[1] * UP
+    eye = torch.tensor([[0.0, float(face[1]), span * TALL[1] / (2 * math.tan(FOV / 2))]], dtype=torch.float64)
+    camera = Camera.look_at(eye, face[None], UP, FOV, SIZE)
+    whole = seen_anywhere(camera, TALL)
+    low, high = np.maximum(whole[:2], 0), np.minimum(whole[:2] + whole[2:4], SIZE)
+    cut = np.concatenate([low, high - low, [0.9]])
+    bystander = np.array([20.0, 200.0, 40.0, 120.0, 0.9])
+    for body in (standing(person, UP), TALL[0] + torch.tensor([[0, 0.9, 0], [0.2, 0.5, 0], [-0.2, -0.8, 0]])):
+        found = boxes_of(person, body, camera, [np.stack([bystander, cut])])
+        torch.testing.assert_close(found[0], torch.from_numpy(cut).float())
+        assert boxes_of(person, body, camera, [bystander[None]]).isnan().all()
+
+
+def test_one_out_of_the_frame_or_behind_the_camera_has_no_box() -> None:
+    person = Found(*TALL, views=12)
+    eye = torch.tensor([[0.0, 0.0, 4.0]], dtype=torch.float64)
+    away = torch.tensor([[4.0, 0.0, 4.0], [0.0, 0.0, 8.0]], dtype=torch.float64)
+    cameras = Camera.look_at(eye, away, UP, FOV, SIZE)
+    box = np.array([[0.0, 100.0, 60.0, 200.0, 0.9]])
+    assert boxes_of(person, standing(person, UP), cameras, [box, box]).isnan().all()
 
 
 def test_a_scene_is_searched_from_far_then_near() -> None:
