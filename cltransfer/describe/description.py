@@ -11,7 +11,6 @@ from torch import Tensor
 
 from ..features import Features
 from ..shot_scale import SCALE_NAMES, SCALES, shot_scale
-from ..tracks import turned_back
 from .angle import HEIGHTS, SIDES, STAGINGS, dutch_class, height_class, side_class, staging_class
 from .motion import Motion
 from .movement import STILL, Movement, movement
@@ -118,13 +117,13 @@ def describe_features(
 
     Args:
         title: what is described.
-        features: with ``keypoints`` and ``orientation``; staging needs ``depth`` and ``layers`` too.
+        features: with ``keypoints`` and ``orientation``, taken as it is; staging needs ``depth`` and ``layers`` too.
         times: (N,) [s].
         motion: of the camera.
         missing: why a feature is missing, by feature.
     """
     count = len(times)
-    orientation = turned_back(features).require("orientation").double()
+    orientation = features.require("orientation").double()
     deep = features.has("depth") and features.has("layers")
     staging = staging_class(features) if deep else torch.full((count,), -1)
     no_depth = "" if deep else missing.get("depth", "no depth")

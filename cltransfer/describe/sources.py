@@ -18,6 +18,7 @@ from ..progress import Progress, silent
 from ..reference import Reading, is_scene, read_reference
 from ..run_files import require_done
 from ..subject import Subject
+from ..tracks import turned_back
 from ..trajectory import Trajectory
 from .description import Description, describe_features
 from .flow_motion import flow_motion
@@ -61,7 +62,8 @@ def describe(
         reason = reference.missing.get(lacking[0], "not read")
         raise InputError(source, lacking[0], reason, HINT)
     motion = flow_motion(reference.features, reference.times)
-    shown = describe_features(reference.name, reference.features, reference.times, motion, reference.missing)
+    read = reference.features if reference.family == "scene" else turned_back(reference.features)  # a scene's is exact
+    shown = describe_features(reference.name, read, reference.times, motion, reference.missing)
     return replace(shown, flags=(*shown.flags, *reference.flags)), reference.image
 
 

@@ -8,15 +8,21 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.camera import Camera
+from cltransfer.config import load_config
+from cltransfer.describe import sources
 from cltransfer.describe.angle import dutch_class, height_class, side_class, staging_class
 from cltransfer.describe.description import Description, describe_features
 from cltransfer.describe.flow_motion import flow_motion
-from cltransfer.describe.sources import describe_path
+from cltransfer.describe.sources import describe_path, path_features
 from cltransfer.describe.strip import write_strip
 from cltransfer.errors import InputError
 from cltransfer.features import Features
+from cltransfer.reference import Reference
 from cltransfer.shots import Setup, shot
+from cltransfer.subject import Subject
 from cltransfer.testing import sample_features, sample_subject, without_person
+from cltransfer.trajectory import Trajectory
 
 TIMES = torch.arange(6).double() / 12
 
@@ -72,6 +78,37 @@ def test_a_whole_person_before_the_camera_is_a_long_shot_from_the_front(tmp_path
     assert "eye level, from the front" in text
     assert "push in" in text
     assert "a camera path has no depth" in text
+
+
+def test_the_exact_yaw_of_a_path_is_not_turned_back(tmp_path: Path) -> None:
+    person = sample_subject()
+    over = torch.cat([crane(person, 0.0, 8), crane(person, math.pi, 4)])
+    path = Trajectory(Camera.look_at(over, person.anchor[None], person.up, 0.6, (640, 360)), torch.arange(12) / 24)
+    path.save(tmp_path / "p.json")
+    person.save(tmp_path / "s.json")
+    exact = path_features(path, person).require("orientation").double()
+    described = describe_path(tmp_path / "p.json", tmp_path / "s.json")
+    torch.testing.assert_close(described.orientation, exact)
+    assert described.tracks["side"].words() == ["front"] * 8 + ["back"] * 4
+
+
+def crane(person: Subject, azimuth: float, count: int) -> torch.Tensor:
+    """Places (``count``, 3) high above one side of a person."""
+    level = math.cos(azimuth) * person.facing + math.sin(azimuth) * person.left
+    rise = torch.linspace(50, 80, count, dtype=torch.float64).deg2rad()[:, None]
+    return person.anchor + 3 * person.height * (torch.cos(rise) * level + torch.sin(rise) * person.up)
+
+
+def test_the_yaw_that_a_network_read_is_turned_back_and_that_of_a_scene_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    features, used = sample_features(0, 6), []
+    flipped = features.require("orientation").clone()
+    flipped[2, 0] += math.pi
+    for family in ("image", "scene"):
+        read = Reference(replace(features, orientation=flipped), TIMES, None, "c", "", family, {})
+        monkeypatch.setattr(sources, "read_reference", lambda *_, read=read: read)
+        used.append(sources.describe("c.safetensors", load_config())[0].orientation)
+    torch.testing.assert_close(used[1], flipped.double())
+    assert (used[0][2, 0] - flipped[2, 0]).cos() == pytest.approx(-1)
 
 
 def test_a_path_without_a_person_says_what_to_name(tmp_path: Path) -> None:
