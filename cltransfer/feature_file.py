@@ -19,6 +19,9 @@ FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
 STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confidence", "orientation")
 
+MASKS = ("subject", "layers")
+TOGETHER = (("layers", "subject", "depth"), ("layers", "flow", "flow_confidence"))  # maps on one grid each
+
 
 @dataclass(frozen=True)
 class FeatureFile:
@@ -58,7 +61,8 @@ class FeatureFile:
         """Read the file.
 
         Raises:
-            InputError: it is missing, too large, of another format, or its tensors do not fit together.
+            InputError: it is missing, too large, of another format, or its tensors are of a wrong type or do not
+                fit together.
         """
         from safetensors import SafetensorError, safe_open
 
@@ -78,6 +82,7 @@ def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
     times = tensors.get("times")
     if (
         times is None
+        or times.is_complex()
         or times.dim() != 1
         or len(times) == 0
         or not bool((times.diff() > 0).all() and times.isfinite().all())
@@ -101,9 +106,42 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
         shape = _SHAPES.get(name)
         if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
-    own: dict[str, Any] = {name: tensors[name] for name in STORED if name in tensors}
+    own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
+    _check_grids(path, own)
     extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
     return replace(Features((width, height)), **own, extras=extras, reasons=_reasons(path, meta))
+
+
+def _typed(path: Path, name: str, value: Tensor) -> Tensor:
+    """The tensor with the type that the feature has: a mask is bool, all else floats of 32 bits or more.
+
+    Raises:
+        InputError: it is of another type, and nothing says what its values mean.
+    """
+    if name in MASKS:
+        if value.dtype is torch.bool or (value.dtype is torch.uint8 and not bool((value > 1).any())):
+            return value.bool()
+        raise InputError(
+            path, name, f"expected bool, or uint8 of 0 and 1, got {_type(value)}", "store the mask as bool"
+        )
+    if not value.is_floating_point():
+        raise InputError(path, name, f"expected floats, got {_type(value)}", "store it as float32")
+    return value.float() if value.dtype.itemsize < 4 else value  # float64 stays: what was kept comes back to the bit
+
+
+def _type(value: Tensor) -> str:
+    return str(value.dtype).removeprefix("torch.")
+
+
+def _check_grids(path: Path, features: dict[str, Tensor]) -> None:
+    """Refuse maps that are looked at together and do not have the same pixels."""
+    for maps in TOGETHER:
+        there = [name for name in maps if name in features]
+        for name in there[1:]:
+            got, want = (tuple(features[n].shape[-2:]) for n in (name, there[0]))
+            if got != want:
+                reason = f"expected the {want[1]}x{want[0]} pixels of {there[0]}, got {got[1]}x{got[0]}"
+                raise InputError(path, name, reason, "extract or resize all maps on one grid")
 
 
 def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:

@@ -142,6 +142,41 @@ def test_a_feature_file_of_unequal_lengths_is_refused_by_tensor(tmp_path: Path) 
         FeatureFile.load(path)
 
 
+def kept(path: Path, **tensors: torch.Tensor) -> Features:
+    """Features of two frames of 8x4 with these tensors, as they come back from a file."""
+    times = {"times": torch.tensor([0.0, 1.0])}
+    save_file({**times, **tensors}, path, metadata={"format": FORMAT, "size": "[8, 4]"})
+    return FeatureFile.load(path).features
+
+
+def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_features(tmp_path: Path) -> None:
+    mask = torch.eye(4, 8).expand(2, 4, 8).contiguous()
+    for dtype in (torch.bool, torch.uint8):
+        assert torch.equal(kept(tmp_path / "a", subject=mask.to(dtype)).require("subject"), mask.bool())
+    for dtype, want in ((torch.float16, torch.float32), (torch.float32, torch.float32), (torch.float64, torch.float64)):
+        assert kept(tmp_path / "a", depth=mask.to(dtype)).require("depth").dtype is want
+
+
+@pytest.mark.parametrize(
+    ("field", "tensors", "reason"),
+    [
+        ("layers", {"layers": torch.ones(2, 3, 4, 8)}, "expected bool, or uint8 of 0 and 1, got float32"),
+        ("subject", {"subject": torch.full((2, 4, 8), 255, dtype=torch.uint8)}, "got uint8"),
+        ("keypoints", {"keypoints": torch.ones(2, 14, 3, dtype=torch.int32)}, "expected floats, got int32"),
+        ("depth", {"depth": torch.ones(2, 4, 8), "layers": torch.ones(2, 3, 2, 4, dtype=torch.bool)},
+         "expected the 4x2 pixels of layers, got 8x4"),
+        ("flow_confidence", {"flow": torch.ones(2, 2, 4, 8), "flow_confidence": torch.ones(2, 2, 4)},
+         "expected the 8x4 pixels of flow, got 4x2"),
+    ],
+)  # fmt: skip
+def test_tensors_of_a_wrong_type_or_on_unlike_grids_are_refused_by_name(
+    tmp_path: Path, field: str, tensors: dict[str, torch.Tensor], reason: str
+) -> None:
+    with pytest.raises(InputError, match=reason) as caught:
+        kept(tmp_path / "a", **tensors)
+    assert caught.value.field == field
+
+
 @pytest.mark.parametrize(
     ("tensors", "size", "field"),
     [
