@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -87,11 +88,11 @@ class Description:
                 "reason": self.movement.reason,
                 "beside": list(self.movement.beside),
                 "handheld": self.movement.handheld,
-                "net": {name: round(value, 5) for name, value in self.movement.net.items()},
+                "net": {name: _rounded(value, 5) for name, value in self.movement.net.items()},
                 "unit": "frame sides of apparent motion",
-                "shake": round(self.movement.shake, 5),
+                "shake": _rounded(self.movement.shake, 5),
                 "defined": self.motion.read,
-                "parallax": None if self.motion.parallax != self.motion.parallax else round(self.motion.parallax, 4),
+                "parallax": _rounded(self.motion.parallax, 4),
             },
             **{name: _track_json(track) for name, track in self.tracks.items()},
             "flags": list(self.flags),
@@ -141,6 +142,10 @@ def describe_features(
 def _flags(motion: Motion) -> tuple[str, ...]:
     unread = len(motion.times) - motion.read
     return (f"the motion of {unread} frames could not be read",) if unread else ()
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return None if math.isnan(value) else round(value, digits)
 
 
 def _track_json(track: Track) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -37,15 +38,15 @@ class Movement:
     Args:
         name: the leading motion, one of :data:`WORDS` or :data:`COMPOUND`; None where no motion was read.
         beside: motions that go with it, the largest first.
-        handheld: whether it shakes as a hand does.
-        net: apparent motion from first to last frame by primitive [frame sides].
-        shake: motion back and forth [frame sides / s].
+        handheld: whether it shakes as a hand does; None where no motion was read.
+        net: apparent motion from first to last frame by primitive [frame sides]; NaN where none was read.
+        shake: motion back and forth [frame sides / s]; NaN where none was read.
         reason: why there is no name.
     """
 
     name: str | None
     beside: tuple[str, ...]
-    handheld: bool
+    handheld: bool | None
     net: dict[str, float]
     shake: float
     reason: str = ""
@@ -63,7 +64,7 @@ def movement(motion: Motion) -> Movement:
     """The movement that ``motion`` makes."""
     if motion.read < 2:  # the first frame has none before it
         reason = "one frame does not move" if len(motion.times) == 1 else "no frame's motion could be read"
-        return Movement(None, (), False, dict.fromkeys(PRIMITIVES, 0.0), 0.0, reason)
+        return Movement(None, (), None, dict.fromkeys(PRIMITIVES, math.nan), math.nan, reason)
     track = _filtered(motion.track)
     net = track[-1] - track[0]
     duration = max(float(motion.times[-1] - motion.times[0]), 1e-9) if len(motion.times) > 1 else 1.0

@@ -69,6 +69,17 @@ def test_the_json_has_null_and_a_reason_and_no_nan() -> None:
     assert "no depth network" in value["text"]
 
 
+@pytest.mark.parametrize(("frames", "reason"), [(1, "one frame does not move"), (4, "no frame's motion could be read")])
+def test_motion_that_is_undefined_is_null(frames: int, reason: str) -> None:
+    features = sample_features(0, frames)
+    features = replace(features, flow=torch.full_like(features.require("flow"), math.nan))
+    motion = flow_motion(features, TIMES[:frames])
+    value = describe_features("sample", features, TIMES[:frames], motion, {}).to_json()
+    moves = json.loads(json.dumps(value, allow_nan=False))["movement"]
+    assert (moves["name"], moves["handheld"], moves["shake"], moves["reason"]) == (None, None, None, reason)
+    assert set(moves["net"].values()) == {None}
+
+
 def test_a_whole_person_before_the_camera_is_a_long_shot_from_the_front(tmp_path: Path) -> None:
     person = sample_subject()
     shot("push_in", person, (160, 90), 12, setup=Setup(azimuth=0.0)).save(tmp_path / "trajectory.json")
