@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -39,9 +41,10 @@ class LossMetric(Metric):
     def __init__(self, name: str, options: Mapping[str, Any] | None = None, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self.name, self.loss = name, LOSSES.build(name, options)
-        # by name, or a collection would take two losses with equal values for one
+        # by name and options, or a collection would take two losses with equal values for one
+        self._prefix = "_".join([name, *([_digest(options)] if options else [])])
         for state in ("total", "defined", "frames"):
-            self.add_state(f"{name}_{state}", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+            self.add_state(f"{self._prefix}_{state}", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
 
     def update(self, reference: Features | Tensor, rendered: Features | None = None) -> None:
         """Add N frames.
@@ -79,10 +82,15 @@ class LossMetric(Metric):
         return int(self._state("defined")), int(self._state("frames"))
 
     def _state(self, state: str) -> Tensor:
-        return getattr(self, f"{self.name}_{state}")
+        return getattr(self, f"{self._prefix}_{state}")
 
     def _add(self, state: str, value: Tensor) -> None:
-        setattr(self, f"{self.name}_{state}", self._state(state) + value.to(self._state(state)))
+        setattr(self, f"{self._prefix}_{state}", self._state(state) + value.to(self._state(state)))
+
+
+def _digest(options: Mapping[str, Any]) -> str:
+    """The same for the same options in every process."""
+    return hashlib.sha256(json.dumps(options, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
 def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | None = None) -> MetricCollection:

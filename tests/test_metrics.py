@@ -50,6 +50,21 @@ def test_a_collection_keeps_losses_apart_that_were_equal_once() -> None:
         torch.testing.assert_close(value, LOSSES.build(name)(REFERENCE, RENDERED).double().mean() / 2)
 
 
+def test_a_collection_keeps_options_of_one_loss_apart_that_were_equal_once() -> None:
+    modes = ("robust", "faithful")
+    metrics = MetricCollection({mode: LossMetric("shot_size", {"mode": mode}) for mode in modes})
+    joints = REFERENCE.require("keypoints").clone()
+    joints[..., 2] = 0.1  # seen by none: only one mode tells that
+    for reference in (without_person(REFERENCE), replace(REFERENCE, keypoints=joints), REFERENCE):
+        metrics.update(reference, RENDERED)
+    for mode, value in metrics.compute().items():
+        alone = LossMetric("shot_size", {"mode": mode})
+        for reference in (without_person(REFERENCE), replace(REFERENCE, keypoints=joints), REFERENCE):
+            alone.update(reference, RENDERED)
+        torch.testing.assert_close(value, alone.compute())
+        assert metrics[mode].coverage == alone.coverage
+
+
 def test_a_bootstrap_draws_frames_again() -> None:
     values = LossMetric("framing").values(REFERENCE, RENDERED)
     bootstrap = BootStrapper(LossMetric("framing"), num_bootstraps=200, sampling_strategy="multinomial", raw=True)
