@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -132,7 +133,8 @@ def models_align(
         f"inverse depth is off by {100 * found.error[0]:.1f} % as it is, by {100 * found.error[1]:.1f} % so;",
         f"the shift varies by {100 * found.spread:.1f} % of the largest disparity from view to view",
     ]
-    show(asdict(found), "\n".join(lines), as_json)
+    error = [None if isnan(e) else e for e in found.error]
+    show({**asdict(found), "error": error}, "\n".join(lines), as_json)
 
 
 @assets_app.command("list")

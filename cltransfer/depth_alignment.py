@@ -84,12 +84,17 @@ def align_depth(disparity: Tensor, depth: Tensor, align: Align) -> DepthAlignmen
 
 
 def _error(inverse: Tensor, depth: Tensor) -> float:
-    """Mean over the views of the median relative error of inverse depth (V, H, W), each view's best scale taken out."""
+    """Mean over the views of the median relative error of inverse depth (V, H, W), each view's best scale taken out.
+
+    A view without a scale, whose median ratio is 0 or none, is left out; NaN where all are.
+    """
     off = []
     for view, seen in zip(inverse, depth):
         ratio = (view * seen)[seen.isfinite()]
-        off.append(float((ratio / ratio.median() - 1).abs().median()))
-    return fmean(off)
+        scale = float(ratio.median()) if len(ratio) else math.nan
+        if math.isfinite(scale) and scale != 0:
+            off.append(float((ratio / scale - 1).abs().median()))
+    return fmean(off) if off else math.nan
 
 
 def align_to_scene(

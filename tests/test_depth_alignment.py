@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -68,6 +69,24 @@ def test_an_unsteady_network_shows_in_the_spread():
     depth = depths()
     wandering = torch.linspace(-0.1, 0.1, 5)[:, None, None]
     assert align_depth(1 / depth - wandering, depth, "metric").spread > 0.05
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, 7.0])
+def test_a_constant_disparity_has_no_affine(value):
+    depth = depths()[0].flatten()
+    assert all(math.isnan(number) for number in fit_affine(torch.full_like(depth, value), depth))
+
+
+@pytest.mark.parametrize("value", [0.0, torch.nan])
+def test_a_view_of_which_the_network_says_nothing_is_left_out(value):
+    depth = depths()
+    disparity = (1 / depth - 0.03) / 0.25
+    whole = align_depth(disparity[1:], depth[1:], "metric")
+    disparity[0] = value
+    found = align_depth(disparity, depth, "metric")
+    torch.testing.assert_close(torch.tensor(found.affine), torch.tensor(whole.affine), atol=1e-4, rtol=1e-4)
+    assert found.error[0] == pytest.approx(whole.error[0])
+    assert found.error[1] < 1e-3 or value == 0  # where all is 0 only the shift is left of the inverse depth
 
 
 def test_views_that_do_not_tell_are_refused():

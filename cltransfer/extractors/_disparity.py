@@ -51,7 +51,7 @@ def fit_affine(disparity: Tensor, depth: Tensor) -> tuple[float, float]:
     """
     known = depth.isfinite() & (depth > 0) & disparity.isfinite()
     d, z = disparity[known].double(), depth[known].double()
-    if len(d) < 2 or float(d.std()) < 1e-9 * float(d.abs().max()):
+    if len(d) < 2 or float(d.std()) <= 1e-9 * float(d.abs().max()):
         return float("nan"), float("nan")
     rows = torch.stack([d, torch.ones_like(d)], dim=1) * z[:, None]
     weight = torch.ones_like(z)
