@@ -74,6 +74,8 @@ def main_person(raw: np.ndarray, min_score: float, max_overlap: float) -> int | 
     scores = classes[PERSON, columns]
     boxes = np.concatenate([center - size / 2, size], axis=1)
     kept = cv2.dnn.NMSBoxes(boxes.tolist(), scores.tolist(), 0.0, max_overlap)
+    if not len(kept):  # of scores that are all 0 none is
+        return None
     weight = scores[kept] * size[kept].prod(axis=1)
     return int(columns[kept[weight.argmax()]])
 

@@ -116,6 +116,12 @@ def test_of_overlapping_boxes_the_surest_stays_and_of_the_rest_the_largest_times
     assert main_person(columns(sure, far), 0.92, 0.7) == 1
 
 
+def test_scores_that_are_all_0_are_nobody_even_where_that_is_enough():
+    raw = np.zeros((4 + CLASSES + 32, 3), np.float32)
+    raw[:4] = np.float32([40, 40, 20, 30])[:, None]
+    assert main_person(raw, 0.0, 0.5) is None
+
+
 def test_overlap_is_that_of_boxes_about_their_centres():
     sure, larger = ((50, 50, 40, 80), (0.9, 0, 0)), ((70, 50, 80, 80), (0.8, 0, 0))  # 30-70 and 30-110: half
     assert main_person(columns(sure, larger), 0.25, 0.45) == 0
