@@ -117,7 +117,8 @@ def lift(scene: Scene, renderer: Any, look: Look, see: See, options: LiftOptions
         reason = f"a person in {int(found.sum())} of {len(given)} views"
         raise InputError(scene.name, "lift", reason, "give views that show one: --view FILE")
     points = _joints(given, seen)
-    subject = replace(_subject(scene, given, seen, points), people=len(people))
+    count = max(1, len(people))  # one is lifted, though their boxes may not meet
+    subject = replace(_subject(scene, given, seen, points), people=count)
     label = vote_labels(scene.geometry.means.double(), given, seen, subject)
     report = {name: _report(point, given.size[0]) for name, point in zip(JOINTS, points)}
     return Lift(subject, label, given, seen, int(found.sum()), report)
