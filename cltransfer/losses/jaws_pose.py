@@ -42,7 +42,7 @@ def profiles(joints: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
     turns = torch.stack([torch.tensor([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]]) for a in TURNS])
     offset = torch.where(known[..., None], joints[..., :2], 0.0) - middle
     places = torch.einsum("tij,bkj->btki", turns.to(joints), offset) + middle  # (B, T, J, 2)
-    x, y = (torch.arange(n, dtype=joints.dtype) + 0.5 for n in size)
+    x, y = (torch.arange(n, dtype=joints.dtype, device=joints.device) + 0.5 for n in size)
     across = torch.exp(-0.5 * ((x - places[..., :1]) / SPREAD) ** 2)
     down = torch.exp(-0.5 * ((y - places[..., 1:]) / SPREAD) ** 2)
     return (amount * across).cumsum(-1), down
@@ -78,7 +78,7 @@ def pair_distances(joints: Tensor, size: tuple[int, int]) -> Tensor:
 
 def sharpness(joints: Tensor, size: tuple[int, int]) -> Tensor:
     """kappa of every joint, (B, J), adding up to J: range of the softmax over its map; NaN without any map."""
-    x, y = (torch.arange(n, dtype=torch.float32) + 0.5 for n in size)
+    x, y = (torch.arange(n, dtype=torch.float32, device=joints.device) + 0.5 for n in size)
     places, amount = joints[..., :2].float(), joints[..., 2].float()
     across = torch.exp(-0.5 * ((x - places[..., :1]) / SPREAD) ** 2)
     down = amount[..., None] * torch.exp(-0.5 * ((y - places[..., 1:]) / SPREAD) ** 2)
@@ -118,7 +118,7 @@ class JawsPose:
         kappa = sharpness(wanted, size)
         own = (kappa * map_distances(wanted, found, size)).mean(-1)
         row = kappa[:, -1:, None] if self.quirks else kappa[..., None]
-        below = torch.ones(wanted.shape[1], wanted.shape[1], dtype=torch.bool).tril(-1)
+        below = torch.ones(wanted.shape[1], wanted.shape[1], dtype=torch.bool, device=wanted.device).tril(-1)
         pairs = (row * (pair_distances(found, size) - pair_distances(wanted, size))).masked_fill(~below, 0)
         loss = OWN * own + PAIRS * pairs.square().mean((-1, -2))
         nobody = ~torch.isfinite(found[..., :2]).any(-1).any(-1)

@@ -97,6 +97,12 @@ def test_pose_has_a_slope_where_maps_do_not_overlap() -> None:
     assert costs[0] < costs[1] < costs[2]
 
 
+def test_pose_is_computed_where_the_features_are() -> None:
+    features = sample_features(0, 2)
+    elsewhere = replace(features, keypoints=features.require("keypoints").to("meta"))
+    assert JawsPose()(elsewhere, elsewhere).device.type == "meta"
+
+
 def test_nobody_in_the_reference_is_undefined() -> None:
     reference, rendered = sample_features(1, 1), sample_features(2, 1)
     reference.keypoints[..., 2] = 0
