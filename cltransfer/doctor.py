@@ -9,9 +9,8 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 
-PACKAGES = ("torch", "kornia", "onnxruntime", "opencv-contrib-python-headless", "cma", "numba", "av", "omegaconf")
+from .packages import PACKAGES, installed
 
 
 @dataclass(frozen=True)
@@ -56,10 +55,10 @@ def _try(what: str, look: Callable[[], str], needed: bool = True) -> Finding:
 
 
 def _package(name: str) -> Finding:
-    try:
-        return Finding(name, True, metadata.version(name))
-    except metadata.PackageNotFoundError:
+    by, version = installed(name)
+    if version is None:
         return Finding(name, False, f"missing; pip install {name}")
+    return Finding(name, True, version if by == name else f"{version}, of {by}")
 
 
 def _threads() -> str:

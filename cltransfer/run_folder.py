@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,12 @@ from .clip import write_video
 from .components import Components
 from .config import load_config, to_yaml
 from .config_options import RunConfig
-from .doctor import PACKAGES
 from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
 from .files import read_json, write_json, write_text
 from .flags import run_flags
 from .named_scenes import recall, remember
+from .packages import versions
 from .preparation import Inputs
 from .progress import Progress
 from .readback import render_frames
@@ -54,8 +53,9 @@ def _name(source: str) -> str:
 
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
     """Write everything a run leaves behind; returns what its report shows."""
+    manifest = _manifest(result, config, plugins)
     clear(folder)
-    write_json(folder / MANIFEST, _manifest(result, config, plugins))
+    write_json(folder / MANIFEST, manifest)
     write_text(folder / CONFIG, to_yaml(_settled(config, result)))
     remember(result.scene.digest, inputs.scene)
     trajectory, reference = result.trajectory, result.reference
@@ -133,7 +133,7 @@ def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict
         "cltransfer": __version__,
         "scene": {"name": result.scene.name, "sha256": result.scene.digest, "up": result.scene.up.tolist()},
         "reference": {"name": result.reference.name, "sha256": result.reference.digest},
-        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "packages": versions(),
         "python": platform.python_version(),
         "machine": platform.machine(),
         "seed": config.seed,
