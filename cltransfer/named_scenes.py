@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from .errors import InputError
@@ -14,6 +15,8 @@ from .trajectory import Trajectory
 
 REFERENCE_ASPECT = (16, 9)
 REFERENCE_FRAMES = 24
+
+_log = logging.getLogger("cltransfer")
 
 
 def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Scene, Trajectory]:
@@ -55,9 +58,16 @@ def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajector
 
 
 def remember(digest: str, source: str) -> None:
-    """Note where a scene of this content was found, so that a run folder need not name a path."""
+    """Note where a scene of this content was found, so that a run folder need not name a path.
+
+    Where the cache cannot be written that is told and no more: it only spares a later ``render`` an option.
+    """
     where = source if source.startswith("builtin:") else str(Path(source).resolve())
-    write_json(cache_dir() / "scenes" / f"{digest}.json", {"path": where})
+    note = cache_dir() / "scenes" / f"{digest}.json"
+    try:
+        write_json(note, {"path": where})
+    except OSError as error:
+        _log.warning("%s: %s: a later render needs --scene %s", note, error.strerror or error, where)
 
 
 def recall(digest: str) -> str:

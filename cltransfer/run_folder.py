@@ -57,7 +57,6 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     clear(folder)
     write_json(folder / MANIFEST, manifest)
     write_text(folder / CONFIG, to_yaml(_settled(config, result)))
-    remember(result.scene.digest, inputs.scene)
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / "trajectory.json")
     write_camera_path(folder / "camera" / "camera_path.json", trajectory)
@@ -73,6 +72,7 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     write_metrics(folder, report)
     write_report(folder, report)
     write_text(folder / DONE, "")
+    remember(result.scene.digest, inputs.scene)
     return report
 
 
