@@ -180,7 +180,8 @@ def _pull(kind: Kind, names: list[str], more: list[Path] | None, accept_new: boo
     with progress(quiet) as report:
         for entry in _chosen(kind, names, more):
             had = pull(entry, accept_new, report)
-            rows.append({"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": not entry.sha256})
+            new = had.sha256 != entry.sha256
+            rows.append({"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": new})
     text = (f"{row['path']}{' sha256 ' + row['sha256'] + ', pinned' if row['pinned'] else ''}" for row in rows)
     show(rows, "\n".join(text), as_json)
 

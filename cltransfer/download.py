@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from .catalogue import LARGEST, Entry, pin
-from .files import content_hash
+from .files import atomic, content_hash
 
 if TYPE_CHECKING:
     from requests import Response
@@ -130,9 +130,12 @@ class Resuming:
 def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) -> Entry:
     """``entry`` with its file at ``entry.path``, downloaded unless it is there, and with its hash.
 
+    A file that is there is replaced by a whole one only. Where its hash is not known it is left, and the hash too,
+    unless ``accept_new`` asks for what is published.
+
     Args:
         entry: of the catalogue.
-        accept_new: take an entry whose hash is not known, and pin what came.
+        accept_new: download an entry whose hash is not known, and pin what came.
         report: called with the file, bytes there, bytes in all.
         timeout: how long a server may say nothing [s].
 
@@ -145,6 +148,8 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
     if not entry.address:
         raise entry.error("address", f"is not published as such, from {entry.source}", entry.made_by)
     if not entry.sha256 and not accept_new:
+        if entry.path.is_file():
+            return entry
         hint = "--accept-new takes what comes and pins it"
         raise entry.error("sha256", f"is not known, from {entry.address}", hint)
     if not entry.path.parent.resolve().is_relative_to(entry.folder.resolve()):
@@ -153,11 +158,13 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
     getter = Resuming(entry, report, timeout)
     about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"
     entry.path.parent.mkdir(parents=True, exist_ok=True)
-    if not entry.sha256:
-        entry.path.unlink(missing_ok=True)  # pooch keeps what it cannot check
     try:
-        known = f"sha256:{entry.sha256}" if entry.sha256 else None
-        pooch.retrieve(entry.address, known, entry.path.name, entry.path.parent, downloader=getter)
+        if entry.sha256:
+            known = f"sha256:{entry.sha256}"
+            pooch.retrieve(entry.address, known, entry.path.name, entry.path.parent, downloader=getter)
+        else:
+            with atomic(entry.path) as new:  # pooch keeps what it cannot check
+                pooch.retrieve(entry.address, None, new.name, new.parent, downloader=getter)
     except _RefusedError as error:
         raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
     except ValueError:  # pooch's word for another hash; it has deleted the file

@@ -324,6 +324,21 @@ def test_a_new_file_is_never_put_together_from_halves(server, entry):
     assert server.asked == [("/good", "")]
 
 
+def test_a_file_that_is_there_is_replaced_by_a_whole_one_only(server, entry):
+    new = entry("dead", sha256="", size=0)
+    new.folder.mkdir(parents=True)
+    new.path.write_bytes(b"works")
+    with pytest.raises(ModelError, match="cut off"):
+        pull(new, True, silent, timeout=0.5)
+    assert new.path.read_bytes() == b"works"
+    assert [name for name in left(new) if name.startswith(".tmp")] == []
+    asked = len(server.asked)
+    assert pull(new, False, silent) == new
+    assert (new.path.read_bytes(), len(server.asked)) == (b"works", asked)
+    assert pull(entry("good", sha256="", size=0), True, silent).sha256 == HASH
+    assert new.path.read_bytes() == CONTENT
+
+
 def test_a_pinned_entry_with_other_content_is_refused(server, entry):
     new = entry("good", sha256="", size=0)
     had = pull(new, True, silent)
