@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -48,6 +49,7 @@ DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 def main() -> NoReturn:
     """Run the command line; every failure is one line on stderr and an exit code."""
     signal.signal(signal.SIGTERM, _terminate)
+    _show_every_letter()
     try:
         code = app(standalone_mode=False)
         if code == 130:  # the parser's word for an interrupt
@@ -73,6 +75,13 @@ def main() -> NoReturn:
             raise
         _fail(f"{type(error).__name__}: {shortened(error)} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _show_every_letter() -> None:
+    """Letters that the terminal or the pipe does not know, as in names that are no UTF-8, are shown escaped."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _debugging() -> bool:

@@ -46,7 +46,8 @@ class FeatureFile:
         """Write the file, whole or not at all."""
         from safetensors.torch import save_file
 
-        meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": self.origin}
+        origin = self.origin.encode(errors="backslashreplace").decode()  # a file's name may be no UTF-8
+        meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": origin}
         meta["reasons"] = json.dumps(dict(self.features.reasons))
         with atomic(path) as temporary:
             save_file(self._tensors(), temporary, metadata=meta)

@@ -68,9 +68,9 @@ def refuse_outside(folder: Path, paths: Iterable[Path], whole: str) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write ``text`` as UTF-8, whole or not at all."""
+    """Write ``text`` as UTF-8, whole or not at all; bytes of a file's name that are none are shown as ``\\udce9``."""
     with atomic(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -183,7 +183,7 @@ def content_hash(path: Path) -> str:
     members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     for member in members:
         if path.is_dir():
-            digest.update(f"{member.relative_to(path)}\0{member.stat().st_size}\0".encode())
+            digest.update(os.fsencode(f"{member.relative_to(path)}\0{member.stat().st_size}\0"))
         with member.open("rb") as stream:
             while block := stream.read(2**20):
                 digest.update(block)

@@ -107,7 +107,7 @@ def _import_point(point: EntryPoint) -> None:
 
 
 def _import_file(path: Path) -> str:
-    place = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]  # another file may have the same name
+    place = hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:8]  # another file may have the same name
     name = f"cltransfer_plugin_{path.stem}_{place}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None

@@ -88,10 +88,10 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         _write(out / "videos" / f"{_reference_token(study, sample)}.mp4", reference, height)
     for video in (out / "videos").iterdir():
         os.utime(video, (0, 0))  # the order in which they were written would tell methods apart
+    key = out.parent / f"{out.name}.key.json"
+    write_json(key, {**study.to_json(), "runs": _sources(wanted)})  # first: a page without one is worth nothing
     write_text(out / "index.html", page(study))
     write_text(out / "README.txt", _readme(study, out))
-    key = out.parent / f"{out.name}.key.json"
-    write_json(key, {**study.to_json(), "runs": _sources(wanted)})
     return study, key
 
 

@@ -1,0 +1,54 @@
+"""Names of files that are no UTF-8, and a terminal that knows few letters, break nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.clip import write_video
+from cltransfer.feature_file import FeatureFile
+from cltransfer.features import Features
+from cltransfer.files import content_hash, write_text
+
+LATIN = os.fsdecode(b"wom\xe9n")
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """A clip by a name that is no UTF-8."""
+    generator = torch.Generator().manual_seed(0)
+    write_video(tmp_path / "a.mp4", torch.randint(0, 255, (4, 3, 36, 64), generator=generator).byte(), torch.arange(4))
+    return (tmp_path / "a.mp4").rename(tmp_path / f"{LATIN}.mp4")
+
+
+def test_text_and_hashes_and_features_hold_any_name(tmp_path: Path) -> None:
+    write_text(tmp_path / "page.html", f"<h1>{LATIN} ü</h1>")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "<h1>wom\\udce9n ü</h1>"
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / f"{LATIN}.png").touch()
+    assert len(content_hash(tmp_path / "frames")) == 64
+    features = Features((8, 4), keypoints=torch.rand(1, 14, 3))
+    FeatureFile(features, torch.zeros(1), f"{LATIN}.mp4").save(tmp_path / "a.safetensors")
+    assert FeatureFile.load(tmp_path / "a.safetensors").origin == "wom\\udce9n.mp4"
+
+
+def test_a_study_of_a_clip_by_any_name_has_its_key(clip: Path, fresh: Callable[..., Any], tmp_path: Path) -> None:
+    page = tmp_path / LATIN
+    answer = fresh("study", clip, clip, "--reference", clip, "--out", page)
+    assert answer.code == 0, answer.err
+    assert (page / "README.txt").is_file()
+    assert json.loads((tmp_path / f"{LATIN}.key.json").read_text())["runs"][0]["A"] == str(clip)
+    assert "wom\\udce9n" in answer.out
+
+
+def test_what_a_narrow_terminal_cannot_show_is_escaped(fresh: Callable[..., Any], tmp_path: Path) -> None:
+    folder = tmp_path / "dír"
+    answer = fresh("doctor", PYTHONIOENCODING="ascii", CLTRANSFER_CACHE=str(folder))
+    assert answer.code == 0, answer.err
+    assert "d\\xedr" in answer.out
