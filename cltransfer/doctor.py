@@ -37,7 +37,7 @@ def examine() -> list[Finding]:
     found = [Finding("cltransfer", True, f"{__version__}, Python {platform.python_version()}, {platform.machine()}")]
     found += [_package(name) for name in PACKAGES]
     found += [_try("threads", _threads), _try("video codecs", _codecs), _try("cache", _cache)]
-    found += [*_models(), _try("networks run on", _providers)]
+    found += [*_try_all("networks", _models), _try("networks run on", _providers)]
     found += [_try("CUDA", _cuda, needed=False), _try("self-test", _self_test)]
     return found
 
@@ -52,6 +52,13 @@ def _try(what: str, look: Callable[[], str], needed: bool = True) -> Finding:
         return Finding(what, True, look(), needed)
     except Exception as error:  # a doctor reports every fault, whatever its kind
         return Finding(what, False, f"{type(error).__name__}: {error}", needed)
+
+
+def _try_all(what: str, look: Callable[[], list[Finding]]) -> list[Finding]:
+    try:
+        return look()
+    except Exception as error:  # likewise: a library that it needs may be missing
+        return [Finding(what, False, f"{type(error).__name__}: {error}")]
 
 
 def _package(name: str) -> Finding:
