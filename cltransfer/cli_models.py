@@ -65,7 +65,10 @@ def models_adopt(
     """
     from .catalogue import adopt
 
-    (entry,) = _chosen("model", [name], catalogue)
+    chosen = _chosen("model", [name], catalogue)
+    if len(chosen) != 1:
+        raise UsageError("", name, "is a group", f"expected one network: {', '.join(had.name for had in chosen)}")
+    (entry,) = chosen
     had = adopt(entry, file)
     values = {"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": True}
     show(values, f"{had.path} sha256 {had.sha256}, pinned", as_json)
@@ -196,6 +199,8 @@ def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) ->
         return list(entries.values())
     chosen = []
     for name in names:
+        if not name:  # which is the group of whatever has none
+            raise UsageError("", "NAME", "expected a name of the catalogue, got ''", f"see: cltransfer {kind}s list")
         found = [entry for entry in entries.values() if name in (entry.name, entry.group, entry.file)]
         if not found:
             raise UsageError("", name, f"no such {kind} in the catalogue", nearest(name, list(entries)))

@@ -124,6 +124,25 @@ def test_a_network_that_one_made_is_adopted_and_right(
     assert "pull this one" in answer.err
 
 
+@pytest.mark.parametrize("words", [("models", "pull"), ("assets", "pull"), ("models", "check"), ("models", "adopt")])
+def test_an_empty_name_means_nothing(command: Command, mine: Path, cache: Path, words: tuple[str, str]) -> None:
+    answer = command(*words, "", *([mine] if "adopt" in words else []))
+    assert answer.code == 2
+    assert f"NAME: expected a name of the catalogue, got '' (see: cltransfer {words[0]} list)" in answer.err
+    assert not cache.exists()
+
+
+def test_a_group_is_not_adopted(command: Command, mine: Path) -> None:
+    mine.write_text(
+        mine.read_text()
+        .replace("{file: known", "{group: both, file: known")
+        .replace("{file: new", "{group: both, file: new")
+    )
+    answer = command("models", "adopt", "both", mine)
+    assert answer.code == 2
+    assert "both: is a group (expected one network: known_net, new_net)" in answer.err
+
+
 def test_offline_the_one_line_names_file_address_hash_and_folder(command: Command, mine: Path, cache: Path) -> None:
     away = mine.with_name("away.yaml")
     away.write_text(
