@@ -152,16 +152,20 @@ def _entries(path: Any, content: dict[str, Any], kind: Kind) -> dict[str, Entry]
 
 
 def pinned(entry: Entry) -> Entry:
-    """``entry`` with the hash that was accepted for its address before, if its own is not known, or was adopted."""
+    """``entry`` with the hash that was accepted for its address before, if its own is not known, or was adopted.
+
+    Raises:
+        InputError: ``pins.json`` is damaged.
+    """
     if (entry.sha256 and entry.address) or not _pins_file().is_file():
         return entry
-    pin = read_json(_pins_file()).get(f"{entry.kind}s", {}).get(entry.name, {})
+    pin = _pins().get(f"{entry.kind}s", {}).get(entry.name, {})
     return replace(entry, sha256=pin["sha256"], size=pin["size"]) if pin.get("address") == entry.address else entry
 
 
 def pin(entry: Entry, sha256: str) -> Entry:
     """``entry`` with the hash and size of its file, which the user's own ``pins.json`` remembers."""
-    pins = read_json(_pins_file()) if _pins_file().is_file() else {}
+    pins = _pins() if _pins_file().is_file() else {}
     size = entry.path.stat().st_size
     pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
     write_json(_pins_file(), pins)
@@ -183,6 +187,21 @@ def adopt(entry: Entry, file: Path) -> Entry:
     with atomic(entry.path) as temporary:
         shutil.copyfile(file, temporary)
     return pin(entry, content_hash(entry.path))
+
+
+def _pins() -> dict[str, dict[str, Any]]:
+    """What ``pins.json`` holds: by section and name the address, hash and size."""
+    content = read_json(_pins_file())
+    remedy = "delete the file, then pull with --accept-new or adopt again what is missing"
+    if not isinstance(content, dict):
+        raise InputError(_pins_file(), "", "expected a mapping of models and assets", remedy)
+    for section, pins in content.items():
+        if not isinstance(pins, dict):
+            raise InputError(_pins_file(), section, "expected a mapping of names", remedy)
+        for name, pin in pins.items():
+            if not (isinstance(pin, dict) and _HASH.fullmatch(str(pin.get("sha256"))) and type(pin.get("size")) is int):
+                raise InputError(_pins_file(), f"{section}.{name}", "expected address, sha256 and size", remedy)
+    return content
 
 
 def _pins_file() -> Path:

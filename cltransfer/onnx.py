@@ -18,14 +18,12 @@ from .errors import ModelError, UsageError
 from .files import cache_dir, content_hash
 from .memory import VARIABLE as MEMORY
 from .memory import free_bytes
+from .onnx_outputs import Shape, differs, joined
 from .registry import code_of
 from .threads import thread_count
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
-
-Shape = tuple[int | None, ...]
-"""Expected sizes, batch first; None is any."""
 
 BYTE_LIMIT = 2 * 2**30
 VARIABLE = "CLTRANSFER_NETWORKS"
@@ -149,9 +147,9 @@ class Network:
         batch = len(next(iter(feeds.values())))
         step = batch if self._any_batch else 1
         parts = [self._run({n: v[i : i + step] for n, v in feeds.items()}) for i in range(0, batch, step)]
-        outputs = {name: np.concatenate([part[name] for part in parts]) for name in self.outputs}
+        outputs = {name: joined(self.path, name, [part[name] for part in parts]) for name in self.outputs}
         for name, value in outputs.items():
-            if _differs(self.outputs[name], value.shape):
+            if differs(self.outputs[name], value.shape):
                 reason = f"expected shape {self.outputs[name]}, got {value.shape}"
                 raise ModelError(self.path, f"output {name}", reason)
             if len(value) != batch:
@@ -233,19 +231,12 @@ class Network:
                 reason = f"expected tensor(float), got {found[name].type}"
                 raise ModelError(self.path, f"{kind} {name}", reason)
             got = tuple(found[name].shape)
-            if _differs(shape, got):
+            if differs(shape, got):
                 raise ModelError(self.path, f"{kind} {name}", f"expected shape {shape}, got {got}")
             if kind == "input" and isinstance(got[0], int) and got[0] != 1:
                 raise ModelError(self.path, f"{kind} {name}", f"expected a batch of 1 or free, got {got[0]}")
 
 
-def _differs(wanted: Shape | None, given: Any) -> bool:
-    """Whether ``given`` (whole numbers, or names and None for any) cannot be ``wanted``."""
-    if wanted is None:
-        return False
-    pairs = zip(wanted, given)
-    return len(wanted) != len(given) or any(w is not None and isinstance(g, int) and w != g for w, g in pairs)
-
-
 def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0]
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -120,6 +121,31 @@ def test_a_pin_holds_for_its_address_only(tmp_path, monkeypatch):
     assert pinned(moved).sha256 == ""
     asset = Entry("mine", "asset", **USUAL, address="https://example.org/a")
     assert pinned(asset).sha256 == ""
+
+
+PINNED = {"address": "https://example.org/a", "sha256": HASH, "size": 3}
+
+
+@pytest.mark.parametrize(
+    ("content", "field"),
+    [
+        ([], "expected a mapping of models"),
+        ({"models": 5}, "models: expected a mapping of names"),
+        ({"models": {"mine": []}}, "models.mine: expected address, sha256 and size"),
+        ({"models": {"mine": {**PINNED, "sha256": None}}}, "models.mine: expected"),
+        ({"models": {"mine": {**PINNED, "size": "3"}}}, "models.mine: expected"),
+        ({"models": {"mine": {"address": "https://example.org/a"}}}, "models.mine: expected"),
+    ],
+)
+def test_damaged_pins_are_named_with_what_to_do(tmp_path, monkeypatch, content, field):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path))
+    (tmp_path / "pins.json").write_text(json.dumps(content))
+    new = Entry("mine", "model", **USUAL, address="https://example.org/a")
+    for use in (pinned, lambda entry: pin(entry, HASH)):
+        new.folder.mkdir(exist_ok=True)
+        new.path.touch()
+        with pytest.raises(InputError, match=rf"pins\.json: {field}.* \(delete the file, then pull"):
+            use(new)
 
 
 def test_what_one_made_is_the_network_from_then_on(tmp_path, monkeypatch):

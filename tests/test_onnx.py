@@ -16,6 +16,7 @@ from cltransfer.extractors.depth_onnx import DepthOnnx
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.files import content_hash
 from cltransfer.onnx import Network, find_model, model_content, providers, reading
+from cltransfer.onnx_outputs import joined
 
 KNOWN = catalogue("model")
 MODELS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "models"
@@ -95,6 +96,24 @@ def test_other_names_shapes_types_and_batches_are_refused(tmp_path):
 
 def test_outputs_that_are_not_finite_are_refused(tmp_path):
     refused(network(graph(tmp_path / "a.onnx", node="Log")), "output y", "not finite")
+
+
+def test_outputs_without_a_row_for_each_input_are_refused(tmp_path):
+    x = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["batch", 3])
+    y = helper.make_tensor_value_info("y", TensorProto.FLOAT, None)
+    node = helper.make_node("ReduceSum", ["x"], ["y"], keepdims=0)
+    model = helper.make_model(
+        helper.make_graph([node], "g", [x], [y]), opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
+    onnx.save_model(model, str(tmp_path / "a.onnx"))
+    refused(network(tmp_path / "a.onnx", outputs={"y": None}), "output y", "a row for each input, got a single value")
+    with pytest.raises(ModelError, match=r"rows of one shape, got \[\(2,\), \(3,\)\]"):
+        joined(tmp_path, "y", [np.zeros((1, 2)), np.zeros((1, 3))])
+
+
+def test_an_error_that_says_nothing_is_told_by_its_kind(tmp_path):
+    failure = network(tmp_path / "a.onnx")._failure("run", RuntimeError(""))
+    assert str(failure).endswith("run: RuntimeError")
 
 
 def test_external_data_are_refused(tmp_path):
