@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -215,7 +216,7 @@ class Network:
             reason = f"expected {known.sha256}, got {digest}"
             hint = "rename the file if it is another network"
             if not known.address:
-                hint += f"; if you made it: cltransfer models adopt {known.name} {self.path.name}"
+                hint += f"; if you made it: cltransfer models adopt {known.name} {shlex.quote(str(self.path))}"
             raise ModelError(self.path, "sha256", reason, hint)
         if _EXTERNAL in data:
             raise ModelError(self.path, "external data", "weights in another file are refused", "store them inside")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -149,7 +150,7 @@ def test_damaged_pins_are_named_with_what_to_do(tmp_path, monkeypatch, content, 
 
 
 def test_what_one_made_is_the_network_from_then_on(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "my cache"))
     monkeypatch.setenv("CLTRANSFER_MODELS", "")
     monkeypatch.setenv("CLTRANSFER_CATALOGUE", str(written(tmp_path / "mine.yaml", file="mine.onnx", sha256=HASH)))
     made = tmp_path / "made.onnx"
@@ -157,7 +158,7 @@ def test_what_one_made_is_the_network_from_then_on(tmp_path, monkeypatch):
     mine = catalogue("model")["mine"]
     mine.folder.mkdir(parents=True)
     mine.path.write_bytes(b"other bytes")  # put there by hand: another network by the same name
-    with pytest.raises(ModelError, match=r"if you made it: cltransfer models adopt mine mine\.onnx"):
+    with pytest.raises(ModelError, match=f"if you made it: cltransfer models adopt mine {shlex.quote(str(mine.path))}"):
         _ = Network(find_model("mine.onnx"), {}, {}).session
     mine.path.unlink()
     had = adopt(mine, made)
