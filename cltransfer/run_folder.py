@@ -120,7 +120,7 @@ def command_again(folder: Path, inputs: Inputs, plugins: Sequence[str]) -> str:
     if inputs.subject is not None:
         command += ["--subject", str(inputs.subject)]
     if inputs.up is not None:
-        command += ["--up", ",".join(f"{value:g}" for value in inputs.up)]
+        command += ["--up", ",".join(repr(float(value)) for value in inputs.up)]
     for plugin in plugins:
         command += ["--allow-plugin", plugin]
     return shlex.join([*command, "--config", str(folder / CONFIG)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,8 +12,11 @@ from typing import Any
 
 import pytest
 
+from cltransfer.cli_shared import up_of
 from cltransfer.errors import InputError, UsageError
+from cltransfer.preparation import Inputs
 from cltransfer.run_files import DONE, FRAMES, JOURNAL, MANIFEST, RESULTS, clear, kept_frames, open_run, require_done
+from cltransfer.run_folder import command_again
 
 
 def killed(folder: Path) -> Path:
@@ -55,6 +59,12 @@ def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
     begun = [subprocess.Popen([sys.executable, "-c", ask], stdout=subprocess.PIPE, text=True) for _ in range(2)]
     names = [process.communicate()[0].strip() for process in begun]
     assert [name.rpartition("-")[2] for name in names] == [str(process.pid) for process in begun]
+
+
+def test_the_line_that_makes_a_run_again_has_every_digit() -> None:
+    up = (0.1234567890123, -1.0, 1e-9)
+    words = shlex.split(command_again(Path("run"), Inputs("s.ply", "r.mp4", up=up), []))
+    assert up_of(words[words.index("--up") + 1]) == up
 
 
 def test_only_a_run_that_was_begun_is_resumed(tmp_path: Path) -> None:
