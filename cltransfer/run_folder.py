@@ -48,7 +48,8 @@ def default_folder(scene: str, reference: str) -> Path:
 
 def _name(source: str) -> str:
     without_moment = re.sub("#[^@]*", "", source.removeprefix("builtin:"))
-    return Path(without_moment).stem.replace("@", "-") or "run"
+    name = Path(without_moment).stem.replace("@", "-")
+    return "run" if name in ("", "..") else name  # a folder that is named by where it lies
 
 
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:

@@ -16,7 +16,7 @@ from cltransfer.cli_shared import up_of
 from cltransfer.errors import InputError, UsageError
 from cltransfer.preparation import Inputs
 from cltransfer.run_files import DONE, FRAMES, JOURNAL, MANIFEST, RESULTS, clear, kept_frames, open_run, require_done
-from cltransfer.run_folder import command_again
+from cltransfer.run_folder import command_again, default_folder
 
 
 def killed(folder: Path) -> Path:
@@ -59,6 +59,12 @@ def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
     begun = [subprocess.Popen([sys.executable, "-c", ask], stdout=subprocess.PIPE, text=True) for _ in range(2)]
     names = [process.communicate()[0].strip() for process in begun]
     assert [name.rpartition("-")[2] for name in names] == [str(process.pid) for process in begun]
+
+
+@pytest.mark.parametrize("source", [".", "..", "../..", "..#t=1,2", "/", "builtin:.."])
+def test_a_run_lies_in_the_folder_of_its_scene_whatever_its_reference_is_called(source: str) -> None:
+    assert default_folder("s.ply", source).parent == Path("outputs/s/run")
+    assert default_folder(source, "r.mp4").parent == Path("outputs/run/r")
 
 
 def test_the_line_that_makes_a_run_again_has_every_digit() -> None:
