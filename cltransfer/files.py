@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import os
+import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,15 +25,27 @@ YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousa
 def atomic(path: Path) -> Iterator[Path]:
     """Temporary name beside ``path`` that becomes ``path`` only if the block ends well.
 
-    The suffix stays last, so that encoders which choose a format by suffix still can.
+    The suffix stays last, so that encoders which choose a format by suffix still can. Who may read it is as of any
+    other new file there, whatever the writer has set: safetensors leaves its files to their owner alone.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
     try:
+        usual = _usual_mode(path.with_name(f".new-{os.getpid()}-{path.name}"))
         yield temporary
+        if stat.S_IMODE(temporary.stat().st_mode) != usual:
+            temporary.chmod(usual)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _usual_mode(path: Path) -> int:
+    """Permissions that a new file gets at ``path``, where none is left; the umask can only be asked by setting it."""
+    with path.open("ab") as stream:
+        usual = stat.S_IMODE(os.fstat(stream.fileno()).st_mode)
+    path.unlink(missing_ok=True)
+    return usual
 
 
 def check_out(folder: Path) -> None:

@@ -1,0 +1,36 @@
+"""Files that are written appear whole, with the permissions of any other new file."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from cltransfer.files import atomic, write_text
+
+
+@pytest.fixture(params=[0o022, 0o002, 0o077])
+def umask(request: pytest.FixtureRequest) -> Iterator[int]:
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def test_who_may_read_a_file_is_as_the_umask_says_whatever_wrote_it(umask: int, tmp_path: Path) -> None:
+    with atomic(tmp_path / "a.safetensors") as temporary:
+        save_file({"a": torch.zeros(1)}, temporary)
+    write_text(tmp_path / "a.txt", "a")
+    for name in ("a.safetensors", "a.txt"):
+        assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o666 & ~umask
+
+
+def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Path) -> None:
+    write_text(tmp_path / "a.txt", "old")
+    with pytest.raises(UnicodeEncodeError), atomic(tmp_path / "a.txt") as temporary:
+        temporary.write_text("ne\udce9", encoding="utf-8")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
