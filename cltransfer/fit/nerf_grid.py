@@ -5,22 +5,20 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, max_pool3d
 
-from ..errors import UsageError
-from ..files import read_json, write_json
 from ..registry import FITTERS
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes.nerf_grid import NerfGrid, read_grid, write_grid
 from . import Report
 from ._curve import Level, write_curve
+from ._folder import begun, write_state
 from ._views import Views, psnr
 
-GRID, STATE = "grid.safetensors", "fit.json"
+GRID = "grid.safetensors"
 START = 0.01  # optical thickness of a voxel before anything is known
 FAINT = 0.02  # optical thickness of a voxel below which it is taken for empty
 AUTO = "auto"
@@ -105,7 +103,8 @@ class NerfGridFit:
         Raises:
             UsageError: the folder holds a fit with other options or views.
         """
-        levels = self._begun(folder, views)
+        key = {"as": "nerf_grid", "options": asdict(self), "views": views.digest}
+        levels = begun(folder, key)
         for cells in self._sizes()[len(levels) :]:
             if levels and not levels[-1].kept:
                 break
@@ -114,7 +113,7 @@ class NerfGridFit:
             levels.append(Level(**{**asdict(level), "kept": gained}))
             if gained:
                 write_grid(folder / GRID, grid)
-            write_json(folder / STATE, {**self._key(views), "levels": [asdict(done) for done in levels]})
+            write_state(folder, key, levels)
             write_curve(folder, levels)
             _checkpoint(folder, len(levels) - 1).unlink(missing_ok=True)
         return levels
@@ -127,18 +126,6 @@ class NerfGridFit:
             sizes.append(min(round(sizes[-1] * self.growth), last))
         return sizes
 
-    def _key(self, views: Views) -> dict[str, Any]:
-        return {"as": "nerf_grid", "options": asdict(self), "views": views.digest}
-
-    def _begun(self, folder: Path, views: Views) -> list[Level]:
-        """Levels that an earlier run finished in this folder."""
-        if not (folder / STATE).is_file():
-            return []
-        state = read_json(folder / STATE)
-        if {key: state.get(key) for key in self._key(views)} != self._key(views):
-            raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")
-        return [Level(**level) for level in state["levels"]]
-
     def _level(self, number: int, cells: int, views: Views, folder: Path, report: Report) -> tuple[Level, NerfGrid]:
         """Train one level, from the grid of the one before where there is one."""
         from ._training import GridModule, train
@@ -148,9 +135,9 @@ class NerfGridFit:
         start = resampled(coarse, shape) if coarse else empty_grid(shape, self.degree, views.aabb)
         learn, held_out = views.split(self.hold_out)
         module = GridModule(start, filled_cells(start), (learn, held_out), self)
-        begun = time.perf_counter()
+        since = time.perf_counter()
         steps = train(module, _checkpoint(folder, number), report)
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - since
         grid = without_faint(module.grid())
         score = psnr(grid, held_out, self.renderer)
         filled = int(filled_cells(grid).sum())

@@ -109,13 +109,27 @@ def test_an_interrupted_level_goes_on_and_ends_where_it_would_have(views, tmp_pa
     QUICK.fit(views, whole, silent)
     with pytest.raises(Stop):
         QUICK.fit(views, parts, interrupt)
-    assert [p.name for p in parts.iterdir()] == ["level_0.safetensors"]
+    assert sorted(p.name for p in parts.iterdir()) == ["fit.json", "level_0.safetensors"]
     told: list[int] = []
     QUICK.fit(views, parts, lambda step, done, total: told.append(done))
     assert told[0] == 41  # the last look was after step 40
     first, second = (read_grid(folder / "grid.safetensors") for folder in (whole, parts))
     torch.testing.assert_close(first.density, second.density)
     torch.testing.assert_close(first.sh, second.sh)
+
+
+def test_a_level_is_not_taken_over_by_a_fit_with_other_options_or_views(views, tmp_path):
+    def interrupt(step: str, done: int, total: int) -> None:
+        if done == 25:
+            raise Stop
+
+    with pytest.raises(Stop):
+        QUICK.fit(views, tmp_path, interrupt)
+    before = (tmp_path / "level_0.safetensors").read_bytes()
+    for changed, seen in ((replace(QUICK, rate=0.01), views), (QUICK, views[range(20)])):
+        with pytest.raises(UsageError, match="holds a fit with other options or views"):
+            changed.fit(seen, tmp_path, silent)
+    assert (tmp_path / "level_0.safetensors").read_bytes() == before
 
 
 def test_an_interrupt_stays_one(views, tmp_path):

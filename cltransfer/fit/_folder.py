@@ -1,0 +1,34 @@
+"""The folder of a fit: whose it is, and the levels of detail that are done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from ..files import read_json, write_json
+from ._curve import Level
+
+STATE = "fit.json"
+
+
+def begun(folder: Path, key: Mapping[str, Any]) -> list[Level]:
+    """Levels done in ``folder`` by the fit that ``key`` names; a new folder is made that fit's before anything is done.
+
+    Raises:
+        UsageError: the folder holds another fit.
+    """
+    if not (folder / STATE).is_file():
+        write_state(folder, key, [])
+        return []
+    state = read_json(folder / STATE)
+    if {name: state.get(name) for name in key} != key:
+        raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")
+    return [Level(**level) for level in state["levels"]]
+
+
+def write_state(folder: Path, key: Mapping[str, Any], levels: Sequence[Level]) -> None:
+    """Write fit.json: what the fit is known by, and its levels that are done."""
+    write_json(folder / STATE, {**key, "levels": [asdict(level) for level in levels]})
