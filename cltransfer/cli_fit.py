@@ -9,14 +9,20 @@ from typing import Annotated
 import typer
 
 from .cli_shared import Json, Quiet, show
-from .files import check_out
 
 
 def fit(
     posed: Annotated[
         Path, typer.Argument(help="Posed image set: COLMAP, transforms.json, cameras.json, LLFF or EasyMocap.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scene; an unfinished fit there goes on.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the scene, empty or new; an unfinished fit there goes on (splats begin anew).",
+        ),
+    ],
     overrides: Annotated[
         list[str] | None,
         typer.Argument(metavar="[KEY=VALUE]...", help="Options, e.g. budget=200000 degree=2 side=400."),
@@ -35,7 +41,9 @@ def fit(
 
     fitter = FITTERS.build(representation, parse_overrides(overrides or []))
     fitter.require()
-    check_out(out)
+    from .fit._folder import check_folder
+
+    check_folder(out)
     from .fit._views import views_of
     from .progress import progress
     from .scenes.posed import read_posed

@@ -32,6 +32,6 @@ class Fitter(Protocol):
         """Fit a scene, leave it in ``folder``, and return what each level of detail reached.
 
         Raises:
-            UsageError: the folder holds a fit with other options or views.
+            UsageError: the folder holds a fit with other options or views, or something else.
         """
         ...

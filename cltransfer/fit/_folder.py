@@ -8,18 +8,30 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError
-from ..files import read_json, write_json
+from ..files import check_out, read_json, write_json
 from ._curve import Level
 
 STATE = "fit.json"
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that holds something else than a fit, before any work is done for it.
+
+    Raises:
+        UsageError: it is no folder, or neither empty nor a fit.
+    """
+    check_out(folder)
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / STATE).is_file():
+        raise UsageError(folder, "--out", f"is neither empty nor a fit, it has no {STATE}", "name another folder")
 
 
 def begun(folder: Path, key: Mapping[str, Any]) -> list[Level]:
     """Levels done in ``folder`` by the fit that ``key`` names; a new folder is made that fit's before anything is done.
 
     Raises:
-        UsageError: the folder holds another fit.
+        UsageError: the folder holds another fit, or something else.
     """
+    check_folder(folder)
     if not (folder / STATE).is_file():
         write_state(folder, key, [])
         return []

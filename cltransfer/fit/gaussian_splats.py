@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..scenes.ply import write_splats
 from ..scenes.splats import Splats
 from . import Report
 from ._curve import Level, write_curve
+from ._folder import begun, write_state
 from ._views import Views, psnr
 
 SCENE = "splats.ply"
@@ -66,22 +67,27 @@ class GaussianSplatsFit:
         require_gsplat("--as gaussian_splats", "--as nerf_grid, which needs no CUDA device")
 
     def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
-        """Fit splats into ``folder``: splats.ply, curve.csv and curve.svg.
+        """Fit splats into ``folder``: splats.ply, fit.json, curve.csv and curve.svg; an unfinished fit begins anew.
 
         Raises:
             ModelError: there is no CUDA device, or gsplat is not installed.
+            UsageError: the folder holds a fit with other options or views, or something else.
         """
         self.require()
+        key = {"as": "gaussian_splats", "options": asdict(self), "views": views.digest}
+        if done := begun(folder, key):
+            return done
         learn, held_out = views.split(self.hold_out)
         random = torch.Generator().manual_seed(self.seed)
         parameters = start(views.aabb, self.first, self.degree, random)
-        begun = time.perf_counter()
+        since = time.perf_counter()
         self._descend(parameters, learn, random, report)
         splats = splats_of(parameters)
         score = psnr(splats, held_out, GaussianSplats())
-        count, seconds = len(splats), time.perf_counter() - begun
+        count, seconds = len(splats), time.perf_counter() - since
         levels = [Level(count, count, score, self.steps, seconds, True)]
         write_splats(folder / SCENE, splats)
+        write_state(folder, key, levels)
         write_curve(folder, levels)
         return levels
 

@@ -101,7 +101,7 @@ class NerfGridFit:
         """Fit a grid into ``folder``: grid.safetensors, fit.json, curve.csv and curve.svg; an unfinished fit goes on.
 
         Raises:
-            UsageError: the folder holds a fit with other options or views.
+            UsageError: the folder holds a fit with other options or views, or something else.
         """
         key = {"as": "nerf_grid", "options": asdict(self), "views": views.digest}
         levels = begun(folder, key)

@@ -58,3 +58,13 @@ def test_an_option_reads_no_environment(posed, tmp_path, monkeypatch, value):
     assert isinstance(got.exception, UsageError)
     assert "budget: interpolation is not part of the grammar" in str(got.exception)
     assert "/not/to/be/told" not in str(got.exception)
+
+
+def test_a_folder_with_something_else_is_refused_and_left_alone(posed, tmp_path):
+    out = tmp_path / "thesis"
+    out.mkdir()
+    (out / "curve.csv").write_text("mine")
+    got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(out), "first=2000", "most=2000", "steps=1", "-q"])
+    assert isinstance(got.exception, UsageError)
+    assert f"{out}: --out: is neither empty nor a fit, it has no fit.json (name another folder)" in str(got.exception)
+    assert [(p.name, p.read_text()) for p in out.iterdir()] == [("curve.csv", "mine")]

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 import pytest
 import torch
 
-from cltransfer.errors import ModelError
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.fit.gaussian_splats import GaussianSplatsFit
 from cltransfer.scenes.ply import read_splats
+from cltransfer.scenes.splats import Splats
 
 HAS_GSPLAT = importlib.util.find_spec("gsplat") is not None
 READY = HAS_GSPLAT and torch.cuda.is_available()
@@ -28,6 +30,32 @@ def test_an_analytic_scene_is_learnt(views, tmp_path):
     levels = GaussianSplatsFit(first=5000, steps=2000, degree=0).fit(views, tmp_path, lambda *step: None)
     assert levels[0].psnr >= 25
     assert len(read_splats(tmp_path / "splats.ply")) > 0
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A fit that takes no CUDA device: nothing is learnt."""
+    import cltransfer.fit.gaussian_splats as module
+
+    splats = Splats(*(torch.ones(2, *shape) for shape in ((3,), (3,), (4,), (), (1, 3), ())))
+    monkeypatch.setattr(module, "require_gsplat", lambda *words: None)
+    monkeypatch.setattr(module, "start", lambda *words: {})
+    monkeypatch.setattr(module, "splats_of", lambda parameters: splats)
+    monkeypatch.setattr(module, "psnr", lambda *words: 20.0)
+    monkeypatch.setattr(GaussianSplatsFit, "_descend", lambda *words: None)
+    return GaussianSplatsFit(degree=0)
+
+
+def test_a_folder_is_one_fits(quick, views, tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "splats.ply").write_text("mine")
+    with pytest.raises(UsageError, match="neither empty nor a fit"):
+        quick.fit(views, tmp_path / "other", lambda *step: None)
+    assert (tmp_path / "other" / "splats.ply").read_text() == "mine"
+    levels = quick.fit(views, tmp_path / "out", lambda *step: None)
+    assert quick.fit(views, tmp_path / "out", lambda *step: None) == levels
+    with pytest.raises(UsageError, match="holds a fit with other options or views"):
+        replace(quick, seed=1).fit(views, tmp_path / "out", lambda *step: None)
 
 
 def test_options_out_of_range_are_named():
