@@ -1,6 +1,9 @@
 """The page of a clip's reading: a picture of each frame, doubtful ones marked, coverage told."""
 
+import html
 import json
+import re
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -49,17 +52,25 @@ def laid_open() -> Callable[[str], Inspection]:
 
 
 def test_a_click_in_a_picture_names_the_person(browser: Any, laid_open: Any, tmp_path: Path) -> None:
-    browser.get(write_inspection(tmp_path / "page", laid_open("a <b>.mp4#t=1,2&person=3")).as_uri())
-    assert browser.find_element("id", "who").text == "a <b>.mp4#t=1,2&person=X,Y,SECONDS"
+    browser.get(write_inspection(tmp_path / "page", laid_open("it's  a <b>.mp4#t=1,2&person=3")).as_uri())
+    assert browser.find_element("id", "who").text == shlex.quote("it's  a <b>.mp4#t=1,2&person=X,Y,SECONDS")
     picture = browser.find_elements("css selector", "img[data-time]")[1]
     size = picture.size
     offset = (round(0.25 * size["width"] - size["width"] / 2), round(0.6 * size["height"] - size["height"] / 2))
     chain = pytest.importorskip("selenium.webdriver").ActionChains(browser)
     chain.move_to_element_with_offset(picture, *offset).click().perform()
-    source = ClipSource.parse(browser.find_element("id", "who").text)
-    assert (source.path, source.span) == (Path("a <b>.mp4"), (1.0, 2.0))
+    (word,) = shlex.split(browser.find_element("id", "who").text)
+    source = ClipSource.parse(word)
+    assert (source.path, source.span) == (Path("it's  a <b>.mp4"), (1.0, 2.0))
     assert source.person == pytest.approx((0.25, 0.6, 0.5), abs=0.02)
     assert not browser.get_log("browser")
+
+
+def test_the_name_to_paste_is_one_word_for_the_shell(laid_open: Any, tmp_path: Path) -> None:
+    page = write_inspection(tmp_path, laid_open("it's $(a).mp4#t=1,2")).read_text()
+    shown = re.search(r'<code id="who"[^>]*>(.*?)</code>', page)
+    assert shown is not None
+    assert shlex.split(html.unescape(shown[1])) == ["it's $(a).mp4#t=1,2&person=X,Y,SECONDS"]
 
 
 def test_a_shot_of_a_scene_has_nobody_to_click_on(laid_open: Any, tmp_path: Path) -> None:

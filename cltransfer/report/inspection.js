@@ -1,7 +1,7 @@
 "use strict";
 // A click on a person says how to follow them: where it fell in the frame, from the top left, and when.
 const line = document.getElementById("who");
-const name = line.textContent.slice(0, line.textContent.lastIndexOf("person="));
+const quoted = (text) => `'${text.replaceAll("'", `'"'"'`)}'`; // as shlex.quote has it, for a shell to take as one word
 for (const picture of document.querySelectorAll("img[data-time]")) {
   picture.addEventListener("click", (event) => {
     const box = picture.getBoundingClientRect();
@@ -10,7 +10,7 @@ for (const picture of document.querySelectorAll("img[data-time]")) {
     const x = share(event.clientX, box.left, box.width, picture.naturalWidth);
     const y = share(event.clientY, box.top, box.height, picture.naturalHeight);
     if (x < 0 || x > 1 || y < 0 || y > 1) return;
-    line.textContent = `${name}person=${x.toFixed(3)},${y.toFixed(3)},${picture.dataset.time}`;
+    line.textContent = quoted(`${line.dataset.clip}person=${x.toFixed(3)},${y.toFixed(3)},${picture.dataset.time}`);
     getSelection().selectAllChildren(line);
   });
 }

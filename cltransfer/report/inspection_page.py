@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,8 +36,8 @@ def write_page(folder: Path, shown: Inspection) -> Path:
         frames=frames,
         flow=reference.features.has("flow"),
         clickable=not is_scene(shown.source),
-        file=file,
-        rest=rest,
+        clip=f"{file}#{rest}",
+        example=shlex.quote(f"{file}#{rest}person=X,Y,SECONDS"),
         script=script,
         script_hash=csp_hash(script),
     )
