@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ SIZE_LIMIT = 16384  # [px]
 def write_camera_path(path: Path, trajectory: Trajectory) -> None:
     """Write ``camera_path.json``, whole or not at all.
 
-    Each camera also carries its ``time`` [s], which nerfstudio ignores.
+    ``camera_path`` is what nerfstudio renders, ``keyframes`` what its viewer loads. Each camera of the former also
+    carries its ``time`` [s], which nerfstudio ignores.
 
     Raises:
         InputError: pixels are not square or the principal point is not in the middle; the format has no room for it.
@@ -45,8 +46,31 @@ def write_camera_path(path: Path, trajectory: Trajectory) -> None:
         "render_width": width,
         "fps": trajectory.fps,
         "seconds": len(trajectory) / trajectory.fps,
+        "is_cycle": False,
+        "smoothness_value": 0,
+        "default_fov": frames[0]["fov"],
+        "default_transition_sec": 1 / trajectory.fps,
         "camera_path": frames,
+        "keyframes": _keyframes(frames, 1 / trajectory.fps),
     })  # fmt: skip
+
+
+def _keyframes(frames: Sequence[Mapping[str, Any]], usual: float) -> list[dict[str, Any]]:
+    """What the viewer's "Load Path" reads: every camera with the seconds since the one before; the first has ``usual``.
+
+    As nerfstudio/viewer/render_panel.py has it, where a transition leads to its keyframe.
+    """
+    since = [usual, *(later["time"] - earlier["time"] for earlier, later in pairwise(frames))]
+    return [
+        {
+            "matrix": frame["camera_to_world"],
+            "fov": frame["fov"],
+            "aspect": frame["aspect"],
+            "override_transition_enabled": True,
+            "override_transition_sec": seconds,
+        }
+        for frame, seconds in zip(frames, since)
+    ]
 
 
 def read_camera_path(path: Path) -> Trajectory:

@@ -53,6 +53,20 @@ def test_one_camera_worked_out_by_hand(tmp_path):
     assert frame["aspect"] == 2.0
 
 
+def test_the_viewer_loads_what_is_rendered(tmp_path):
+    before = trajectory()
+    write_camera_path(tmp_path / "path.json", before)
+    data = json.loads((tmp_path / "path.json").read_text())
+    keys, frames = data["keyframes"], data["camera_path"]
+    assert [key["matrix"] for key in keys] == [frame["camera_to_world"] for frame in frames]
+    assert [(key["fov"], key["aspect"]) for key in keys] == [(frame["fov"], frame["aspect"]) for frame in frames]
+    assert all(key["override_transition_enabled"] is True for key in keys)
+    seconds = [key["override_transition_sec"] for key in keys]  # each since the keyframe before
+    assert seconds == pytest.approx([0.05, 0.04, 0.06, 0.03, 0.07])
+    assert (data["default_fov"], data["default_transition_sec"]) == (frames[0]["fov"], pytest.approx(0.05))
+    assert (data["is_cycle"], data["smoothness_value"]) == (False, 0)
+
+
 def test_without_own_times_the_frame_rate_counts(tmp_path):
     path = written(tmp_path / "path.json", fps=10)
     data = json.loads(path.read_text())
