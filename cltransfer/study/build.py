@@ -7,7 +7,9 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
@@ -20,11 +22,12 @@ from torch import Tensor
 from ..clip import read_clip, write_video
 from ..clip_source import ClipSource
 from ..errors import InputError, UsageError
-from ..files import check_out, content_hash, csp_hash, read_json, write_json, write_text
+from ..files import content_hash, csp_hash, read_json, write_json, write_text
 from ..open_clip import ASSUMED, open_clip, rate_assumed
 from ..report.side_by_side import reference_side
 from ..run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
+from .folder import INDEX, MARK, check_key, check_page, key_of
 
 SIDE = 720  # largest height of a video [px]
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
@@ -67,32 +70,43 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     """Write the page into the folder ``out`` and its key beside it; returns the study and the key file.
 
     Raises:
-        UsageError: runs, methods and references do not go together, or the folder holds something else.
-        InputError: a clip cannot be read, or the runs of a sample have different references.
+        UsageError: runs, methods and references do not go together, the folder holds something else, or the key beside
+            it is that of another study.
+        InputError: a clip cannot be read, or the runs of a sample have different references; nothing was written.
     """
     out = out.resolve()  # its name tells the key's, "." has none
     groups, references = _groups(wanted)
-    check_out(out)
-    if out.is_dir() and any(out.iterdir()) and not (out / "index.html").is_file():
-        raise UsageError(out, "--out", "is neither empty nor a page", "name another folder")
+    check_page(out)
     samples = [f"sample{i + 1}" for i in range(len(groups))]
     content = [_digest(where) for shown in (*groups, references) for where in shown]
     study = design(samples, wanted.methods, content, wanted.seed)
-    token_of = {(clip.sample, clip.method): clip.token for clip in study.clips.values()}
-    for number, (sample, group) in enumerate(zip(samples, groups)):
-        reference = _reference(group, references[number] if references else None)
-        clips = [_clip(where) for where in group]
-        height = min(SIDE, *(clip.image.shape[2] for clip in clips))
-        for method, clip in zip(wanted.methods, clips):
-            _write(out / "videos" / f"{token_of[sample, method]}.mp4", clip, height)
-        _write(out / "videos" / f"{_reference_token(study, sample)}.mp4", reference, height)
-    for video in (out / "videos").iterdir():
-        os.utime(video, (0, 0))  # the order in which they were written would tell methods apart
-    key = out.parent / f"{out.name}.key.json"
-    write_json(key, {**study.to_json(), "runs": _sources(wanted)})  # first: a page without one is worth nothing
-    write_text(out / "index.html", page(study))
+    check_key(out, study)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".tmp-", dir=out.parent) as made:  # a clip that cannot be read leaves no half a page
+        for sample, group, reference in zip_longest(samples, groups, references):
+            _write_sample(Path(made), study, sample, group, reference)
+        # first: a page without one is worth nothing
+        write_json(key_of(out), {**study.to_json(), "runs": _sources(wanted)})
+        write_text(out / INDEX, page(study))
+        (out / "videos").mkdir(exist_ok=True)
+        for video in Path(made).iterdir():
+            os.utime(video, (0, 0))  # the order in which they were written would tell methods apart
+            os.replace(video, out / "videos" / video.name)
     write_text(out / "README.txt", _readme(study, out))
-    return study, key
+    return study, key_of(out)
+
+
+def _write_sample(
+    folder: Path, study: Study, sample: str, group: Sequence[ClipSource], given: ClipSource | None
+) -> None:
+    """Write the videos of one sample, all equally high, under their tokens."""
+    token_of = {clip.method: clip.token for clip in study.clips.values() if clip.sample == sample}
+    reference = _reference(group, given)
+    clips = [_clip(where) for where in group]
+    height = min(SIDE, *(clip.image.shape[2] for clip in clips))
+    for method, clip in zip(study.methods, clips):
+        _write(folder / f"{token_of[method]}.mp4", clip, height)
+    _write(folder / f"{_reference_token(study, sample)}.mp4", reference, height)
 
 
 def _groups(wanted: Wanted) -> tuple[list[list[ClipSource]], list[ClipSource]]:
@@ -191,6 +205,7 @@ def page(study: Study) -> str:
         script_hash=csp_hash(script),
         style_hash=csp_hash(style),
         data=Markup(json.dumps(_shown(study)).replace("<", "\\u003c")),
+        mark=MARK,
         no_study=NO_STUDY,
         comparisons=len(study.items),
         questions=len(QUESTIONS),

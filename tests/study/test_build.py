@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +96,7 @@ def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, co
     manifest = json.loads((other / "manifest.json").read_text())
     manifest["reference"]["sha256"] = "0" * 64
     (other / "manifest.json").write_text(json.dumps(manifest))
-    refused = command("study", tiny_run, other, "--out", tmp_path / "page")
+    refused = command("study", tiny_run, other, "--out", tmp_path / "again")
     assert refused.code == 3
     assert "is not that of" in refused.err
 
@@ -131,6 +133,39 @@ def test_what_does_not_go_together_is_refused(clips: Wanted, tmp_path: Path) -> 
     (taken / "thesis.tex").write_text("")
     with pytest.raises(UsageError, match="neither empty nor a page"):
         build_study(clips, taken)
+
+
+def test_a_page_that_failed_part_way_leaves_nothing_and_can_be_made_again(clips: Wanted, tmp_path: Path) -> None:
+    out, last = tmp_path / "page", Path(clips.runs[-1])
+    whole, before = last.read_bytes(), {p.name for p in tmp_path.iterdir()}
+    last.write_bytes(b"no clip")
+    with pytest.raises(InputError):
+        build_study(clips, out)
+    assert {p.name for p in tmp_path.iterdir()} == before
+    last.write_bytes(whole)
+    made = build_study(clips, out)
+    (out / "videos" / "mine.mp4").write_bytes(b"")
+    os.utime(out / "videos" / "mine.mp4", (7, 7))
+    assert build_study(clips, out) == made
+    assert (out / "videos" / "mine.mp4").stat().st_mtime == 7
+
+
+def test_somebodys_site_is_not_taken_for_a_page(clips: Wanted, tmp_path: Path) -> None:
+    out = tmp_path / "site"
+    out.mkdir()
+    (out / "index.html").write_bytes(b"<title>mine \xff</title>")
+    with pytest.raises(UsageError, match="neither empty nor a page of a study"):
+        build_study(clips, out)
+    assert [p.name for p in out.iterdir()] == ["index.html"]
+
+
+def test_the_key_of_another_study_is_not_replaced(page: tuple[Path, Path], clips: Wanted) -> None:
+    folder, key = page
+    before = key.read_bytes()
+    with pytest.raises(UsageError, match="is the key of another study"):
+        build_study(replace(clips, seed=6), folder)
+    assert key.read_bytes() == before
+    build_study(clips, folder)  # the same one may be made again
 
 
 def images(folder: Path, count: int) -> Path:
@@ -174,14 +209,17 @@ def test_a_rate_that_nothing_says_is_told_of_every_clip(
 def test_another_part_of_a_clip_makes_another_study(clips: Wanted, tmp_path: Path) -> None:
     def named(part: str) -> str:
         runs = tuple(f"{run}{part}" for run in clips.runs)
-        return build_study(replace(clips, runs=runs), tmp_path / "page")[0].name
+        return build_study(replace(clips, runs=runs), tmp_path / f"page{part}")[0].name
 
     assert len({named(""), named("#t=0,0.2"), named("#t=0.1,0.3")}) == 3
 
 
 def test_other_references_make_another_study(clips: Wanted, tmp_path: Path) -> None:
+    number = count()
+
     def named(*references: object) -> str:
-        return build_study(replace(clips, references=tuple(map(str, references))), tmp_path / "page")[0].name
+        wanted = replace(clips, references=tuple(map(str, references)))
+        return build_study(wanted, tmp_path / f"page{next(number)}")[0].name
 
     first, second = clips.references
     copy = shutil.copy(first, tmp_path / "copy.mp4")
