@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -24,21 +26,44 @@ def to_markdown(table: Table) -> list[str]:
     return ["| " + " | ".join(line) + " |" for line in [map(_escape, table.header), rule, *cells]]
 
 
+_ACTS = re.compile(
+    r"[\\|*`~]"  # wherever it stands
+    r"|(?<![^\W_])_|_(?![^\W_])"  # at the edge of a word; within one it is a sign like others
+    r"|\](?=[(\[])"  # of a link or an image
+)
+_MARKUP = re.compile(r"&(?=#?\w+;)|<")  # of an entity or a tag
+
+
 def _escape(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*").replace("<", "&lt;").replace("\n", " ")
+    """``text`` on one line, with a backslash or an entity where Markdown would act on a sign."""
+    line = re.sub(r"\r\n|[\r\n]", " ", text)
+    return _MARKUP.sub(lambda sign: {"&": "&amp;", "<": "&lt;"}[sign[0]], _ACTS.sub(r"\\\g<0>", line))
 
 
 def to_latex(table: Table) -> list[str]:
     """Lines of a tabular with booktabs' rules."""
     lines = [rf"\begin{{tabular}}{{l{'r' * (len(table.header) - 1)}}}", r"\toprule"]
-    lines += [" & ".join(map(_tex, table.header)) + r" \\", r"\midrule"]
+    lines += [_line([_tex(c) for c in table.header]), r"\midrule"]
     for i, row in enumerate(table.rows):
         cells = [rf"\textbf{{{_tex(c)}}}" if (i, j) in table.bold else _tex(c) for j, c in enumerate(row)]
-        lines.append(" & ".join(cells) + r" \\")
+        lines.append(_line(cells))
     return [*lines, r"\bottomrule", r"\end{tabular}"]
 
 
-_TEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "\n": " "}
+def _line(cells: Sequence[str]) -> str:
+    r"""A row. One that begins with ``[`` or ``*`` would be read as an option of the ``\\`` or the rule before it."""
+    guard = "{}" if cells[0].lstrip().startswith(("[", "*")) else ""
+    return guard + " & ".join(cells) + r" \\"
+
+
+_TEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "–": "--",
+    "\n": " ",
+    "\r": " ",
+}
 _TEX |= {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}  # other signs in TeX's oldest fonts
 _TEX |= {character: f"\\{character}" for character in "&%$#_{}"}
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import csv_text, write_json, write_text
+from ..report.tables import Table, to_markdown
 from .analysis import CONFIDENCE, FEWEST, Preference, Strength, preferences, strengths
 from .answers import Choice, read_answers
 from .design import NO_STUDY, QUESTIONS, Study
@@ -60,24 +61,10 @@ def markdown(analysis: Analysis) -> list[str]:
         f"{sum(analysis.answered.values())} answers, two choices, sides and order random.",
         *(f"- {who} answered {n} of {analysis.asked}" for who, n in analysis.answered.items() if n < analysis.asked),
         "",
-        f"| question | preferred | to | share | exact {CONFIDENCE:.0%} | by participant {CONFIDENCE:.0%} | answers |",
-        "| --- | --- | --- | --: | --: | --: | --: |",
-    ]
-    lines += [
-        f"| {p.question} | {p.first} | {p.second} | {_percent(p.share)} | {_span(p.exact)} | {_span(p.by_participant)} "
-        f"| {p.wins}/{p.count} |"
-        for p in analysis.preferences
+        *to_markdown(_preferences(analysis)),
     ]
     if analysis.strengths:
-        lines += [
-            "",
-            "| question | method | Bradley-Terry strength | by participant | |",
-            "| --- | --- | --: | --: | --- |",
-        ]
-        lines += [
-            f"| {s.question} | {s.method} | {_percent(s.value)} | {_span(s.by_participant)} | {s.reason} |"
-            for s in analysis.strengths
-        ]
+        lines += ["", *to_markdown(_strengths(analysis))]
     lines += [
         "",
         "The exact interval takes answers for independent; those of one person are not: cite the one by participant",
@@ -85,6 +72,28 @@ def markdown(analysis: Analysis) -> list[str]:
         f"{NO_STUDY} Neither are answers by its authors or by a program.",
     ]
     return lines
+
+
+def _preferences(analysis: Analysis) -> Table:
+    exact, by_participant = f"exact {CONFIDENCE:.0%}", f"by participant {CONFIDENCE:.0%}"
+    rows = [
+        (
+            p.question,
+            p.first,
+            p.second,
+            _percent(p.share),
+            _span(p.exact),
+            _span(p.by_participant),
+            f"{p.wins}/{p.count}",
+        )
+        for p in analysis.preferences
+    ]
+    return Table(("question", "preferred", "to", "share", exact, by_participant, "answers"), tuple(rows))
+
+
+def _strengths(analysis: Analysis) -> Table:
+    rows = [(s.question, s.method, _percent(s.value), _span(s.by_participant), s.reason) for s in analysis.strengths]
+    return Table(("question", "method", "Bradley-Terry strength", "by participant", ""), tuple(rows))
 
 
 def _percent(value: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from cltransfer.errors import InputError
 from cltransfer.study.analysis import bradley_terry, preferences, strengths
 from cltransfer.study.answers import COLUMNS, Choice, read_answers
 from cltransfer.study.design import NO_STUDY, QUESTIONS, Study, design
-from cltransfer.study.report import Analysis, preferences_csv
+from cltransfer.study.report import Analysis, markdown, preferences_csv
 
 TWO = design(["s", "t"], ["ours", "jaws"], [], 0)
 THREE = design(["s"], ["a", "b", "c"], [], 0)
@@ -195,3 +196,18 @@ def test_a_key_that_is_none_is_named(tmp_path: Path, text: str, command: Callabl
     without = command("study", "--analyse", path)
     assert without.code == 2
     assert "--key" in without.err
+
+
+def test_a_method_of_any_name_stays_one_cell() -> None:
+    study = design(["s", "t"], ["a|b", "[c](d)\r*e*", "f"], [], 0)
+    choices = [Choice("p", item.name, "smoothness", *pair) for item, pair in zip(study.items, _pairs(study))]
+    found = Analysis(study, {"p": 6}, tuple(preferences(choices, study)), tuple(strengths(choices, study)))
+    rows = [line for line in markdown(found) if line.startswith("| smoothness")]
+    assert len(rows) == 6
+    assert {len(re.split(r"(?<!\\)\|", row)) for row in rows} == {9, 7}
+    assert r"[c\](d) \*e\*" in rows[0]
+    assert not any("\r" in line for line in markdown(found))
+
+
+def _pairs(study: Study) -> list[tuple[str, str]]:
+    return [(study.clips[item.first].method, study.clips[item.second].method) for item in study.items]
