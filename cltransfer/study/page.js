@@ -22,8 +22,15 @@
     }
   }
 
+  // Where the browser blocks storage the answers live in memory, and the page says so.
   function keep() {
-    localStorage.setItem(shelf, JSON.stringify(state));
+    try {
+      if (state.participant) localStorage.setItem(shelf, JSON.stringify(state));
+      else localStorage.removeItem(shelf);
+      at("unkept").hidden = true;
+    } catch {
+      at("unkept").hidden = false;
+    }
   }
 
   // Random numbers in [0, 1) of a text: FNV-1a, then mulberry32.
@@ -151,7 +158,7 @@
   at("next").addEventListener("click", () => {
     if (!at("saved").textContent && !confirm("The answers were not downloaded. Throw them away?")) return;
     state = { participant: "", answers: [] };
-    localStorage.removeItem(shelf);
+    keep();
     at("participant").value = "";
     plan = [];
     render();

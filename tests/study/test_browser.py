@@ -107,3 +107,29 @@ def test_a_video_that_does_not_play_is_told(browser: Any, page: tuple[Path, Path
         video.write_bytes(b"nothing")
     join(browser, page[0], "a")
     until(lambda: "does not play" in text(browser, "trouble"))
+
+
+def test_where_the_browser_blocks_storage_answers_live_in_memory_and_that_is_told(
+    browser: Any, page: tuple[Path, Path], tmp_path: Path
+) -> None:
+    refuse = "throw new DOMException('denied', 'SecurityError')"
+    blocked = f"Object.defineProperty(window, 'localStorage', {{ get() {{ {refuse}; }} }})"
+    browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": blocked})
+    join(browser, page[0], "a")
+    assert "does not let the page keep your answers" in text(browser, "unkept")
+    study = Study.load(page[1])
+    for _ in range(5):
+        prefer(browser, study, "quetzal")
+    browser.find_element(By.TAG_NAME, "body").send_keys(Keys.ARROW_LEFT)
+    until(lambda: "are answered" in text(browser, "summary"))
+    browser.find_element(By.ID, "download").click()
+    saved = tmp_path / "downloads" / f"answers-{study.name}-a.csv"
+    until(saved.is_file)
+    assert len(saved.read_text().splitlines()) == 7
+    browser.find_element(By.ID, "next").click()
+    until(lambda: browser.find_element(By.ID, "participant").is_displayed())
+
+
+def test_nothing_is_told_where_storage_works(browser: Any, page: tuple[Path, Path]) -> None:
+    join(browser, page[0], "a")
+    assert not browser.find_element(By.ID, "unkept").is_displayed()
