@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..errors import UsageError
+from ..errors import InputError, UsageError
 from ..files import check_out, read_json, write_json
 from ._curve import Level
 
@@ -30,15 +30,19 @@ def begun(folder: Path, key: Mapping[str, Any]) -> list[Level]:
 
     Raises:
         UsageError: the folder holds another fit, or something else.
+        InputError: its fit.json is damaged.
     """
     check_folder(folder)
     if not (folder / STATE).is_file():
         write_state(folder, key, [])
         return []
     state = read_json(folder / STATE)
-    if {name: state.get(name) for name in key} != key:
-        raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")
-    return [Level(**level) for level in state["levels"]]
+    try:
+        if {name: state.get(name) for name in key} == key:
+            return [Level(**level) for level in state["levels"]]
+    except (AttributeError, KeyError, TypeError):
+        raise InputError(folder / STATE, "", "is not the state of a fit", "choose another folder") from None
+    raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")
 
 
 def write_state(folder: Path, key: Mapping[str, Any], levels: Sequence[Level]) -> None:

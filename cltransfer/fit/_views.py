@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..scenes.posed import PosedImages
 POINT_SHARE = 0.005  # of the points left out on either side of an axis: reconstructions have strays
 MARGIN = 0.05  # of the box added on every side
 FEWEST = 3
+ONE_PLACE = 1e-9  # of the distance to the origin: what rounding leaves between places that are the same
 
 
 @dataclass(frozen=True)
@@ -69,14 +71,24 @@ def views_of(posed: PosedImages, side: int) -> Views:
     to each other as far as the farthest camera.
 
     Raises:
-        InputError: fewer than three images are there, or one is damaged.
+        InputError: fewer than three images are there, one is damaged, or cameras or points are all at one place.
     """
     if len(posed.present) < FEWEST:
         raise InputError(posed.path, "images", f"expected at least {FEWEST}, got {len(posed.present)}")
     camera, image = posed.images(posed.present, side)
     if posed.points is None or len(posed.points) == 0:
+        _check_spread(posed.path, "cameras", camera.center)
         return Views(camera, image, box_around_focus(camera))
-    return Views(camera, image, box_around(posed.points))
+    box = box_around(posed.points)
+    _check_spread(posed.path, "points", box)
+    return Views(camera, image, box)
+
+
+def _check_spread(path: Path, field: str, places: Tensor) -> None:
+    """Refuse ``places`` (P, 3) that are all the same: there is no box about them."""
+    spread = (places.amax(0) - places.amin(0)).max()
+    if not spread > ONE_PLACE * (1 + places.abs().max()):
+        raise InputError(path, field, "expected several places, all are at one", "a fit needs views from around")
 
 
 def box_around(points: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -73,13 +74,17 @@ class NerfGridFit:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{name} must be finite, got {value}")
         if self.budget != AUTO and not (isinstance(self.budget, int) and self.budget >= 8):
             raise ValueError(f"budget must be {AUTO} or at least 8 cells, got {self.budget!r}")
         if self.degree not in (0, 1, 2):
             raise ValueError(f"degree must be 0, 1 or 2, got {self.degree}")
         if not self.growth > 1:
             raise ValueError(f"growth must be greater than 1, got {self.growth}")
-        for name, least in (("first", 8), ("hold_out", 2), ("steps", 1), ("look", 1), ("patience", 1), ("rays", 1)):
+        least_of = {"first": 8, "most": 8, "side": 1, "hold_out": 2, "steps": 1, "look": 1, "patience": 1, "rays": 1}
+        for name, least in least_of.items():
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
         for name in ("gain", "smooth", "sparse"):
@@ -123,7 +128,7 @@ class NerfGridFit:
         last = self.most if self.budget == AUTO else int(self.budget)
         sizes = [min(self.first, last)]
         while sizes[-1] < last:
-            sizes.append(min(round(sizes[-1] * self.growth), last))
+            sizes.append(min(max(sizes[-1] + 1, round(sizes[-1] * self.growth)), last))
         return sizes
 
     def _level(self, number: int, cells: int, views: Views, folder: Path, report: Report) -> tuple[Level, NerfGrid]:

@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 
 import pytest
 import torch
 
-from cltransfer.errors import UsageError
+from cltransfer.errors import InputError, UsageError
 from cltransfer.fit.nerf_grid import (
     NerfGridFit,
     empty_grid,
@@ -182,8 +182,33 @@ def test_options_out_of_range_are_named():
         ({"budget": "all"}, "budget must be auto or at least 8 cells, got 'all'"),
         ({"degree": 3}, "degree must be 0, 1 or 2"),
         ({"growth": 1}, "growth must be greater"),
+        ({"growth": float("inf")}, "growth"),
+        ({"rate": float("inf")}, "rate"),
+        ({"gain": float("nan")}, "gain"),
+        ({"near": float("inf")}, "near"),
+        ({"most": -1}, "most must be at least 8"),
+        ({"side": 0}, "side must be at least 1"),
         ({"hold_out": 1}, "hold_out must be at least 2"),
         ({"step": 2}, "step must be in"),
     ):
         with pytest.raises(UsageError, match=line):
             FITTERS.build("nerf_grid", options)
+
+
+@pytest.mark.parametrize("name", ["growth", "gain", "rate", "near"])
+def test_an_option_is_a_finite_number(name):
+    with pytest.raises(ValueError, match=f"{name} must be finite, got inf"):
+        NerfGridFit(**{name: float("inf")})
+
+
+def test_levels_grow_however_little_is_asked():
+    assert NerfGridFit(first=8, most=11, growth=1.0001)._sizes() == [8, 9, 10, 11]
+
+
+@pytest.mark.parametrize("state", ["[]", '{"levels": 7}', '{"levels": [{"cells": 1}]}', "{}"])
+def test_a_damaged_state_is_told_in_one_line(views, tmp_path, state):
+    key = {"as": "nerf_grid", "options": asdict(QUICK), "views": views.digest}
+    said = json.loads(state)
+    (tmp_path / "fit.json").write_text(json.dumps({**key, **said} if said or state == "{}" else said))
+    with pytest.raises(InputError, match=r"fit\.json: is not the state of a fit \(choose another folder\)"):
+        QUICK.fit(views, tmp_path, silent)

@@ -56,6 +56,20 @@ def test_a_set_with_two_images_is_refused(views, tmp_path):
         views_of(posed, 100)
 
 
+@pytest.mark.parametrize("points", [None, torch.full((9, 3), 0.3)])
+@pytest.mark.parametrize("place", [0.0, 1e4])
+def test_cameras_or_points_at_one_place_are_refused(views, tmp_path, monkeypatch, points, place):
+    w2c = views.camera.w2c.clone()
+    w2c[:, :3, 3] = -(w2c[:, :3, :3] @ torch.full((3,), place, dtype=w2c.dtype))
+    lens, count = Lens((48, 48), (50.0, 50.0), (24.0, 24.0)), len(views)
+    camera = dataclasses.replace(views.camera, w2c=w2c)
+    names = tuple(map(str, range(count)))
+    posed = PosedImages(tmp_path, camera, (lens,) * count, names, tuple(map(tmp_path.joinpath, names)), points)
+    monkeypatch.setattr(PosedImages, "images", lambda *words: (camera, views.image))
+    with pytest.raises(InputError, match="expected several places, all are at one"):
+        views_of(posed, 48)
+
+
 def test_psnr_of_black_is_that_of_the_images_power(views):
     nothing = NerfGrid(torch.zeros(2, 2, 2), torch.zeros(2, 2, 2, 1, 3), torch.zeros(2, 2, 2), views.aabb)
     power = ((views.image / 255) ** 2).flatten(1).mean(1)
