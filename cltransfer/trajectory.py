@@ -16,6 +16,7 @@ from .errors import InputError
 from .files import read_json, write_json
 
 FRAME_LIMIT = 2000
+SIZE_LIMIT = 16384  # [px]
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Trajectory:
         """Read ``trajectory.json``.
 
         Raises:
-            InputError: the file is missing or a field is missing, of the wrong shape, not rigid or not finite.
+            InputError: the file is missing or a field is missing, of the wrong shape or range, not rigid or not finite.
         """
         data = read_json(path)
         if not isinstance(data, Mapping) or data.get("format") != "cltransfer.trajectory":
@@ -77,13 +78,13 @@ class Trajectory:
         frames = data.get("frames")
         if not isinstance(frames, list) or not 1 <= len(frames) <= FRAME_LIMIT:
             raise InputError(path, "frames", f"expected a list of 1 to {FRAME_LIMIT} frames")
+        size = _size(path, data.get("size"))
         try:
-            width, height = (int(v) for v in data["size"])
             w2c = torch.tensor([f["w2c"] for f in frames], dtype=torch.float64)
             K = torch.tensor([f["K"] for f in frames], dtype=torch.float64)
             times = torch.tensor([f["time"] for f in frames], dtype=torch.float64)
-            trajectory = cls(Camera(w2c, K, (width, height)), times)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            trajectory = cls(Camera(w2c, K, size), times)
+        except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise InputError(path, "frames", f"not a trajectory: {error}") from None
         trajectory._check(path)
         return trajectory
@@ -93,10 +94,24 @@ class Trajectory:
         rigid = (R @ R.transpose(1, 2) - torch.eye(3, dtype=R.dtype)).abs().amax() < 1e-4
         if not bool(torch.isfinite(self.camera.w2c).all() and torch.isfinite(self.camera.K).all()):
             raise InputError(path, "w2c, K", "expected finite numbers")
+        if not bool(torch.isfinite(self.times).all()):
+            raise InputError(path, "time", "expected finite numbers")
+        for name, rows, last in (("w2c", self.camera.w2c, (0, 0, 0, 1)), ("K", self.camera.K, (0, 0, 1))):
+            if not torch.allclose(rows[:, -1], torch.tensor(last, dtype=rows.dtype), rtol=0, atol=1e-9):
+                raise InputError(path, name, f"expected {' '.join(map(str, last))} as the last row")
         if not bool(rigid and (torch.linalg.det(R) > 0).all()):
             raise InputError(path, "w2c", "expected rotations", "a scaled or mirrored pose cannot be rendered")
-        if not bool((self.camera.K[:, [0, 1], [0, 1]] > 0).all()) or min(self.camera.size) < 1:
-            raise InputError(path, "K", "expected a positive focal length and size")
+        if not bool((self.camera.K[:, [0, 1], [0, 1]] > 0).all()):
+            raise InputError(path, "K", "expected a positive focal length")
+
+
+def _size(path: Path, value: Any) -> tuple[int, int]:
+    """Width and height [px] of what a file says."""
+    pair = isinstance(value, list) and len(value) == 2
+    if not pair or not all(type(v) in (int, float) and 1 <= v <= SIZE_LIMIT and v == int(v) for v in value):
+        expected = f"expected a width and a height, whole numbers in [1, {SIZE_LIMIT}]"
+        raise InputError(path, "size", f"{expected}, got {value!r}")
+    return int(value[0]), int(value[1])
 
 
 def jerk(camera: Camera, height: float) -> float:

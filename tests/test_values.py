@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,7 +90,18 @@ def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
     refuse("expected rotations", frames=mirrored)
     refuse("times must increase", frames=backwards)
     refuse("expected a list of 1 to 2000", frames=[])
-    refuse("not a trajectory", size="wide")
+    for size in ("wide", [math.inf, 90], [160.5, 90], [10**400, 90], [0, 90], [True, 90], [160], None):
+        refuse("size: expected a width and a height, whole numbers in", size=size)
+
+    def changed(number: int, **fields: object) -> list[dict[str, object]]:
+        return [{**frame, **(fields if i == number else {})} for i, frame in enumerate(good["frames"])]
+
+    refuse("time: expected finite numbers", frames=changed(2, time=math.inf))
+    refuse("not a trajectory", frames=changed(2, time=10**400))
+    refuse(
+        "w2c: expected 0 0 0 1 as the last row", frames=changed(1, w2c=[*good["frames"][1]["w2c"][:3], [0, 0, 0, 2]])
+    )
+    refuse("K: expected 0 0 1 as the last row", frames=changed(1, K=[*good["frames"][1]["K"][:2], [0, 0.1, 1]]))
 
 
 def test_key_joints_are_midpoints_of_crowdpose_joints() -> None:

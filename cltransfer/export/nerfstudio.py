@@ -14,9 +14,7 @@ from torch import Tensor
 from ..camera import Camera, intrinsics
 from ..errors import InputError
 from ..files import read_json, write_json
-from ..trajectory import FRAME_LIMIT, Trajectory
-
-SIZE_LIMIT = 16384  # [px]
+from ..trajectory import FRAME_LIMIT, SIZE_LIMIT, Trajectory
 
 
 def write_camera_path(path: Path, trajectory: Trajectory) -> None:
