@@ -27,7 +27,8 @@ def to_markdown(table: Table) -> list[str]:
 
 
 _ACTS = re.compile(
-    r"[\\|*`~]"  # wherever it stands
+    r"[\\|*`]"  # wherever it stands
+    r"|~(?=.*~)"  # alone, or the last one, it strikes nothing out
     r"|(?<![^\W_])_|_(?![^\W_])"  # at the edge of a word; within one it is a sign like others
     r"|\](?=[(\[])"  # of a link or an image
 )

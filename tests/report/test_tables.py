@@ -17,9 +17,10 @@ from cltransfer.report.tables import Table, to_latex, to_markdown
         ("[a][b]", r"[a\][b]"),
         ("[0.1, 0.2]", "[0.1, 0.2]"),
         ("_a_ shot_size", r"\_a\_ shot_size"),
-        ("`a` ~~b~~", r"\`a\` \~\~b\~\~"),
+        ("`a` ~~b~~", r"\`a\` \~\~b\~~"),
         ("a & b &lt; &#124; & c;", "a & b &amp;lt; &amp;#124; & c;"),
         (r"<i> \* |", r"&lt;i> \\\* \|"),
+        ("a~b", "a~b"),
         ("a! [b] & 50 %", "a! [b] & 50 %"),
     ],
 )
