@@ -208,7 +208,7 @@ def test_nothing_is_written_where_a_part_of_the_folder_leads_out_of_it(
 
 
 def test_what_cannot_be_run_is_refused_before_anything_is_written(
-    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     missing = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=[nowhere.mp4]")
@@ -230,6 +230,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     taken = command("ablate", sweep_file("{a: {}}"), "--out", tmp_path / "other")
     assert taken.code == 2
     assert "is neither empty nor an ablation" in taken.err
+    monkeypatch.setattr("cltransfer.ablate.pool.PATIENCE", 3)
     nobody = command(
         "ablate",
         sweep_file("{a: {}}"),
