@@ -119,6 +119,21 @@ class MeanFlow:
         return (reference.require("flow") - rendered.require("flow")).flatten(2).mean(-1).norm(dim=1)
 
 
+@pytest.fixture(scope="session")
+def own_loss() -> str:
+    """Text of a file that registers a loss called mine, its class open at the end."""
+    return """from dataclasses import dataclass
+from cltransfer.registry import LOSSES
+
+@LOSSES.register("mine")
+@dataclass(frozen=True)
+class Mine:
+    weight: float = 1.0
+    requires, unit, penalty = ("keypoints",), "frame", 1.0
+    __call__ = print
+"""
+
+
 @pytest.fixture
 def mean_flow() -> Iterator[tuple[str, ...]]:
     """Overrides by which :class:`MeanFlow` is the only loss; it is forgotten after the test."""

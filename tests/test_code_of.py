@@ -13,17 +13,6 @@ import pytest
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES, code_of
 
-OWN = """from dataclasses import dataclass
-from cltransfer.registry import LOSSES
-
-@LOSSES.register("mine")
-@dataclass(frozen=True)
-class Mine:
-    weight: float = 1.0
-    requires, unit, penalty = ("keypoints",), "frame", 1.0
-    __call__ = print
-"""
-
 
 @pytest.fixture(autouse=True)
 def forgotten() -> Iterator[None]:
@@ -33,12 +22,12 @@ def forgotten() -> Iterator[None]:
 
 
 @pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_loss: str) -> Iterator[Path]:
     """An installed package whose loss stands in one of its modules and takes its formula from another."""
     for name in ("", "losses", "maths"):
         (tmp_path / "own_plugins" / name).mkdir()
         (tmp_path / "own_plugins" / name / "__init__.py").touch()
-    (tmp_path / "own_plugins" / "losses" / "mine.py").write_text(f"from ..maths import formula\n{OWN}")
+    (tmp_path / "own_plugins" / "losses" / "mine.py").write_text(f"from ..maths import formula\n{own_loss}")
     (tmp_path / "own_plugins" / "maths" / "formula.py").write_text("SCALE = 1.0\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path / "own_plugins"
@@ -72,11 +61,11 @@ def test_what_an_editor_leaves_in_a_package_is_no_code(package: Path) -> None:
     assert code_of(LOSSES.build("mine")) == whole
 
 
-def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(OWN)
+def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path: Path, own_loss: str) -> None:
+    (tmp_path / "mine.py").write_text(own_loss)
     allow([tmp_path])
     alone = code_of(LOSSES.build("mine"))
-    assert alone == hashlib.sha256(OWN.encode()).hexdigest()
+    assert alone == hashlib.sha256(own_loss.encode()).hexdigest()
     (tmp_path / "other.py").touch()
     assert code_of(LOSSES.build("mine")) == alone
     (tmp_path / "__init__.py").touch()

@@ -72,18 +72,6 @@ def test_what_a_class_lacks_is_named_with_how_it_is_written(kind: str, name: str
     assert caught.value.hint.startswith("write ")
 
 
-OWN = """from dataclasses import dataclass
-from cltransfer.registry import LOSSES
-
-@LOSSES.register("mine")
-@dataclass(frozen=True)
-class Mine:
-    weight: float = 1.0
-    requires, unit, penalty = ("keypoints",), "frame", 1.0
-    __call__ = print
-"""
-
-
 WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("loss", {"requires": "keypoints"}, "has requires = 'keypoints', expected a tuple of feature names"),
     ("loss", {"requires": ()}, r"has requires = \(\), expected"),
@@ -167,9 +155,9 @@ def test_what_only_resembles_a_column_is_a_name_and_so_is_one_of_what_has_no_col
         registry.register("frames")
 
 
-def test_two_plugins_of_one_name_are_told_with_their_files(tmp_path: Path) -> None:
+def test_two_plugins_of_one_name_are_told_with_their_files(tmp_path: Path, own_loss: str) -> None:
     for name in ("a.py", "b.py"):
-        (tmp_path / name).write_text(OWN)
+        (tmp_path / name).write_text(own_loss)
     with pytest.raises(ModelError) as caught:
         allow([tmp_path / "a.py", tmp_path / "b.py"])
     line = f"{tmp_path / 'b.py'}: loss 'mine': the name is taken by {tmp_path / 'a.py'}; choose another"
@@ -184,8 +172,8 @@ FAILS = {
 
 
 @pytest.mark.parametrize("more", FAILS)
-def test_a_class_that_cannot_be_built_is_named(tmp_path: Path, more: str) -> None:
-    (tmp_path / "mine.py").write_text(OWN + more)
+def test_a_class_that_cannot_be_built_is_named(tmp_path: Path, own_loss: str, more: str) -> None:
+    (tmp_path / "mine.py").write_text(own_loss + more)
     allow([tmp_path / "mine.py"])
     with pytest.raises(ModelError) as caught:
         LOSSES.build("mine", {"weight": 7.0})
