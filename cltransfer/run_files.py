@@ -11,9 +11,10 @@ MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin",
 FRAMES = Path("video") / "frames.mkv"  # lossless
 VIDEO = Path("video") / "render.mp4"
 BESIDE = Path("video") / "side_by_side.mp4"
+STRIP = "strip.jpg"
 RESULTS = (
-    DONE, MANIFEST, CONFIG, "trajectory.json", "camera/camera_path.json", FRAMES, VIDEO, BESIDE, "subject.json",
-    "labels.safetensors", "metrics.json", "metrics.csv", "report.html",
+    DONE, MANIFEST, CONFIG, "trajectory.json", "camera/camera_path.json", FRAMES, VIDEO, BESIDE, STRIP,
+    "subject.json", "labels.safetensors", "metrics.json", "metrics.csv", "report.html",
 )  # fmt: skip
 
 

@@ -32,7 +32,8 @@ from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report
 from .report.side_by_side import side_by_side
-from .run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, VIDEO, clear, require_done
+from .report.strip import write_strip
+from .run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, STRIP, VIDEO, clear, require_done
 from .scenes.lifted import SUBJECT, save_labels
 from .scenes.load import load_scene
 from .threads import default_count, set_threads, thread_count
@@ -66,6 +67,7 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     if reference.image is not None:
         both = side_by_side(reference.image, result.image, trajectory.times)
         write_video(folder / BESIDE, both, trajectory.times)
+        write_strip(folder / STRIP, reference.image, result.image, trajectory.times)
     if result.scene.subject is not None:
         result.scene.subject.save(folder / SUBJECT)
         save_labels(folder, result.scene.geometry.label)
@@ -155,6 +157,7 @@ def summary_lines(folder: Path, report: ReportData) -> str:
     for name in (
         "video/side_by_side.mp4",
         "video/render.mp4",
+        STRIP,
         "trajectory.json",
         "camera/camera_path.json",
         "report.html",

@@ -57,7 +57,15 @@ LEFT: tuple[str, ...] = (
     "metrics.json",
     "metrics.csv",
 )
-LEFT += ("video/render.mp4", "video/side_by_side.mp4", "subject.json", "labels.safetensors", "report.html", "DONE")
+LEFT += (
+    "video/render.mp4",
+    "video/side_by_side.mp4",
+    "strip.jpg",
+    "subject.json",
+    "labels.safetensors",
+    "report.html",
+    "DONE",
+)
 METRICS = {"shot_size", "framing", "filmic_space", "camera_movement", "camera_angle", "total"}
 
 PLUGIN = """

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from torch import Tensor
@@ -16,9 +15,9 @@ from ..files import write_text
 from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
 from .metrics import HEAD, number, rows
+from .strip import evenly, thumbnail
 
 _COLUMNS = 8
-_WIDTH = 320  # [px] of a frame in the strip
 _QUALITY = 82  # of JPEG
 
 
@@ -62,15 +61,13 @@ def page(report: ReportData) -> str:
 
 def _pairs(report: ReportData) -> list[Pair]:
     """Up to eight frames spread evenly over the clip."""
-    count = len(report.times)
-    indices = np.unique(np.linspace(0, count - 1, min(_COLUMNS, count)).round().astype(int))
     return [
         Pair(
             f"{float(report.times[i]):.2f} s",
             None if report.reference_frames is None else _data_uri(report.reference_frames[i]),
             _data_uri(report.render_frames[i]),
         )
-        for i in indices.tolist()
+        for i in evenly(len(report.times), _COLUMNS)
     ]
 
 
@@ -80,11 +77,7 @@ def _data_uri(frame: Tensor) -> str:
     Raises:
         ValueError: the encoder refused it.
     """
-    image = np.ascontiguousarray(frame.permute(1, 2, 0).numpy()[..., ::-1])
-    size = (_WIDTH, max(1, round(image.shape[0] * _WIDTH / image.shape[1])))
-    done, coded = cv2.imencode(
-        ".jpg", cv2.resize(image, size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
-    )
+    done, coded = cv2.imencode(".jpg", thumbnail(frame)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not done:
-        raise ValueError(f"could not encode a frame of {image.shape[1]}x{image.shape[0]} px as JPEG")
+        raise ValueError(f"could not encode a frame of {frame.shape[2]}x{frame.shape[1]} px as JPEG")
     return "data:image/jpeg;base64," + base64.b64encode(coded.tobytes()).decode()

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-_GAP = 4  # [px] between the two
-_INK, _PAPER = (235, 235, 235), 18  # RGB of text, grey of the ground
+GAP = 4  # [px] between two frames
+_INK, PAPER = (235, 235, 235), 18  # RGB of text, grey of the ground
 
 
 def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
@@ -30,13 +30,13 @@ def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
     height = max(reference.shape[2], render.shape[2])
     left, right = _to_height(reference, height), _to_height(render, height)
     band = _band(height)
-    width = left.shape[2] + _GAP + right.shape[2]
-    sheet = np.full((len(left), (band + height + 1) // 2 * 2, (width + 1) // 2 * 2, 3), _PAPER, np.uint8)
-    sheet[:, :band] = _captions(band, sheet.shape[2], left.shape[2] + _GAP)
+    width = left.shape[2] + GAP + right.shape[2]
+    sheet = np.full((len(left), (band + height + 1) // 2 * 2, (width + 1) // 2 * 2, 3), PAPER, np.uint8)
+    sheet[:, :band] = _captions(band, sheet.shape[2], left.shape[2] + GAP)
     sheet[:, band : band + height, : left.shape[2]] = left
-    sheet[:, band : band + height, left.shape[2] + _GAP : width] = right
+    sheet[:, band : band + height, left.shape[2] + GAP : width] = right
     for frame, time in zip(sheet, times.tolist()):
-        _write(frame[:band], f"{time:.2f} s", right_of=None)
+        write_line(frame[:band], f"{time:.2f} s", right_of=None)
     return torch.from_numpy(sheet).permute(0, 3, 1, 2)
 
 
@@ -54,10 +54,10 @@ def reference_side(sheet: Tensor) -> Tensor:
     """
     total, width = sheet.shape[2:]
     height = next((h for h in range(total, 0, -1) if (_band(h) + h + 1) // 2 * 2 == total), None)
-    if height is None or width <= _GAP:
+    if height is None or width <= GAP:
         raise ValueError(f"expected two clips side by side, got {width}x{total} px")
     top = _band(height)
-    return sheet[:, :, top : top + height, : (width - _GAP) // 2]
+    return sheet[:, :, top : top + height, : (width - GAP) // 2]
 
 
 def _band(height: int) -> int:
@@ -76,13 +76,13 @@ def _to_height(clip: Tensor, height: int) -> np.ndarray:
 
 def _captions(band: int, width: int, second: int) -> np.ndarray:
     """The line above the frames, (band, width, 3), with what does not change."""
-    line = np.full((band, width, 3), _PAPER, np.uint8)
-    _write(line, "reference", right_of=0)
-    _write(line, "transfer", right_of=second)
+    line = np.full((band, width, 3), PAPER, np.uint8)
+    write_line(line, "reference", right_of=0)
+    write_line(line, "transfer", right_of=second)
     return line
 
 
-def _write(line: np.ndarray, text: str, right_of: int | None) -> None:
+def write_line(line: np.ndarray, text: str, right_of: int | None) -> None:
     """Text in a line (band, W, 3), from a column on, or at the right end where that is None."""
     scale = 0.55 * line.shape[0] / 20
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)
