@@ -104,12 +104,11 @@ def _views(result: Result) -> Iterator[Flag]:
 
 
 def _search(result: Result) -> Iterator[Flag]:
-    found, search = result.kept.found, result.search
-    low, high = (bound[: found.x.shape[1]] for bound in search.bounds())
-    x = found.x if result.kept.path is None else result.kept.path.x
+    x, search = result.kept.x, result.search
+    low, high = (bound[: x.shape[1]] for bound in search.bounds())
     for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
         yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
-    local = found.local
+    local = result.kept.found.local
     if local is None:
         return
     for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):

@@ -85,6 +85,11 @@ class Attempt:
     blocked: dict[str, Tensor]  # (N,) each
     left_out: LeftOut | None
 
+    @property
+    def x(self) -> Tensor:
+        """The path taken, (N, D)."""
+        return self.found.x if self.path is None else self.path.x
+
 
 def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
     """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
