@@ -39,7 +39,7 @@ def faithful(name: str) -> Measure:
 
 
 def held_out(reading: str, name: str) -> Measure:
-    """Mean of a term by extractors that no objective had; NaN where it was not read."""
+    """Mean of a term by extractors that no objective had, priced as :func:`term` is; NaN where it was not read."""
     return lambda row: mean(row["held_out"].get(reading, {}).get(name, ()))
 
 

@@ -159,11 +159,11 @@ def _judged(trial: Trial, clip: Clip, take: Take) -> Row:
 
 
 def _held_out(clip: Clip, take: Take, trial: Trial, name: str) -> dict[str, list[float]]:
-    """Raw terms by extractors that no objective had."""
+    """Terms by extractors that no objective had; a render that lacks what the reference has pays the penalty."""
     side = NETWORK_SIDE if name == "networks" else SIDE
     reader, other = (Reader.of(scene, HELD_OUT[name], side) for scene in (trial.pupil, trial.teacher))
     verdict = judge(reader.objective, *_both(clip, take, reader, other))
-    return _columns(verdict, verdict.terms)
+    return _columns(verdict, verdict.priced)
 
 
 def _both(clip: Clip, take: Take, reader: Reader, other: Reader) -> tuple[Features, Features]:

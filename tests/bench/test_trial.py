@@ -1,4 +1,4 @@
-"""What a row is told of: the path that was taken."""
+"""What a row is told of: the path that was taken, priced where it lacks what the reference has."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from cltransfer.bench import trial as plain
-from cltransfer.bench.protocol import Trial
+from cltransfer.bench.judge import HELD_OUT
+from cltransfer.bench.protocol import SIZE, Trial
 from cltransfer.bench.stress import trial as stressed
 from cltransfer.bench.stress.case import Film
+from cltransfer.camera import Camera
 from cltransfer.config_options import RunConfig
+from cltransfer.registry import LOSSES
+from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import Inputs, Result, transfer
 
 SMALL = ("search_side=64",)
@@ -40,3 +45,15 @@ def test_under_stress_too(monkeypatch: pytest.MonkeyPatch) -> None:
     trial = stressed.StressTrial("fast", "", 0, "push_in", "plaza-2", "room-3", 1, 2, SMALL)
     clip = stressed._drawn(trial.clip, Film(2, stressed.SIZE))
     assert stressed._taken(trial, clip, clip.case)[1].tolist() == [False, False]
+
+
+def test_who_loses_the_person_pays_in_a_held_out_reading_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(HELD_OUT, "joints", ("losses.camera_movement=null", "losses.filmic_space=null"))
+    trial = Trial("fast", "push_in", "plaza-2000", "plaza-2000", 1000, 2)
+    clip = plain.Clip.drawn(trial)
+    eye, scene = clip.true.camera.center, clip.pupil
+    away = Camera.look_at(eye, 2 * eye - plain.person(scene).anchor, scene.up, 0.7, SIZE)
+    take = plain.Take(Trajectory(away, clip.true.times), torch.zeros(2, dtype=torch.bool), {})
+    read = plain._held_out(clip, take, trial, "joints")
+    for name in ("shot_size", "framing"):
+        assert read[name] == [LOSSES.build(name).penalty] * 2
