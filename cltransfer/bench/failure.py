@@ -12,7 +12,7 @@ from ..features import Features
 from ..skeleton import VISIBLE
 
 JOINTS_FOUND = 0.5  # of the joints that the reference shows
-LEAST_ALPHA = 0.9  # of the frame that the scene covers
+LEAST_ALPHA = 0.9  # of the frame that the scene covers; of what it covers for the true camera where that is less
 LEAST_SUBJECT = 0.002  # of the frame
 NEAR = 0.1  # subject heights: nearer surfaces
 NEAR_AREA = 0.05  # may cover so much of the frame
@@ -41,12 +41,21 @@ class Shown:
     height: float
 
 
-def failed_frames(reference: Features, shown: Shown, finite: Tensor, pinned: Tensor) -> Mapping[str, Tensor]:
+def cover(alpha: Tensor) -> Tensor:
+    """Share of each frame that a scene covers, (N,), of its alpha (N, H, W)."""
+    return alpha.flatten(1).double().mean(1)
+
+
+def failed_frames(
+    reference: Features, shown: Shown, true_cover: Tensor, finite: Tensor, pinned: Tensor
+) -> Mapping[str, Tensor]:
     """Which frames have failed and why, by reason, (N,) bool each.
 
     Args:
         reference: N frames with keypoints and subject.
         shown: what was rendered.
+        true_cover: share of the frame that the same scene covers for the true cameras, (N,): one without a sky, as a
+            grid outdoors, leaves some of it empty whatever is done.
         finite: whether camera and total are finite, (N,) bool.
         pinned: whether a parameter stands at its bound, (N,) bool.
     """
@@ -55,8 +64,8 @@ def failed_frames(reference: Features, shown: Shown, finite: Tensor, pinned: Ten
     small = (shown.label > 0.5).flatten(1).double().mean(1) < LEAST_SUBJECT
     small &= reference.require("subject").flatten(1).double().mean(1) >= LEAST_SUBJECT
     near = (shown.depth < NEAR * shown.height).flatten(1).double().mean(1) > NEAR_AREA
-    covered = shown.alpha.flatten(1).double().mean(1)
-    return dict(zip(REASONS, (~finite, found, covered < LEAST_ALPHA, small, near, pinned)))
+    bare = cover(shown.alpha) < LEAST_ALPHA * true_cover.where(true_cover < LEAST_ALPHA, 1.0)
+    return dict(zip(REASONS, (~finite, found, bare, small, near, pinned)))
 
 
 def pinned_frames(x: Tensor, bounds: tuple[Tensor, Tensor], search: str) -> Tensor:

@@ -16,7 +16,7 @@ from ..objective import Objective
 from ..readback import read_path
 from ..scenes import Scene
 from ..search.subject_orbit import SCALE, SubjectOrbit
-from .failure import Shown
+from .failure import Shown, cover
 from .methods import judge_config
 
 SIDE = 240  # longer side of the judged frames [px]; no method searches at it
@@ -68,14 +68,21 @@ class Reader:
 
     def shown(self, scene: Scene, cameras: Camera, features: Features) -> Shown:
         """What else tells whether frames have failed."""
-        buffers = frozenset({"alpha", "label", "depth"})
-        size = self.stage(scene).size
-        seen = [self.parts.renderer.render(scene, cameras[i].at_size(size), buffers) for i in range(len(cameras))]
+        seen = self._drawn(scene, cameras, frozenset({"alpha", "label", "depth"}))
         alpha, label, depth = (
             torch.cat([getattr(frame, name) for frame in seen]) for name in ("alpha", "label", "depth")
         )
         assert scene.subject is not None
         return Shown(features, alpha, label, depth, scene.subject.height)
+
+    def cover(self, scene: Scene, cameras: Camera) -> Tensor:
+        """Share of each frame that the scene covers, (N,)."""
+        return torch.cat([cover(frame.require("alpha")) for frame in self._drawn(scene, cameras, frozenset({"alpha"}))])
+
+    def _drawn(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> list[Features]:
+        """Buffers of one frame after the other."""
+        size = self.stage(scene).size
+        return [self.parts.renderer.render(scene, cameras[i].at_size(size), buffers) for i in range(len(cameras))]
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ def _judged(trial: Trial, clip: Clip, take: Take) -> Row:
     cameras = take.trajectory.camera
     finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
     shown = reader.shown(clip.pupil, cameras, rendered)
-    reasons = failed_frames(reference, shown, finite, take.pinned)
+    reasons = failed_frames(reference, shown, reader.cover(clip.pupil, clip.true.camera), finite, take.pinned)
     failed = torch.stack(list(reasons.values())).any(0)
     total, chance = float(verdict.totals.mean()), random_total(reader, reference, clip.pupil, trial.seed)
     classes, wanted = shot_scale(rendered), shot_scale(reference)

@@ -25,8 +25,14 @@ def _frame() -> tuple[Features, Shown]:
     return features, Shown(features, torch.ones(1, 18, 32), mask.float(), torch.full((1, 18, 32), 4.0), 1.7)
 
 
-def _reasons(reference: Features, shown: Shown, finite: torch.Tensor = YES, pinned: torch.Tensor = NO) -> set[str]:
-    found = failed_frames(reference, shown, finite, pinned)
+def _reasons(
+    reference: Features,
+    shown: Shown,
+    finite: torch.Tensor = YES,
+    pinned: torch.Tensor = NO,
+    true_cover: float = 1.0,
+) -> set[str]:
+    found = failed_frames(reference, shown, torch.tensor([true_cover]).double(), finite, pinned)
     assert tuple(found) == REASONS
     return {reason for reason, where in found.items() if bool(where)}
 
@@ -48,6 +54,14 @@ def test_a_tenth_of_the_frame_may_be_empty():
     reference, shown = _frame()
     assert _reasons(reference, replace(shown, alpha=0.91 * shown.alpha)) == set()
     assert _reasons(reference, replace(shown, alpha=0.89 * shown.alpha)) == {"coverage"}
+
+
+@pytest.mark.parametrize(("true_cover", "least"), [(1.0, 0.9), (0.95, 0.9), (0.8, 0.72), (0.0, 0.0)])
+def test_where_the_scene_ends_the_true_cameras_tell_how_much_may_be_empty(true_cover: float, least: float) -> None:
+    reference, shown = _frame()
+    for covered in (least - 0.01, least + 0.01):
+        seen = replace(shown, alpha=max(0.0, covered) * shown.alpha)
+        assert _reasons(reference, seen, true_cover=true_cover) == ({"coverage"} if 0 < covered < least else set())
 
 
 def test_the_subject_must_be_there_unless_the_reference_is_without_it():

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from cltransfer.bench import trial as plain
+from cltransfer.bench.failure import LEAST_ALPHA
 from cltransfer.bench.judge import HELD_OUT
 from cltransfer.bench.protocol import SIZE, Trial
 from cltransfer.bench.stress import trial as stressed
@@ -57,3 +58,11 @@ def test_who_loses_the_person_pays_in_a_held_out_reading_too(monkeypatch: pytest
     read = plain._held_out(clip, take, trial, "joints")
     for name in ("shot_size", "framing"):
         assert read[name] == [LOSSES.build(name).penalty] * 2
+
+
+def test_the_true_cameras_do_not_fail_where_the_scene_has_no_sky() -> None:
+    trial = Trial("fast", "push_in", "stage-200000", "path-200001-grid", 1000, 2)
+    clip = plain.Clip.drawn(trial)
+    take = plain.Take(clip.true, torch.zeros(2, dtype=torch.bool), {})
+    assert float(plain.Reader.of(trial.pupil).cover(clip.pupil, clip.true.camera).max()) < LEAST_ALPHA
+    assert plain._judged(trial, clip, take)["failed"] == {}

@@ -35,7 +35,7 @@ from ...shots import shot
 from ...threads import set_threads
 from ...trajectory import Trajectory
 from ...transfer import Inputs, transfer
-from ..failure import Shown, failed_clip, failed_frames, pinned_frames
+from ..failure import Shown, cover, failed_clip, failed_frames, pinned_frames
 from ..judge import Reader, Verdict, judge, random_total
 from ..methods import config_of, config_text, method
 from ..protocol import FPS, SIZE, drawn_start
@@ -107,6 +107,7 @@ class _Clip:
 
     case: Case
     path: Camera  # of the reference
+    true: Camera  # the same program about the person of the target
     scale: float  # height of the person in the target over that in the reference
     stage: Stage  # the judge's, on the target
 
@@ -128,7 +129,8 @@ def run_stress(trial: StressTrial) -> Row:
     rendered = read_path(clip.stage, cameras)
     verdict = judge(clip.stage.objective, clip.case.reference, rendered)
     finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
-    failed = failed_frames(clip.case.reference, _shown(clip.stage, cameras, rendered), finite, pinned)
+    shown = _shown(clip.stage, cameras, rendered)
+    failed = failed_frames(clip.case.reference, shown, _cover(clip.stage, clip.true), finite, pinned)
     reasons = torch.stack(list(failed.values())).any(0)
     total, chance = float(verdict.totals.mean()), _chance(trial.clip, trial.frames)
     return {
@@ -154,7 +156,7 @@ def _drawn(clip: ClipName, film: Film) -> _Clip:
     reference = read_path(_stage(teacher, parts, film.size), path.camera)
     stage = _stage(pupil, parts, film.size, reference.names())
     case = Case(replace(reference, camera=None, person=None), path.times, pupil, true.camera[0])
-    return _Clip(case, path.camera, person(pupil).height / person(teacher).height, stage)
+    return _Clip(case, path.camera, true.camera, person(pupil).height / person(teacher).height, stage)
 
 
 def _stage(scene: Scene, parts: Components, size: tuple[int, int], shared: frozenset[str] | None = None) -> Stage:
@@ -198,6 +200,12 @@ def _shown(stage: Stage, cameras: Camera, features: Features) -> Shown:
     buffers = frozenset({"alpha", "label", "depth"})
     drawn = stage.renderer.render(stage.scene, cameras.at_size(stage.size), buffers)
     return Shown(features, drawn.alpha, drawn.label, drawn.depth, person(stage.scene).height)
+
+
+def _cover(stage: Stage, cameras: Camera) -> Tensor:
+    """Share of each frame that the scene covers, (N,)."""
+    drawn = stage.renderer.render(stage.scene, cameras.at_size(stage.size), frozenset({"alpha"}))
+    return cover(drawn.require("alpha"))
 
 
 @lru_cache(maxsize=64)
