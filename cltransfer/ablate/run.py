@@ -141,7 +141,7 @@ def markdown(ablation: Ablation) -> list[str]:
         first = ablation.rows[0].name
         lines += [
             "",
-            f"Paired with {first}, case by case (n pairs); bold: {FEWEST} pairs or more, and zero excluded.",
+            f"Paired with {first}, case by case (n pairs); bold: zero excluded, by {FEWEST} pairs or more that differ.",
             "",
         ]
         lines += to_markdown(differences_table(ablation.rows))

@@ -12,7 +12,7 @@ from .trial import Case, Metric, Outcome
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
-FEWEST = 6  # values of one sign by chance: 1 in 32; of fewer the bootstrap's interval excludes zero too often
+FEWEST = 6  # values of one sign by chance: 1 in 32; of fewer, zeros apart, the interval excludes zero too often
 
 
 @dataclass(frozen=True)
@@ -23,17 +23,19 @@ class Estimate:
         mean: None where nothing has a value.
         low, high: percentile bootstrap of the mean over trials, 95 %; None of fewer than two.
         count: values it is the mean of.
+        nonzero: how many of them are not 0: of differences those that have a sign.
     """
 
     mean: float | None
     low: float | None
     high: float | None
     count: int
+    nonzero: int
 
     @property
     def certain(self) -> bool:
-        """Whether the interval excludes zero, of enough values for that to say something."""
-        if self.low is None or self.high is None or self.count < FEWEST:
+        """Whether the interval excludes zero, of enough values that are not zero for that to say something."""
+        if self.low is None or self.high is None or self.nonzero < FEWEST:
             return False
         return self.low > 0 or self.high < 0
 
@@ -81,13 +83,16 @@ class RowSummary:
 def estimate(values: Sequence[float]) -> Estimate:
     """Mean of ``values`` with its percentile bootstrap interval; the resampling has a seed of its own.
 
-    >>> estimate([1.0, 1.0]), estimate([])
-    (Estimate(mean=1.0, low=1.0, high=1.0, count=2), Estimate(mean=None, low=None, high=None, count=0))
+    >>> estimate([1.0, 1.0])
+    Estimate(mean=1.0, low=1.0, high=1.0, count=2, nonzero=2)
+    >>> estimate([])
+    Estimate(mean=None, low=None, high=None, count=0, nonzero=0)
     """
     from scipy.stats import bootstrap
 
+    counts = len(values), sum(value != 0 for value in values)
     if len(values) < 2:
-        return Estimate(values[0] if values else None, None, None, len(values))
+        return Estimate(values[0] if values else None, None, None, *counts)
     generator = np.random.Generator(np.random.PCG64(0))
     found = bootstrap(
         (np.asarray(values),),
@@ -98,7 +103,7 @@ def estimate(values: Sequence[float]) -> Estimate:
         rng=generator,
     )
     interval = found.confidence_interval
-    return Estimate(fmean(values), float(interval.low), float(interval.high), len(values))
+    return Estimate(fmean(values), float(interval.low), float(interval.high), *counts)
 
 
 def summarise(rows: Iterable[str], outcomes: Iterable[Outcome]) -> list[RowSummary]:

@@ -160,7 +160,7 @@ def write_table1(rows: Sequence[Row], found: Sequence[Duel], folder: Path, out: 
     lines = [
         f"Made by `{command}`; protocol: docs/protocol.md.{smoke}",
         "Differences are ours minus the baseline's, clip by clip, with 95 % bootstrap intervals; bold ones exclude 0",
-        f"(of {FEWEST} clips or more).",
+        f"(of {FEWEST} clips or more that differ).",
         measured_at(rows),
         *machine(),
         *markdown(found),

@@ -60,6 +60,11 @@ def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
     assert not difference.certain  # of two
     assert estimate([0.1] * 6).certain
     assert not estimate([0.1] * 5).certain
+    few, enough = (estimate([*[-1.0] * n, *[0.0] * (22 - n)]) for n in (5, 6))
+    assert few.high is not None
+    assert few.high < 0  # whatever does not differ says nothing of a sign
+    assert (few.count, few.certain) == (22, False)
+    assert (enough.count, enough.certain) == (22, True)
     assert full.metrics["shot_size"].value.count == 3
     assert (full.metrics["shot_size"].defined, full.metrics["shot_size"].frames) == (12, 16)
     assert (less.trials, less.failed) == (4, 1)
