@@ -124,14 +124,20 @@ class Tier:
     options: tuple[str, ...] = ()
 
     def clips(self, seeds: Sequence[int] = ()) -> Iterator[tuple[str, str, str, int]]:
-        """Shot, teacher, pupil and seed of every clip; each shot and seed has people and furniture of its own."""
+        """Shot, teacher, pupil and seed of every clip.
+
+        Each shot and seed has people and furniture of its own, and a teacher that they have several times has others
+        each time, so that no reference is taught twice.
+        """
         chosen = seeds or range(FIRST_SEED, FIRST_SEED + self.seeds)
         for number, seed in enumerate(chosen):
             for index, shot in enumerate(self.shots):
                 first = index * self.per_shot + number
-                for k in range(self.per_shot):
-                    teacher, pupil = self.pairs[(first + k) % len(self.pairs)]
-                    drawn = 2 * (100 * seed + index)
+                places = [(first + k) % len(self.pairs) for k in range(self.per_shot)]
+                for place in places:
+                    teacher, pupil = self.pairs[place]
+                    before = sum(self.pairs[other][0] == teacher for other in places if other < place)
+                    drawn = 2 * (100 * seed + index + len(self.shots) * before)
                     taught = drawn if pupil == teacher else drawn + 1  # another person, unless it is itself
                     yield shot, f"{teacher}-{drawn}", f"{pupil}-{taught}", seed
 

@@ -1,9 +1,11 @@
 """What a trial is: drawn without end, the same for every method, told apart by its key."""
 
+import hashlib
 from collections import Counter
 
 import pytest
 
+from cltransfer.bench.chart import CHART_TIERS
 from cltransfer.bench.measures import is_self
 from cltransfer.bench.methods import METHODS, config_of, renderer_override
 from cltransfer.bench.protocol import CROSS, FIRST_SEED, SELF, STARTS, TIERS, Trial, drawn_start
@@ -40,6 +42,29 @@ def test_reference_and_target_have_other_people_except_in_a_self_transfer():
     for _, teacher, pupil, _ in TIERS["full"].clips([7]):
         same = teacher.split("-")[0] == pupil.split("-")[0]
         assert (teacher == pupil) == same
+
+
+def test_no_reference_is_taught_twice():
+    clips = list(TIERS["full"].clips())
+    assert len({(shot, teacher, seed) for shot, teacher, _, seed in clips}) == len(clips) == 1040
+    assert len({(shot, pupil, seed) for shot, _, pupil, seed in clips}) == len(clips)
+
+
+def test_the_clips_of_a_seed_do_not_depend_on_the_seeds_beside_it():
+    alone, beside = set(TIERS["full"].clips([1001])), set(TIERS["full"].clips([1000, 1001]))
+    assert alone == {clip for clip in beside if clip[-1] == 1001}
+
+
+@pytest.mark.parametrize(
+    ("tier", "digest"),
+    [
+        (TIERS["standard"], "990d4d7b06b68658"),
+        (CHART_TIERS["standard"], "cfa59c6e082625e0"),
+        (CHART_TIERS["full"], "3ccb9bb703eb2c60"),
+    ],
+)
+def test_the_clips_that_were_published_stay_what_they_are(tier, digest):
+    assert hashlib.sha256(repr(list(tier.clips())).encode()).hexdigest()[:16] == digest
 
 
 def test_every_method_gets_the_same_clips():
