@@ -10,7 +10,7 @@ from kornia.metrics import angle_error_mat
 
 from ..camera import Camera
 
-STANDING = 0.02  # subject heights: a path that travels less has no scale
+STANDING = 0.02  # subject heights: a path whose root mean square distance from its start is less has no scale
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,12 @@ class PathErrors:
         position: [subject heights].
         rotation: [degrees].
         log_focal: natural log of the ratio of focal lengths, >= 0.
-        path_position: root mean square after the first frames and the lengths travelled were made equal [subject
-            heights]; no rotation is fitted, since the centres of a dolly lie on a line and leave one open.
+        path_position: root mean square after the first frames, and then the root mean square distances from where they
+            stand, were made equal [subject heights]; no rotation is fitted, since the centres of a dolly lie on a line
+            and leave one open.
         path_rotation: after the first frames were made equal [degrees].
-        path_scale: travel of the true path over that of the found one, 1 where either stands.
+        path_scale: root mean square distance of the true path from its start over that of the found one, 1 where either
+            stands.
     """
 
     position: float
@@ -42,8 +44,8 @@ def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
     focal = torch.log((found.focal / found.size[1]) / (true.focal / true.size[1])).abs()
     aligned = true.c2w[:1] @ inverse_transformation(found.c2w[:1]) @ found.c2w
     moved, wanted = ((c2w[:, :3, 3] - true.center[:1]) / height for c2w in (aligned, true.c2w))
-    travel, true_travel = (float(path.pow(2).sum(1).mean().sqrt()) for path in (moved, wanted))
-    scale = true_travel / travel if min(travel, true_travel) > STANDING else 1.0
+    spread, true_spread = (float(path.pow(2).sum(1).mean().sqrt()) for path in (moved, wanted))
+    scale = true_spread / spread if min(spread, true_spread) > STANDING else 1.0
     turned = angle_error_mat(aligned[:, :3, :3].transpose(1, 2), true.w2c[:, :3, :3])
     return PathErrors(
         position=float(position.median()),
