@@ -45,6 +45,7 @@ class LossMetric(Metric):
         self._prefix = "_".join([name, *([_digest(options)] if options else [])])
         for state in ("total", "defined", "frames"):
             self.add_state(f"{self._prefix}_{state}", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+        self._covered = (0, 0)  # when it was computed last
 
     def update(self, reference: Features | Tensor, rendered: Features | None = None) -> None:
         """Add N frames.
@@ -73,13 +74,18 @@ class LossMetric(Metric):
         return self.loss(reference, rendered)
 
     def compute(self) -> Tensor:
-        """Mean over the defined frames, (); NaN where there is none."""
+        """Mean over the defined frames of all processes, (); NaN where there is none."""
+        self._covered = int(self._state("defined")), int(self._state("frames"))  # in here states are of all processes
         return self._state("total") / self._state("defined")
 
     @property
     def coverage(self) -> tuple[int, int]:
-        """How many frames have a value, of how many."""
-        return int(self._state("defined")), int(self._state("frames"))
+        """How many frames have a value, of how many, in all processes.
+
+        As for :meth:`compute`, which it calls where nothing is computed yet, every process must ask.
+        """
+        self.compute()
+        return self._covered
 
     def _state(self, state: str) -> Tensor:
         return getattr(self, f"{self._prefix}_{state}")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from torch import Tensor
 from torchmetrics import MetricCollection
 from torchmetrics.wrappers import BootStrapper
 
@@ -81,6 +82,20 @@ def test_states_of_two_processes_add_up() -> None:
     both.update(REFERENCE, RENDERED)
     first.merge_state(second)
     torch.testing.assert_close(first.compute(), both.compute())
+
+
+def test_coverage_is_that_of_all_processes_as_the_mean_is() -> None:
+    def gathered(value: Tensor, group: object = None) -> list[Tensor]:
+        """The state of this process and of another one, that holds [5, nan, nan]."""
+        return [value, next(states)]
+
+    metric = LossMetric("framing", dist_sync_fn=gathered, distributed_available_fn=lambda: True)
+    for values, covered in (([1.0, 3.0], (3, 5)), ([7.0], (4, 6))):
+        states = iter(torch.tensor([5.0, 1.0, 3.0], dtype=torch.float64))  # total, defined, frames
+        metric.update(torch.tensor(values))
+        assert metric.coverage == covered
+        assert float(metric.compute()) == (3.0 if len(values) == 2 else 4.0)
+        assert metric.coverage == covered  # and no process is asked again
 
 
 def test_features_without_a_render_are_refused() -> None:
