@@ -135,8 +135,11 @@ def test_the_same_movement_scores_alike_at_any_rate(
     report = evaluate(reference, steady(tmp_path / "render.mkv", rate, seconds), config)
     assert len(report.times) == scored
     assert report.scores.total < 0.06 * still.scores.total
-    told = [note for note in report.notes if note.startswith(f"render: {scored} of ")]
-    assert len(told) == (round(rate * seconds) + 1 > scored)
+    count = round(rate * seconds) + 1
+    told = [note for note in report.notes if note.startswith(f"render: {scored} of {count} frames are scored")]
+    assert len(told) == (count > scored)
+    skipped = f"render: {scored} of 25 frames of the reference are scored, one for a frame of the render"
+    assert (skipped in report.notes) == (scored < 25)
 
 
 def test_a_render_that_ends_early_is_told(tmp_path: Path, config: RunConfig) -> None:
