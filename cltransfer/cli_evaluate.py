@@ -169,18 +169,18 @@ def evaluate_folders(
     references: Path, methods: dict[str, Path], settings: Any, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
     """Score folders of clips and show the table of methods and what a reader should know."""
-    from .evaluate_many import evaluate_many, notes_of, summarise
+    from .evaluate_many import evaluate_many, left_over, notes_of, summarise
     from .evaluate_table import methods_json, methods_markdown, write_methods
     from .progress import progress
 
     with progress(quiet) as report:
         rows = evaluate_many(references, methods, settings, report)
-    summary = summarise(rows, settings.seed)
+    summary, unknown = summarise(rows, settings.seed), left_over(references, methods)
     if out is not None:
-        write_methods(out, rows, summary)
+        write_methods(out, rows, summary, unknown)
     lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
-    notes = [f"note: {note}" for note in notes_of(rows)]
-    show(methods_json(rows, summary), "\n".join([methods_markdown(summary), *lacking, *notes]), as_json)
+    notes = [f"note: {note}" for note in [*notes_of(rows), *unknown]]
+    show(methods_json(rows, summary, unknown), "\n".join([methods_markdown(summary), *lacking, *notes]), as_json)
     if not any(row.means for row in rows):
         reason = f"expected one that can be scored, {len(rows)} failed; the first: {rows[0].reason}"
         raise InputError(references, "clips", reason)

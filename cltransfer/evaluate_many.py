@@ -18,6 +18,7 @@ from .report.metrics import finite
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
+FEW = 3  # clips that a note names; of more it says how many
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,25 @@ def notes_of(rows: list[ClipScore]) -> list[str]:
         f"{method}, {clips[0] if len(clips) == 1 else f'{len(clips)} clips'}: {note}"
         for (method, note), clips in about.items()
     ]
+
+
+def left_over(references: Path, methods: Mapping[str, Path]) -> list[str]:
+    """A note for each method that has clips by whose names there is no reference: these are not scored."""
+    known = clips_in(references)
+    found = {method: [name for name in clips_in(folder) if name not in known] for method, folder in methods.items()}
+    return [
+        f"{method}: {_some(names)} not scored: no reference of this name" for method, names in found.items() if names
+    ]
+
+
+def _some(names: list[str]) -> str:
+    """The first few of ``names``, and how many more.
+
+    >>> _some(["a"]), _some(["a", "b", "c", "d"])
+    ('a is', 'a, b, c and 1 more are')
+    """
+    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+    return f"{', '.join(names[:FEW])}{more} {'is' if len(names) == 1 else 'are'}"
 
 
 def interval(values: list[float | None], seed: int = 0, defined: int = 0, reasons: Iterable[str] = ()) -> Interval:

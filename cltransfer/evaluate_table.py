@@ -15,23 +15,24 @@ from .report.tables import Table, to_latex, to_markdown
 Summary = Mapping[str, Mapping[str, Interval]]
 
 
-def write_methods(folder: Path, rows: Sequence[ClipScore], summary: Summary) -> None:
+def write_methods(folder: Path, rows: Sequence[ClipScore], summary: Summary, notes: Sequence[str] = ()) -> None:
     """Write metrics.json, clips.csv, methods.csv, methods.md and methods.tex into ``folder``."""
-    write_json(folder / "metrics.json", methods_json(rows, summary))
+    write_json(folder / "metrics.json", methods_json(rows, summary, notes))
     write_text(folder / "clips.csv", clips_csv(rows))
     write_text(folder / "methods.csv", methods_csv(summary))
     write_text(folder / "methods.md", methods_markdown(summary) + "\n")
     write_text(folder / "methods.tex", methods_latex(summary))
 
 
-def methods_json(rows: Sequence[ClipScore], summary: Summary) -> dict[str, Any]:
-    """Plain values; what is undefined is null, with a reason."""
+def methods_json(rows: Sequence[ClipScore], summary: Summary, notes: Sequence[str] = ()) -> dict[str, Any]:
+    """Plain values; what is undefined is null, with a reason; ``notes`` are on what is no row."""
     return {
         "format": "cltransfer.methods",
         "version": 1,
         "interval": f"percentile bootstrap over clips, {RESAMPLES} resamples, {CONFIDENCE:.0%}",
         "methods": {m: {t: asdict(found) for t, found in terms.items()} for m, terms in summary.items()},
         "clips": [asdict(row) for row in rows],
+        "notes": list(notes),
     }
 
 

@@ -14,7 +14,7 @@ import torch
 from cltransfer.clip import write_video
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError
-from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, notes_of, summarise
+from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, left_over, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
 from cltransfer.open_clip import ASSUMED
@@ -221,6 +221,21 @@ def test_what_a_reader_should_know_of_the_clips_is_told(
     first, second = json.loads((tmp_path / "out" / "metrics.json").read_text())["clips"]
     assert f"render: {ASSUMED}" in first["notes"]
     assert f"render: {ASSUMED}" not in second["notes"]
+
+
+def test_clips_that_no_reference_has_the_name_of_are_told(
+    command: Any, mean_flow: tuple[str, ...], tmp_path: Path
+) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    ours = folder_of(tmp_path / "ours", a=wall(0, 2), a_typo=wall(0, 2))
+    said = command("evaluate", references, f"ours={ours}", *mean_flow, "--quiet", "--out", tmp_path / "out")
+    note = "ours: a_typo is not scored: no reference of this name"
+    assert f"note: {note}" in said.out.splitlines()
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["notes"] == [note]
+    for name in "bcde":
+        (ours / f"{name}.mkv").touch()
+    more = "ours: a_typo, b, c and 2 more are not scored: no reference of this name"
+    assert left_over(references, {"ours": ours, "same": references}) == [more]
 
 
 def test_a_note_on_several_clips_is_told_once_a_method() -> None:
