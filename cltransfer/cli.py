@@ -20,7 +20,7 @@ from .cli_fit import fit
 from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, lift, simplify
-from .cli_shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
+from .cli_shared import Allow, Config, Json, Out, Quiet, Up, settings_of, show, up_of
 from .cli_study import study
 from .errors import CltransferError, UsageError, shortened
 
@@ -184,21 +184,30 @@ def transfer(
 @app.command()
 def render(
     run: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    overrides: Overrides = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="output_side=1280, renderer.NAME.OPTION=VALUE, threads=1."),
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Frames a second, between those of the run too; default: only those it has.")
+    ] = None,
     scene: Annotated[str | None, typer.Option(help="The scene, where this computer has not seen it before.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Video; default RUN/video/render.mp4.")] = None,
     allow_plugin: Allow = None,
     quiet: Quiet = False,
 ) -> None:
-    """Render the video of RUN again, at another size if you like: output_side=1280."""
+    """Render the video of RUN again, larger, or smoothly from frame to frame.
+
+    cltransfer render run output_side=1280 --fps 24 --out shot.mp4
+    """
     from .plugins import allow
 
     allow(allow_plugin or [])
     from .progress import progress
-    from .run_folder import render_run
+    from .render_run import render_run
 
     with progress(quiet) as report:
-        written = render_run(run, overrides or [], scene, out, report)
+        written = render_run(run, overrides or [], fps, scene, out, report)
     print(written)
 
 

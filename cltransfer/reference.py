@@ -1,4 +1,4 @@
-"""The reference: a clip, an image folder, a feature file, or a scene with a trajectory; read once, cached."""
+"""The reference: a clip, an image folder, a run, a feature file, or a scene with a trajectory; read once, cached."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from .onnx import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import read_frames
+from .run_files import kept_frames
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,8 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     from .clip_source import ClipSource
     from .open_clip import open_clip
 
-    where = ClipSource.parse(source)
+    asked_for = ClipSource.parse(source)
+    where = replace(asked_for, path=kept_frames(asked_for.path))
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
     digest = content_hash(where.path)
@@ -119,7 +121,8 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         if file.size <= LIMIT:  # a larger one is read anew by every run
             file.save(cached)
     flags = (*flags, *read)
-    return Reference(features, clip.times, clip.image, where.path.stem, digest, "image", plan.missing, flags)
+    name = asked_for.path.stem
+    return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
 
 
 def _pixels(image: Tensor) -> str:

@@ -14,30 +14,23 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .camera import fitted_size, resized
 from .clip import write_video
-from .components import Components
-from .config import load_config, to_yaml
+from .config import to_yaml
 from .config_options import RunConfig
-from .errors import InputError, UsageError
 from .export.nerfstudio import write_camera_path
-from .files import read_json, write_json, write_text
+from .files import write_json, write_text
 from .flags import run_flags
-from .named_scenes import recall, remember
+from .named_scenes import remember
 from .packages import versions
 from .preparation import Inputs
-from .progress import Progress
-from .readback import render_frames
 from .report.data import ReportData
 from .report.metrics import metrics_json, metrics_table, write_metrics
 from .report.page import write_report
 from .report.side_by_side import side_by_side
 from .report.strip import write_strip
-from .run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, STRIP, VIDEO, clear, require_done
+from .run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, STRIP, VIDEO, clear
 from .scenes.lifted import SUBJECT, save_labels
-from .scenes.load import load_scene
-from .threads import default_count, set_threads, thread_count
-from .trajectory import Trajectory
+from .threads import thread_count
 from .transfer import Result
 
 
@@ -165,44 +158,3 @@ def summary_lines(folder: Path, report: ReportData) -> str:
         if (folder / name).is_file():
             lines.append(f"{name.partition('/')[2] or name:<18} {os.path.relpath(folder / name)}")
     return "\n".join(lines)
-
-
-def render_run(run: Path, overrides: Sequence[str], scene: str | None, out: Path | None, progress: Progress) -> Path:
-    """Render the video of a run again; returns the file.
-
-    Args:
-        run: folder of the run.
-        overrides: config on top of the run's, e.g. ``output_side=1280``.
-        scene: the scene, where this computer has not seen it; it must have the content the run was made with.
-        out: the video; None is ``RUN/video/render.mp4``.
-        progress: called with a step, frames done, frames in all.
-
-    Raises:
-        UsageError: ``out`` is no .mp4, or the run's config cannot be meant.
-        InputError: the folder is no run or one that was not finished, or the scene is another one.
-    """
-    if out is not None and out.suffix.lower() != ".mp4":
-        raise UsageError(out, "--out", "expected a name that ends in .mp4")
-    if not (run / MANIFEST).is_file():
-        raise InputError(run, MANIFEST, "no such file", "expected the folder of a run")
-    require_done(run)
-    try:
-        digest, up = read_json(run / MANIFEST)["scene"]["sha256"], read_json(run / MANIFEST)["scene"]["up"]
-        direction = (float(up[0]), float(up[1]), float(up[2]))
-    except (KeyError, TypeError, ValueError, IndexError):
-        raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
-    config = load_config(run / CONFIG, overrides)
-    if not (run / CONFIG).stat().st_size:
-        raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
-    set_threads(config.threads or default_count())
-    parts = Components.build(config)
-    source = scene or recall(str(digest))
-    loaded = load_scene(source, direction)
-    if loaded.digest != digest:
-        raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
-    trajectory = Trajectory.load(run / "trajectory.json")
-    cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
-    image = render_frames(loaded, parts, cameras, progress)
-    target = out or run / VIDEO
-    write_video(target, image, trajectory.times)
-    return target

@@ -47,6 +47,35 @@ class Trajectory:
             return 24.0
         return float((len(self) - 1) / (self.times[-1] - self.times[0]))
 
+    def at(self, times: Tensor) -> Trajectory:
+        """The path at other moments: through its cameras by cubic splines of centre, rotation and log focal length.
+
+        Args:
+            times: (M,) float64 [s], strictly increasing, within those of the path.
+
+        Raises:
+            ValueError: a time is outside the path.
+        """
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        if not self.times[0] <= times.min() <= times.max() <= self.times[-1]:
+            span = f"{float(self.times[0]):g} to {float(self.times[-1]):g} s"
+            raise ValueError(f"times must be within {span}, got {float(times.min()):g} to {float(times.max()):g}")
+        if len(self) == 1:
+            return self
+        camera, knots = self.camera, self.times.numpy()
+        turned = RotationSpline(knots, Rotation.from_matrix(camera.w2c[:, :3, :3].numpy()))(times.numpy())
+        R = torch.from_numpy(turned.as_matrix())
+        focal = camera.K[:, [0, 1], [0, 1]].log()
+        lens = torch.cat([camera.center, focal, camera.K[:, :2, 2]], dim=1)  # (N, 7)
+        found = torch.from_numpy(CubicSpline(knots, lens.numpy(), bc_type="natural")(times.numpy()))
+        K = camera.K[:1].repeat(len(times), 1, 1)
+        K[:, [0, 1], [0, 1]], K[:, :2, 2] = found[:, 3:5].exp(), found[:, 5:]
+        w2c = torch.eye(4, dtype=torch.float64).repeat(len(times), 1, 1)
+        w2c[:, :3, :3], w2c[:, :3, 3] = R, -(R @ found[:, :3, None])[..., 0]
+        return Trajectory(Camera(w2c, K, camera.size), times)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values, with the convention written beside them."""
         frames = [

@@ -19,6 +19,7 @@ from cltransfer.cli import app
 from cltransfer.clip import read_clip
 from cltransfer.config import load_config, to_yaml
 from cltransfer.registry import LOSSES
+from cltransfer.trajectory import Trajectory
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 VERBS = (
@@ -165,6 +166,39 @@ def test_render_again_at_another_size_from_the_memory_and_by_name(
     first, second = (read_clip(tmp_path / name).image.float() for name in ("a.mp4", "b.mp4"))
     assert first.shape == (3, 3, 36, 64)
     assert float((first - second).abs().mean()) < 8  # levels; the encoder may choose other blocks
+
+
+def test_render_fills_in_what_lies_between_the_frames(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    own = Trajectory.load(tiny_run / "trajectory.json").times
+    fps = 4 / float(own[1] - own[0])
+    answer = command("render", tiny_run, "output_side=64", "--fps", fps, "--quiet", "--out", tmp_path / "a.mp4")
+    assert (answer.code, answer.err) == (0, "")
+    film = read_clip(tmp_path / "a.mp4")
+    assert len(film.times) == int(float(own[-1] - own[0]) * fps + 1e-6) + 1 > 2 * len(own)
+    assert float(film.times.diff().mean()) == pytest.approx(1 / fps, rel=0.02)
+    assert command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / "b.mp4").code == 0
+    first = read_clip(tmp_path / "b.mp4").image[0].float()
+    assert float((film.image[0].float() - first).abs().mean()) < 8  # levels; the encoder may choose other blocks
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["frames=30"], "frames: the path of a run stands; only how it is drawn can change"),
+        (["losses.framing=null"], "losses: the path of a run stands"),
+        (["--fps", "0"], "--fps: expected a rate in (0, 240], got 0"),
+        (["--fps", "nan"], "--fps: expected a rate in (0, 240], got nan"),
+    ],
+)
+def test_render_refuses_what_it_cannot_do(
+    command: Callable[..., Any], tiny_run: Path, words: list[str], says: str
+) -> None:
+    before = (tiny_run / "video" / "render.mp4").read_bytes()
+    answer = command("render", tiny_run, *words, "--quiet")
+    assert (answer.code, says in answer.err) == (2, True), answer.err
+    assert (tiny_run / "video" / "render.mp4").read_bytes() == before
 
 
 def test_evaluate_scores_a_clip_against_itself_as_zero(

@@ -7,7 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 
+from cltransfer.clip import read_clip
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError
@@ -37,3 +39,13 @@ def test_a_folder_at_another_rate_is_read_anew_and_one_without_is_told(
         assert (len(found), len(found.features)) == (count, count)
     for _ in range(2):  # told of what is read and of what was read before
         assert ASSUMED in read_reference(str(tmp_path / "frames"), parts, Reading(frames=2)).flags
+
+
+def test_the_folder_of_a_run_is_the_frames_it_has_kept_and_not_its_pictures(
+    mean_flow: tuple[str, ...], tiny_run: Path
+) -> None:
+    assert (tiny_run / "strip.jpg").is_file()  # a picture in the folder makes no folder of images of it
+    found = read_reference(str(tiny_run), Components.build(load_config(overrides=mean_flow)), Reading())
+    assert found.name == tiny_run.name
+    assert found.image is not None
+    assert torch.equal(found.image, read_clip(tiny_run / "video" / "frames.mkv").image)

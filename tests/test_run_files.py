@@ -107,6 +107,8 @@ def test_every_reader_of_runs_refuses_an_unfinished_one(
         ("describe", run),
         ("study", run, tiny_run, "--out", page),
         ("evaluate", tiny_run, run),
+        ("inspect", run),
+        ("transfer", "builtin:courtyard", run, "--out", tmp_path / "out"),
         ("transfer", "builtin:courtyard", reference, "--out", tmp_path / "out"),
     ):
         answer = command(*words)
