@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera, concatenate
-from ..errors import InputError, UsageError
+from ..errors import UsageError
 from ..features import Features
 from ..scenes.posed import named_camera
 from ..search.subject_orbit import SCALE, SubjectOrbit
@@ -113,14 +113,13 @@ def first_seen(features: Features, placed: Tensor) -> Features:
 
 def best_of_orbit(
     stage: Stage, first: Features, size: tuple[int, int], free_lens: bool, given: Camera | None = None
-) -> Camera:
+) -> Camera | None:
     """Views of the orbit, the nearest to the first reference frame by the losses that need no motion first.
 
-    A lens that is kept is that of the view that was ``given``, if one was.
+    None where no view scores on any term. A lens that is kept is that of the view that was ``given``, if one was.
 
     Raises:
         UsageError: the scene has no subject to orbit, or no loss has a value on a first frame.
-        InputError: no view scores on any term.
     """
     subject = stage.scene.subject
     if subject is None:
@@ -135,7 +134,7 @@ def best_of_orbit(
     views = aim.views(stands, COARSE)
     terms = _scored(stage, first, views)
     if not bool(torch.isfinite(terms[:, defined]).any()):
-        raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
+        return None
     totals = stage.objective.totals(terms, defined)
     if free_lens:  # depth is what the reference tells least directly, and its basin is the narrowest
         best = 0 if read is not None else int(totals.argmin()) // len(COARSE)

@@ -8,6 +8,7 @@ from typing import Any
 from torch import Tensor
 
 from ..camera import Camera, concatenate
+from ..errors import InputError
 from ..features import Features
 from .closed_form import closed_form
 from .initial_view import any_view, best_of_orbit, first_seen
@@ -53,7 +54,7 @@ class Starting:
 
         Raises:
             UsageError: no view was given, and the scene has no subject or no term of the target tells where to stand.
-            InputError: no view was given, and none about the subject scores on any term.
+            InputError: no view was given, there is no path in closed form, and no view of the orbit scores on any term.
         """
         subject, free, view = stage.scene.subject, self.schedule.free_lens, self.view
         homes, guide = [] if view is None else [view], None
@@ -66,5 +67,9 @@ class Starting:
         placed = stage.objective.placed(target)
         unsure = (guide is None or self.by_networks) and bool(placed.any())
         if not homes or (refined and unsure and subject is not None):
-            homes.append(best_of_orbit(stage, first_seen(target, placed), self.size, free, view))
+            orbit = best_of_orbit(stage, first_seen(target, placed), self.size, free, view)
+            if orbit is not None:
+                homes.append(orbit)
+        if not homes:
+            raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
         return Starts(concatenate(homes), guide)

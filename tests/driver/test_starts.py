@@ -1,0 +1,51 @@
+"""Where a search starts: what was given is enough, whatever else is blocked."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.camera import Camera
+from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.guard import Guard
+from cltransfer.driver.initial_view import any_view
+from cltransfer.driver.schedule import make_schedule
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.starts import Starting
+from cltransfer.errors import InputError
+from cltransfer.features import Features
+from cltransfer.objective import Objective
+from cltransfer.readback import read_path
+from cltransfer.scenes.builtin import named_scene
+from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.shots import shot
+
+SIZE = (96, 54)
+
+
+class Walls(Guard):
+    """Something stands before every view."""
+
+    def blocked(self, features: Features, reference: Features | None = None) -> Tensor:
+        return torch.ones(len(features), dtype=torch.bool)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_given_view_is_a_start_where_all_others_are_blocked(given: bool) -> None:
+    scene = named_scene("plaza")
+    assert scene.subject is not None
+    config = load_config(overrides=["preset=fast"])
+    parts = Components.build(config)
+    objective, search = Objective(parts.losses), SubjectOrbit()
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), objective, SIZE)
+    reference = read_path(stage, shot("push_in", scene.subject, SIZE, 2).camera)
+    walled = Stage(scene, parts.renderer, parts.plan("scene"), objective, SIZE, guard=Walls(scene.subject.height))
+    view: Camera | None = any_view(scene.subject, SIZE) if given else None
+    starting = Starting(search, make_schedule(config, search, objective, reference), 0, view, SIZE, by_networks=True)
+    if view is None:
+        with pytest.raises(InputError, match="--init: no view around the subject shows it"):
+            starting.starts(walled, reference)
+    else:
+        torch.testing.assert_close(starting.starts(walled, reference).homes.w2c, view.w2c)
