@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from .driver.refine import least_curvature
-from .losses.shot_size import degenerate
+from .losses.shot_size import ShotSize, degenerate
 from .near_plane import drawn_whole, smaller_near
 from .report.data import Flag
 
@@ -84,8 +84,12 @@ def _reference(result: Result) -> Iterator[Flag]:
     nobody = ~torch.isfinite(features.require("keypoints")[..., 0]).any(1)
     for i in nobody.nonzero()[:, 0].tolist():
         yield Flag(i, "no person in the reference")
-    for i in (degenerate(features) & ~nobody).nonzero()[:, 0].tolist():
-        yield Flag(i, "fewer than two key joints in the reference: the size is that of the mask, and not certain")
+    loss = result.objective.losses.get("shot_size")
+    if not isinstance(loss, ShotSize) or loss.mode != "robust":
+        return
+    joints = "key joints" if loss.joints == "key" else "joints"
+    for i in (degenerate(features, loss.joints) & ~nobody).nonzero()[:, 0].tolist():
+        yield Flag(i, f"fewer than two {joints} in the reference: the size is that of the mask, and not certain")
 
 
 def _undefined(result: Result) -> Iterator[Flag]:

@@ -13,6 +13,8 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
+from cltransfer.losses.shot_size import ShotSize
+from cltransfer.objective import Objective
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.floaters import floaters
@@ -143,3 +145,24 @@ def test_what_is_doubtful_in_a_frame_is_told_of_that_frame_alone(
     after = [(flag.frame, flag.reason) for flag in run_flags(change(plain))]
     assert all(frame is None for frame, _ in before)
     assert after == [*before, (1, reason)]
+
+
+@pytest.mark.parametrize(
+    ("loss", "told"),
+    [
+        (ShotSize(), ["fewer than two key joints in the reference: the size is that of the mask, and not certain"]),
+        (ShotSize(joints="all"), []),
+        (ShotSize(mode="faithful"), []),
+        (None, []),
+    ],
+)
+def test_a_size_of_the_mask_is_told_where_a_loss_takes_it_from_there(
+    plain: Result, loss: ShotSize | None, told: list[str]
+) -> None:
+    keypoints = plain.reference.features.require("keypoints").clone()
+    keypoints[1, 2:, 2] = 0.0  # the shoulders alone: one key joint of two joints
+    reference = replace(plain.reference, features=replace(plain.reference.features, keypoints=keypoints))
+    losses = {name: other for name, other in plain.objective.losses.items() if name != "shot_size"}
+    objective = Objective(losses if loss is None else {**losses, "shot_size": loss})
+    flags = run_flags(replace(plain, reference=reference, objective=objective))
+    assert [flag.reason for flag in flags if flag.frame == 1] == told

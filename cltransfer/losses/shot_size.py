@@ -70,9 +70,9 @@ def shot_size_loss(reference: Tensor, rendered: Tensor) -> Tensor:
     return key_joint_difference(reference, rendered).abs()
 
 
-def degenerate(reference: Features) -> Tensor:
-    """Frames whose shot size no pair of key joints tells, (B,) bool: fewer than two are visible."""
-    return visible_joints(frame_joints(reference)).sum(-1) < 2
+def degenerate(reference: Features, joints: Literal["key", "all"] = "key") -> Tensor:
+    """Frames whose shot size no pair of ``joints`` tells, (B,) bool: fewer than two are visible."""
+    return visible_joints(frame_joints(reference, joints)).sum(-1) < 2
 
 
 @LOSSES.register("shot_size")
