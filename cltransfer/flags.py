@@ -11,6 +11,7 @@ from .driver.refine import least_curvature
 from .losses.shot_size import ShotSize, degenerate
 from .near_plane import drawn_whole, smaller_near
 from .report.data import Flag
+from .search import limits
 
 if TYPE_CHECKING:
     from .transfer import Result
@@ -109,7 +110,7 @@ def _views(result: Result) -> Iterator[Flag]:
 
 def _search(result: Result) -> Iterator[Flag]:
     x, search = result.kept.x, result.search
-    low, high = (bound[: x.shape[1]] for bound in search.bounds())
+    low, high = limits(search, x.shape[1])
     for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
         yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
     local = result.kept.found.local

@@ -20,6 +20,7 @@ from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.floaters import floaters
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.splats import Splats
+from cltransfer.search.paper_box import PaperBox
 from cltransfer.transfer import Inputs, Result, transfer
 
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
@@ -166,3 +167,10 @@ def test_a_size_of_the_mask_is_told_where_a_loss_takes_it_from_there(
     objective = Objective(losses if loss is None else {**losses, "shot_size": loss})
     flags = run_flags(replace(plain, reference=reference, objective=objective))
     assert [flag.reason for flag in flags if flag.frame == 1] == told
+
+
+def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:
+    x = torch.zeros(2, 8, dtype=torch.float64)
+    x[0, 4] = x[1, 7] = 1.0
+    boxed = replace(kept(plain, found=replace(plain.kept.found, x=x)), search=PaperBox())
+    assert [flag.reason for flag in run_flags(boxed) if "bound" in flag.reason] == ["gamma at its bound"]

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..features import Features
+from ..registry import SEARCHES
 from ..skeleton import VISIBLE
 
 JOINTS_FOUND = 0.5  # of the joints that the reference shows
@@ -69,17 +70,11 @@ def failed_frames(
 
 
 def pinned_frames(x: Tensor, bounds: tuple[Tensor, Tensor], search: str) -> Tensor:
-    """Whether a parameter stands at a finite bound, (N,) bool, of vectors x (N, D).
-
-    The axis of a rotation is left out: its length means nothing. Of ``se3_jaws`` only the lens is looked at: every
-    frame moves about the one before, so where it stands from the first view is no parameter that has a bound.
-    """
+    """Whether a parameter stands at a finite bound that means something, (N,) bool, of vectors x (N, D)."""
     low, high = (bound[: x.shape[1]] for bound in bounds)
     margin = PINNED * (high - low)
     at_bound = torch.isfinite(margin) & ((x <= low + margin) | (x >= high - margin))
-    free = {"paper_box": slice(3, 6), "se3_jaws": slice(0, 7)}
-    if search in free:
-        at_bound[:, free[search]] = False
+    at_bound[:, getattr(SEARCHES.get(search), "unbounded", slice(0))] = False
     return at_bound.any(1)
 
 

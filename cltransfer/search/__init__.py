@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+import math
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -39,7 +40,16 @@ class Search(Protocol):
     # Optional: turned(x, to) -> x: of all x (B, D) of the same cameras, those nearest to ``to`` (D,).
     # Optional: recentred(x, home) -> x, home: the same camera as x (D,) about itself, where Adam starts from.
     # Optional: names, D words for what ended at a bound.
+    # Optional: unbounded, a slice of x whose bounds are no limit to the camera, see limits.
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
         """x (B, D) of B cameras, as near as the parameters can express them."""
         ...
+
+
+def limits(search: Any, dimensions: int) -> tuple[Tensor, Tensor]:
+    """Lowest and highest x, (dimensions,) each, that limit the camera; infinite where a bound means nothing."""
+    low, high = (bound[:dimensions].clone() for bound in search.bounds())
+    unbounded = getattr(search, "unbounded", slice(0))
+    low[unbounded], high[unbounded] = -math.inf, math.inf
+    return low, high

@@ -34,6 +34,7 @@ class PaperBox:
     dimensions: ClassVar[int] = 8
     names: ClassVar[tuple[str, ...]] = ("v", "v", "v", "w", "w", "w", "theta", "gamma")
     needs_subject: ClassVar[bool] = False
+    unbounded: ClassVar[slice] = slice(3, 6)  # the length of the axis means nothing
     refinable: ClassVar[bool] = False  # without a turn the axis has no slope, and without an axis the turn has none
 
     translation: float = 5.0

@@ -55,6 +55,7 @@ class Se3Jaws:
 
     dimensions: ClassVar[int] = 8
     needs_subject: ClassVar[bool] = False
+    unbounded: ClassVar[slice] = slice(0, 7)  # a frame moves about the one before: x may stand anywhere, but the lens
     refinable: ClassVar[bool] = False  # without a turn the axis has no slope, and without an axis the turn has none
 
     translation: float = 5.0
