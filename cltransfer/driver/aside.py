@@ -53,9 +53,9 @@ def go_aside(
     costs[0] = clip.totals(residuals).numpy()
     for first, last in runs(frames):
         for way, move in enumerate(ways, 1):
-            costs[way, first:last] = clip.totals(clip.part(x + move, x, first, last)).numpy()
+            costs[way, first:last] = clip.totals(clip.part(clip.inside(x + move), x, first, last)).numpy()
     sway = SWAY * (moves[:, None] - moves).abs().sum(-1).numpy()
-    there = x + along(moves[torch.from_numpy(steadiest(costs, sway))], STEADY)
+    there = clip.inside(x + along(moves[torch.from_numpy(steadiest(costs, sway))], STEADY))
     found = clip.residuals(there)
     before, after = (clip.mean_total(r) + bending(path, about) for r, path in ((residuals, x), (found, there)))
     return (there, found) if after < before - PROMISE else (x, residuals)

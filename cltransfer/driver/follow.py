@@ -99,7 +99,7 @@ def follow(
                 if found[-1].total < GOOD:  # then its own motion may go on too, lest the guide leaps
                     starts = torch.cat([starts, predictions([solved.x for solved in found])[-1:]])
         if hidden[i] and found and schedule.warm:
-            solved = carried(problem, starts, memory)
+            solved = carried(problem, starts, memory, schedule)
         else:
             generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
             solved = solve(problem, starts, memory, schedule, generator)

@@ -12,7 +12,7 @@ from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .problem import Problem
-from .refine import Refined, differences, flat_directions, refine
+from .refine import Refined, differences, flat_directions, inside, refine
 from .renewal import TRIAL, WORSE, Renewal, helped
 from .schedule import Schedule
 
@@ -80,10 +80,7 @@ def solve(
 
     A search that is recentred starts at 0, wherever the camera stands.
     """
-    low, high = problem.bounds
-    if schedule.engine != "adam" or not hasattr(problem.search, "recentred"):
-        starts = torch.minimum(torch.maximum(starts, low), high)
-    starts = distinct(starts)
+    starts = distinct(_allowed(problem, starts, schedule))
     if schedule.engine == "cma":
         return _by_cma(problem, starts, memory, schedule, generator)
     if schedule.engine == "adam":
@@ -91,11 +88,20 @@ def solve(
     return _by_refinement(problem, starts, memory, schedule, generator)
 
 
-def carried(problem: Problem, starts: Tensor, memory: Memory) -> Solved:
-    """The best of ``starts`` (S, D) as it is: where the person is hidden, a search would only drift away."""
+def carried(problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule) -> Solved:
+    """The best of ``starts`` (S, D), which may lie beyond the bounds as in :func:`solve`, and no search from there.
+
+    Where the person is hidden, it would only drift away.
+    """
+    starts = _allowed(problem, starts, schedule)
     totals = problem.totals(starts)
     best = int(totals.argmin())
     return Solved(starts[best], float(totals[best]), 0, "carried", memory)
+
+
+def _allowed(problem: Problem, starts: Tensor, schedule: Schedule) -> Tensor:
+    recentred = schedule.engine == "adam" and hasattr(problem.search, "recentred")
+    return starts if recentred else inside(starts, problem.bounds)
 
 
 def _by_cma(

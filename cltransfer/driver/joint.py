@@ -103,12 +103,13 @@ def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
         assert promised.predicted is not None
         if promised.predicted + bending(promised.x, moves.about) > at.cost - PROMISE:
             break
-        there = at.reached(promised.x, clip.residuals(promised.x))
+        x = clip.inside(promised.x)
+        there = at.reached(x, clip.residuals(x))
         left -= 1
         best = there
         if moves.fade and left and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
             share = along((there.totals < at.totals).double()[:, None], BLEND)
-            x = faded(at.x, there.x, share, moves.fixed)
+            x = clip.inside(faded(at.x, there.x, share, moves.fixed))
             part = at.reached(x, clip.residuals(x))
             left -= 1
             best = min(there, part, key=lambda a: a.cost)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..tracks import along
 from .joint import Effort, Moves, refine_path
-from .spline import Local, fit
+from .spline import Fitted, Local, fit
 from .whole_clip import WholeClip
 
 STANDS = 1e-5  # by which a path changes at most that is static as it was found, in the units of x: float32 rounds
@@ -132,7 +132,7 @@ def _standing(clip: WholeClip, found: LeastPath, local: Local | None) -> LeastPa
     here = replace(found, knots=1, lens_kept=True)
     if local is None:
         return here
-    x = fit(found.x, local, 1).x
+    x = _fitted(clip, found.x, local, 1).x
     total, residuals = clip.scored(x)
     return replace(here, x=x, total=total, residuals=residuals) if total < here.total else here
 
@@ -146,7 +146,7 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
     accepted = max(limit, JUMPS * free.free)
     enough, best, tried = HOPE * limit if effort.rounds else accepted, None, False
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
-        x = along(free.x, frames) if about is None else about + along(free.x - about, frames)
+        x = clip.inside(along(free.x, frames) if about is None else about + along(free.x - about, frames))
         total, residuals = clip.scored(x)
         path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
         best = path if best is None or path.total < best.total else best
@@ -180,7 +180,7 @@ def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
 def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:
     """The least order that is good enough, each tried in turn."""
     for knots, way in _ladder(clip, free.x):
-        x = fit(free.x, None, knots, way).x
+        x = _fitted(clip, free.x, None, knots, way).x
         total = clip.total(x)
         if total <= limit:
             return replace(free, x=x, knots=knots, lens_kept=way is not None or knots == 1, total=total)
@@ -195,7 +195,7 @@ def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float, left
     """
     promised = math.inf
     for knots, way in _ladder(clip, free.x):
-        spline = fit(free.x, local, knots, way)
+        spline = _fitted(clip, free.x, local, knots, way)
         first = spline.predicted
         if not left or first is None or first > min(limit, CLEARLY * promised):
             continue
@@ -208,9 +208,14 @@ def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float, left
                 return replace(free, x=spline.x, knots=knots, lens_kept=kept, total=total, residuals=residuals)
             if total > FAR * limit:  # the model does not hold there
                 break
-            spline = fit(spline.x, replace(local, residuals=residuals), knots, way)
+            spline = _fitted(clip, spline.x, replace(local, residuals=residuals), knots, way)
         promised = first
     return None
+
+
+def _fitted(clip: WholeClip, x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None) -> Fitted:
+    found = fit(x, local, knots, fixed)
+    return replace(found, x=clip.inside(found.x))
 
 
 def _ladder(clip: WholeClip, x: Tensor) -> list[tuple[int, Tensor | None]]:

@@ -83,7 +83,7 @@ def refine(
         bounds: steps end on them; None is free.
         residuals: at ``x``, (R,), which is then within bounds; None evaluates them.
     """
-    x = _inside(x, bounds)
+    x = inside(x, bounds)
     r = evaluate(x[None])[0] if residuals is None else residuals
     total = float(group_norms(r[None], groups).sum())
     evaluations, fresh, made, damping, stop = int(residuals is None), False, 0, 1.0, "steps"
@@ -95,7 +95,7 @@ def refine(
             jacobian = differences(evaluate, x, r, bounds)
             evaluations, fresh, made = evaluations + len(x), True, made + 1
         floor = FLOORS[min(step, len(FLOORS) - 1)]
-        tried = _inside(_steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings]), bounds)
+        tried = inside(_steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings]), bounds)
         found = evaluate(tried)
         evaluations += len(tried)
         totals = group_norms(found, groups).sum(1)
@@ -122,14 +122,21 @@ def refine(
     return Refined(x, total, r, jacobian, evaluations, stop)
 
 
-def _inside(x: Tensor, bounds: Bounds | None) -> Tensor:
+def inside(x: Tensor, bounds: Bounds | None) -> Tensor:
+    """x (..., D) moved onto the bounds where it lies beyond."""
     return x if bounds is None else torch.minimum(torch.maximum(x, bounds[0]), bounds[1])
+
+
+def inward(x: Tensor, width: float, bounds: Bounds | None) -> Tensor:
+    """Steps (..., D) of differences from x: ``width``, backwards where forwards leaves the box."""
+    step = torch.full_like(x, width)
+    return step if bounds is None else torch.where(x + width > bounds[1], -step, step)
 
 
 def differences(
     evaluate: Callable[[Tensor], Tensor], x: Tensor, r: Tensor, bounds: Bounds | None, width: float = STEP
 ) -> Tensor:
-    """Jacobian (R, D) by one-sided differences, all as one batch; backwards where forwards leaves the box.
+    """Jacobian (R, D) by one-sided differences, all as one batch.
 
     Args:
         evaluate: residuals (B, R) of x (B, D).
@@ -138,9 +145,7 @@ def differences(
         bounds: of x; None is free.
         width: of the differences, in the units of x.
     """
-    step = torch.full_like(x, width)
-    if bounds is not None:
-        step = torch.where(x + width > bounds[1], -step, step)
+    step = inward(x, width, bounds)
     return ((evaluate(x + torch.diag(step)) - r) / step[:, None]).T
 
 

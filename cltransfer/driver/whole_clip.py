@@ -16,7 +16,8 @@ from torch import Tensor
 from ..camera import Camera
 from ..features import Features
 from ..objective import group_norms
-from .refine import STEP
+from ..search import limits
+from .refine import STEP, Bounds, inside, inward
 from .spline import Local
 from .stage import Stage
 
@@ -45,6 +46,14 @@ class WholeClip:
     def cameras(self, x: Tensor) -> Camera:
         """N cameras of x (N, D)."""
         return self.search.cameras(x, self.home, self.stage.scene.subject)
+
+    def limits(self, dimensions: int) -> Bounds:
+        """Lowest and highest x, (dimensions,) each, that limit a camera."""
+        return limits(self.search, dimensions)
+
+    def inside(self, x: Tensor) -> Tensor:
+        """A path x (N, D) moved onto the limits where it goes beyond, as splines do of frames at a limit."""
+        return inside(x, self.limits(x.shape[1]))
 
     def about(self, home: Camera, x: Tensor) -> Tensor:
         """A path x (N, D) as the same cameras are written about another ``home``; about the subject it stays as is."""
@@ -121,7 +130,7 @@ class WholeClip:
         Args:
             x: the path.
             residuals: of the path, (N, R).
-            step: of the differences, in the units of x.
+            step: of the differences, in the units of x; backwards where forwards leaves the limits.
             shared: frames that measure all directions together, at least 1.
             first: direction that the first frame measures first.
 
@@ -134,14 +143,15 @@ class WholeClip:
         N, D = x.shape
         shared = min(shared, max(1, N - 1))  # the first frame has no flow: another one measures what it does
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
+        steps = inward(x, step, self.limits(D))  # (N, D)
         jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
         before = None
         for i, (directions, now) in enumerate(zip(measured, stage.path(self.cameras(x)))):
             if directions.any():
-                around = x[i] + step * torch.eye(D, dtype=x.dtype)[directions]
+                around = x[i] + torch.diag(steps[i])[directions]
                 seen = stage.features(self.cameras(around), before)
                 r = stage.priced(self.reference[i], seen, self.defined[i])
-                jacobians[i][:, directions] = ((r - residuals[i]) / step).T
+                jacobians[i][:, directions] = ((r - residuals[i]) / steps[i][directions, None]).T
                 stage.spent.evaluations += len(around)
             before = now
         rows = torch.stack([objective.rows(frame) for frame in self.defined])

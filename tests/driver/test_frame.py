@@ -15,7 +15,7 @@ from cltransfer.camera import Camera
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.cma_es import Budget
-from cltransfer.driver.frame import SAME, Memory, Solved, solve
+from cltransfer.driver.frame import SAME, Memory, Solved, carried, solve
 from cltransfer.driver.problem import Problem
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
@@ -136,3 +136,10 @@ def test_a_rescue_that_ends_in_a_worse_basin_is_thrown_away(first: bool) -> None
     assert kept.stop == "worth"
     assert kept.total == pytest.approx(DECOY)
     torch.testing.assert_close(kept.x, torch.zeros(2, dtype=torch.float64), atol=0.02, rtol=0)
+
+
+def test_a_frame_that_is_carried_on_stays_within_the_bounds() -> None:
+    problem, schedule = planted()
+    found = carried(problem, torch.tensor([[1.5, 0.0]], dtype=torch.float64), Memory(), schedule)
+    assert found.x.tolist() == [1.0, 0.0]
+    assert found.total == float(problem.totals(found.x[None])[0])

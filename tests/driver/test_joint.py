@@ -8,14 +8,14 @@ from torch import Tensor
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.joint import Effort, Moves, broyden, faded, refine_path
+from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path
 from cltransfer.driver.spline import Local
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip, between
 from cltransfer.objective import Objective
 from cltransfer.readback import read_path
 from cltransfer.scenes.load import load_scene
-from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
 from cltransfer.shots import shot
 from cltransfer.tracks import along
 
@@ -135,3 +135,27 @@ def test_in_a_short_clip_too_every_direction_of_flow_is_measured(frames: int) ->
     flow = found.jacobian[:, found.paired].abs().amax(1)  # (N, D)
     assert float(flow[0].max()) == 0.0
     assert float(flow[1:].amin()) > 0.0
+
+
+def test_a_path_ends_at_a_bound_and_not_beyond() -> None:
+    clip, true = clip_of("orbit")
+    low = replace(clip, search=SubjectOrbit(elevation=0.5 * float(true[0, 1] * SCALE[1])))
+    highest = low.search.bounds()[1]
+    beside = true.clone()
+    beside[:, 1] = highest[1] - 0.05
+    x, total = refined(low, beside, Moves(6, None, fade=True), rounds=2)
+    assert total < low.total(beside)
+    assert float((x - highest).amax()) <= 0.0
+    assert float((x - highest)[:, 1].amax()) > -0.01
+
+
+def test_at_a_bound_the_slope_is_that_on_the_inner_side() -> None:
+    clip, true = clip_of("orbit")
+    x = true.clone()
+    x[:, 1] = clip.search.bounds()[1][1]
+    found = clip.local(x, clip.residuals(x), WIDE).jacobian
+    beside = x.clone()
+    beside[:, 1] -= WIDE
+    inner = clip.local(beside, clip.residuals(beside), WIDE).jacobian
+    assert float(found[:, :, 1].norm(dim=1).amin()) > 1.0
+    torch.testing.assert_close(found[:1, :, 1], inner[:1, :, 1])  # the others' flow starts elsewhere

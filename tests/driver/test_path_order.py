@@ -20,6 +20,7 @@ from cltransfer.objective import Objective
 from cltransfer.plan import Step
 from cltransfer.readback import read_path
 from cltransfer.scenes.load import load_scene
+from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import shot
 from cltransfer.transfer import Inputs, Result, transfer
@@ -192,11 +193,27 @@ def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(m
     assert not path.refined
 
 
+@pytest.mark.parametrize(("noise", "knots"), [(0.2, 2), (0.05, 4)])
+def test_no_spline_leaves_the_bounds_that_its_frames_stand_at(noise: float, knots: int) -> None:
+    clip, _ = waving(period=8)
+    search, person = PaperBox(translation=0.2), clip.stage.scene.subject
+    x = torch.zeros(16, 8, dtype=torch.float64)
+    x[:, 0] = torch.linspace(0.2, 1.4, 16).clamp(max=1.0)
+    x[:, 4], x[:, 7] = 0.1, 2 / search.focal - 1
+    reference = read_path(clip.stage, search.cameras(x, clip.home, person))
+    path = least_path(replace(clip, search=search, reference=reference), x, None, noise, Effort(0, 0))
+    assert path.knots == knots
+    assert float(path.x.abs().max()) == 1.0
+
+
 @dataclass
 class Priced:
     """A clip of which only what a filtered path costs is known: in turn as listed."""
 
     totals: list[float]
+
+    def inside(self, x: torch.Tensor) -> torch.Tensor:
+        return x
 
     def scored(self, x: torch.Tensor) -> tuple[float, torch.Tensor]:
         return self.totals.pop(0), torch.zeros(len(x), 1)
