@@ -11,7 +11,7 @@ from torch import Tensor
 from ..objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
-from .problem import Problem
+from .problem import Problem, distinct
 from .refine import Refined, differences, flat_directions, inside, refine
 from .renewal import TRIAL, WORSE, Renewal, helped
 from .schedule import Schedule
@@ -21,7 +21,6 @@ RESCUE_SIGMA = 0.08
 POLISH_SIGMA = 0.04
 ROUGH = 0.02  # step of the differences that a polish is told by, in the units of x: losses are rough within less
 BASIN = Budget(generations=40, patience=12, popsize=12)
-EQUAL = 1e-6  # by which two starts differ at most that are one, in the units of x
 SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
 
 
@@ -219,17 +218,6 @@ class _Refining:
         settled = found.residuals if found.stop == "worth" else None
         memory = Memory(None, jacobian, self.known | self.rows, totals, renewal, settled)
         return Solved(found.x, found.total, generations, stop, memory)
-
-
-def distinct(starts: Tensor) -> Tensor:
-    """The ``starts`` (S, D) that differ from all before them, in their order.
-
-    >>> distinct(torch.tensor([[1.0, 2.0], [0.0, 2.0], [1.0, 2.0]]))
-    tensor([[1., 2.],
-            [0., 2.]])
-    """
-    equal = torch.isclose(starts[:, None], starts, rtol=0.0, atol=EQUAL).all(-1)  # (S, S)
-    return starts[~equal.tril(-1).any(1)]
 
 
 def predictions(xs: list[Tensor]) -> Tensor:

@@ -16,6 +16,7 @@ from ..scenes.posed import named_camera
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from ..trajectory import Trajectory
+from .problem import distinct
 from .stage import Stage
 
 VERTICAL_FOV = math.radians(40)  # a normal lens: 33 mm on a 24 mm high gate
@@ -23,6 +24,7 @@ AZIMUTHS = 16  # of a full orbit, where the reference does not say where the per
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
 COARSE = 0.5 * 1.4 ** torch.arange(9, dtype=torch.float64)  # subject heights, 0.5 to 7.4
 FINE = 0.5 * 1.07 ** torch.arange(41, dtype=torch.float64)  # the same range again, from the best stand
+ALIKE = 1e-3  # by which two vectors differ at most that are one view
 BATCH = 16  # views rendered together
 KEPT = 4  # views that the first frame may start from
 APART = 0.35  # of the distance to the subject, between two of them
@@ -62,7 +64,10 @@ class Aim:
     fov: float = VERTICAL_FOV
 
     def views(self, stands: Tensor, distances: Tensor) -> Camera:
-        """Views from ``stands`` (M, 3) as azimuth, elevation, roll [rad] at ``distances`` (K,) [heights], M * K."""
+        """Views from ``stands`` (M, 3) as azimuth, elevation, roll [rad] at ``distances`` (K,) [heights], M * K.
+
+        Fewer with a lens that is kept: where the reference tells a size all distances of a stand become that one.
+        """
         focal = 1 / (2 * math.tan(self.fov / 2))
         rows = torch.arange(len(stands)).repeat_interleave(len(distances))
         distance = distances.log().repeat(len(stands))
@@ -74,7 +79,7 @@ class Aim:
         x = x if self.free_lens else x[:, :-1]
         if self.first.has("keypoints"):
             x = search.aimed(x, normal, self.subject, self.first)
-        return search.cameras(x, normal, self.subject)
+        return search.cameras(x if self.free_lens else distinct(x, ALIKE), normal, self.subject)
 
 
 def any_view(subject: Subject, size: tuple[int, int], fov: float = VERTICAL_FOV) -> Camera:

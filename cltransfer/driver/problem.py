@@ -13,6 +13,7 @@ from ..features import Features
 from .stage import Stage
 
 MOTION = 0.5  # of its weight that flow keeps while frames are refined one by one: where the last one erred, it misleads
+EQUAL = 1e-6  # by which two vectors differ at most that are one, in the units of x
 
 
 @dataclass(frozen=True)
@@ -76,3 +77,14 @@ class Problem:
 def motion_scale(paired: Tensor) -> Tensor:
     """What each residual (R,) is scaled by while frames are refined one by one."""
     return torch.where(paired, MOTION, 1.0).double()
+
+
+def distinct(x: Tensor, tolerance: float = EQUAL) -> Tensor:
+    """The vectors of x (S, D) that differ from all before them, in their order.
+
+    >>> distinct(torch.tensor([[1.0, 2.0], [0.0, 2.0], [1.0, 2.0]]))
+    tensor([[1., 2.],
+            [0., 2.]])
+    """
+    equal = torch.isclose(x[:, None], x, rtol=0.0, atol=tolerance).all(-1)  # (S, S)
+    return x[~equal.tril(-1).any(1)]

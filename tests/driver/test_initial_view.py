@@ -10,13 +10,14 @@ import torch
 from cltransfer.camera import Camera, resized
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.initial_view import best_of_orbit, given_view
+from cltransfer.driver.initial_view import COARSE, Aim, best_of_orbit, given_view
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, UsageError
+from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.shots import shot
-from cltransfer.testing.samples import sample_cameras
+from cltransfer.testing.samples import sample_cameras, sample_features
 from cltransfer.trajectory import Trajectory
 
 
@@ -71,3 +72,16 @@ def test_losses_that_need_motion_alone_do_not_tell_where_to_stand() -> None:
     first = stage.features(shot("static", scene.subject, (96, 54), 1).camera, None)
     with pytest.raises(UsageError, match="losses: camera_movement: none tells where to stand in a first frame"):
         best_of_orbit(stage, first, (96, 54), True)
+
+
+@pytest.mark.parametrize(("told", "free", "count"), [(True, False, 2), (False, False, 18), (True, True, 18)])
+def test_a_size_that_tells_the_distance_makes_one_view_of_a_stand(told: bool, free: bool, count: int) -> None:
+    scene = named_scene("courtyard")
+    assert scene.subject is not None
+    keypoints = sample_features(0, 1).require("keypoints").clone()
+    camera = shot("static", scene.subject, (96, 54), 1).camera
+    keypoints[..., :2], keypoints[..., 2] = camera.project(scene.subject.joints)[0], 1.0 if told else 0.0
+    stands = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], dtype=torch.float64)
+    views = Aim(scene.subject, (96, 54), Features((96, 54), keypoints=keypoints), free).views(stands, COARSE)
+    assert len(views) == count
+    assert len({(round(x, 3), round(y, 3), round(z, 3)) for x, y, z in views.center.tolist()}) == count
