@@ -103,14 +103,18 @@ def read_back(
 
 
 def read_held(stage: Stage, parts: Components, reference: Reference, shown: Readback, cameras: Camera) -> Scores:
-    """Scores of the first view held still for the whole clip: what a transfer has to beat."""
+    """Scores of the first view held still for the whole clip: what a transfer has to beat.
+
+    Two frames of it are read; every later one is as the second, since the scene does not move.
+    """
+    twice = still(cameras, min(2, len(cameras)))
     if shown.features.has("camera"):
-        features = read_path(replace(stage, size=cameras.size), still(cameras, len(cameras)))
+        seen = read_path(replace(stage, size=cameras.size), twice)
     else:
         plan = parts.plan("image", reference.features.names())
-        twice = render_features(shown.image[[0, 0]], cameras[[0, 0]], stage.scene.subject, plan)
-        stage.spent.network_passes += 2 * plan.passes
-        features = twice[[0] + [1] * (len(cameras) - 1)]
+        seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
+        stage.spent.network_passes += len(twice) * plan.passes
+    features = seen[[0] + [1] * (len(cameras) - 1)]
     return score(stage.objective, reference.features, features, reference.missing)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,9 +11,26 @@ import torch
 from cltransfer import memory, readback
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.components import Components
+from cltransfer.config import load_config
+from cltransfer.driver.follow import still
+from cltransfer.driver.recent import Recent
+from cltransfer.driver.stage import Stage
 from cltransfer.errors import ResourceError
 from cltransfer.features import Features
-from cltransfer.readback import RENDER_BATCH, check_frames, check_result, render_frames
+from cltransfer.objective import Objective
+from cltransfer.readback import (
+    RENDER_BATCH,
+    Readback,
+    check_frames,
+    check_result,
+    read_held,
+    read_path,
+    render_frames,
+)
+from cltransfer.reference import Reference
+from cltransfer.scenes.load import load_scene
+from cltransfer.scores import score
+from cltransfer.shots import shot
 
 HINT = r"lower output_side or frames\)$"
 
@@ -64,3 +82,21 @@ def test_a_transfer_says_so_before_it_searches(command: Any, tmp_path: Any, monk
     said = command("transfer", "-q", "--out", tmp_path / "run", "frames=2", "search_side=48", "output_side=96")
     assert said.code == 5
     assert "frames: 2 of 96x54 need 31104 bytes, the limit is 1000 (lower output_side or frames)" in said.err
+
+
+@pytest.mark.parametrize("frames", [1, 5])
+def test_a_view_that_is_held_is_rendered_twice_and_scored_for_every_frame(frames: int) -> None:
+    scene, parts = load_scene("builtin:plaza"), Components.build(load_config())
+    assert scene.subject is not None
+    cameras = shot("push_in", scene.subject, (96, 54), frames).camera
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (48, 27))
+    own = replace(stage, size=(96, 54))
+    features = read_path(own, cameras)
+    reference = Reference(features, torch.arange(frames), None, "plaza", "", "scene", {})
+    scores = score(stage.objective, features, features, {})
+    shown = Readback(torch.zeros(frames, 3, 54, 96, dtype=torch.uint8), features, scores)
+    before = stage.spent.renders
+    held = read_held(replace(stage, recent=Recent()), parts, reference, shown, cameras)
+    assert stage.spent.renders - before == min(2, frames)
+    every = score(stage.objective, features, read_path(own, still(cameras, frames)), {})
+    torch.testing.assert_close(held.totals, every.totals, rtol=0, atol=0, equal_nan=True)
