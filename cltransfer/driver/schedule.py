@@ -13,7 +13,7 @@ from ..objective import Objective
 from .cma_es import Budget
 from .refine import Refinement
 
-LEAN_STEPS = 5
+LEAN_STEPS = 5  # at most
 QUIET = 0.5  # of the noise: what is below it is not optimised
 POLISH = Budget(generations=25, patience=8, popsize=10)
 TWICE = 2  # times as many generations where paths are refined in more than one round: a still one has none to refine
@@ -68,7 +68,8 @@ class Schedule:
     @property
     def lean(self) -> Schedule:
         """The cheapest way along a clip: one damping, the Jacobian carried from frame to frame, nothing rescued."""
-        refinement = replace(self.refinement, steps=LEAN_STEPS, dampings=DAMPINGS[1], jacobians=0)
+        steps = min(self.refinement.steps, LEAN_STEPS)
+        refinement = replace(self.refinement, steps=steps, dampings=DAMPINGS[1], jacobians=0)
         return replace(self, refinement=refinement, basin=math.inf, rescue=math.inf)
 
 

@@ -9,7 +9,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.schedule import POLISH, Schedule, make_schedule
+from cltransfer.driver.schedule import LEAN_STEPS, POLISH, Schedule, make_schedule
 from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.registry import SEARCHES
@@ -57,3 +57,8 @@ def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(
 
 def test_two_frames_do_not_tell_that_nothing_moves() -> None:
     assert schedule().polish is None
+
+
+@pytest.mark.parametrize(("steps", "lean"), [(1, 1), (6, LEAN_STEPS)])
+def test_a_clip_is_followed_leanly_in_no_more_steps_than_the_config_allows(steps: int, lean: int) -> None:
+    assert schedule(f"steps={steps}").lean.refinement.steps == lean
