@@ -37,7 +37,8 @@ class Result:
         renderer: what drew the scene.
         objective: the losses.
         schedule: how frames were searched.
-        note: why there were fewer rounds than the config asks for, empty where there were not.
+        note: why there were fewer rounds than the config asks for; empty where there were not, and where geometry read
+            the reference, so that there is no bias to correct.
         noise: total that cannot be told apart, because networks read both sides; 0 where geometry did.
         read_by: image (networks read the result too) or geometry (a scene taught a scene, or ``extract.verify=false``).
         spent: what it cost.

@@ -59,7 +59,7 @@ class Solved:
 
     Args:
         x: (D,).
-        total: there.
+        total: there; where it was refined flow counts by half, as in :class:`~.refine.Refined`.
         generations: of CMA-ES, or gradient steps of Adam.
         stop: why it ended.
         memory: for the next frame.

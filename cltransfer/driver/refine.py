@@ -45,7 +45,7 @@ class Refined:
 
     Args:
         x: (D,).
-        total: there.
+        total: there, of the residuals as they were given: a frame's count flow by half (:data:`.problem.MOTION`).
         residuals: there, (R,).
         jacobian: (R, D), for the next frame.
         evaluations: candidates evaluated.
