@@ -130,6 +130,8 @@ class Subject:
             yield "facing", f"{slant:.3g} of its length along up", "a vector orthogonal to up"
         if not math.isfinite(self.height):
             yield "height", str(self.height), "a length"
+        if self.metres_per_unit is not None and not 0 < self.metres_per_unit < math.inf:
+            yield "metres_per_unit", str(self.metres_per_unit), "a number above 0 or null"
         for i, (name, joint, confidence) in enumerate(zip(JOINTS, self.joints, self.confidence.tolist())):
             known = bool(torch.isfinite(joint).all())
             if not known and not bool(torch.isnan(joint).all()):

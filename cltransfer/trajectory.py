@@ -99,7 +99,8 @@ class Trajectory:
         """Read ``trajectory.json``.
 
         Raises:
-            InputError: the file is missing or a field is missing, of the wrong shape or range, not rigid or not finite.
+            InputError: the file or a field is missing, or one is of the wrong shape or range, not rigid, skewed or not
+                finite.
         """
         data = read_json(path)
         if not isinstance(data, Mapping) or data.get("format") != "cltransfer.trajectory":
@@ -132,6 +133,8 @@ class Trajectory:
             raise InputError(path, "w2c", "expected rotations", "a scaled or mirrored pose cannot be rendered")
         if not bool((self.camera.K[:, [0, 1], [0, 1]] > 0).all()):
             raise InputError(path, "K", "expected a positive focal length")
+        if bool(self.camera.K[:, [0, 1], [1, 0]].any()):
+            raise InputError(path, "K", "expected no skew: K[0][1] and K[1][0] are 0")
 
 
 def _size(path: Path, value: Any) -> tuple[int, int]:

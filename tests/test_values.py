@@ -53,6 +53,9 @@ def test_left_is_left_of_facing() -> None:
         ({"format": "other"}, "format: expected 'cltransfer.subject'"),
         ({"facing": [2, 0, 0]}, "facing: expected a unit vector"),
         ({"height": -1}, "height must be positive"),
+        ({"metres_per_unit": -1}, "metres_per_unit: expected a number above 0 or null, got -1.0"),
+        ({"metres_per_unit": 0}, "metres_per_unit: expected a number above 0 or null, got 0.0"),
+        ({"metres_per_unit": math.inf}, "metres_per_unit: expected a number above 0 or null, got inf"),
         ({"up": [1, 0]}, "up must be"),
         ({"joints": {}}, "left_shoulder: field is missing"),
     ],
@@ -101,6 +104,9 @@ def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
     refuse(
         "w2c: expected 0 0 0 1 as the last row", frames=changed(1, w2c=[*good["frames"][1]["w2c"][:3], [0, 0, 0, 2]])
     )
+    K = good["frames"][1]["K"]
+    refuse("K: expected no skew", frames=changed(1, K=[[K[0][0], 0.1, K[0][2]], *K[1:]]))
+    refuse("K: expected no skew", frames=changed(1, K=[K[0], [0.1, *K[1][1:]], K[2]]))
     refuse("K: expected 0 0 1 as the last row", frames=changed(1, K=[*good["frames"][1]["K"][:2], [0, 0.1, 1]]))
 
 
