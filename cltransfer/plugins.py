@@ -16,9 +16,32 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from .errors import ModelError
+from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES, code_in
 
 GROUP = "cltransfer.plugins"
 NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside plugins in their folder
+
+
+_CODE: dict[str, str] = {}  # digest of what was imported, by module
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of Python to be imported.
+
+    Args:
+        path: of the file.
+        module: its name as a module.
+        package: name of the package that is imported with it, empty where it stands alone.
+    """
+
+    path: Path
+    module: str
+    package: str = ""
+
+    def code(self) -> str:
+        """Digest of all that it may import by being named."""
+        return code_in(self.path.parent) if self.package else hashlib.sha256(self.path.read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -45,6 +68,8 @@ def allow(names: Iterable[str | Path]) -> list[str]:
 
     Args:
         names: an installed plugin's name, a Python file, or a folder whose Python files are plugins, but for tests.
+            A folder with an ``__init__.py`` is imported as a package. No code runs that lies elsewhere than is named,
+            and none a second time that has not changed.
 
     Raises:
         ModelError: there is no such plugin, or its code fails.
@@ -84,17 +109,12 @@ def import_settled(names: Sequence[str]) -> list[str]:
         if name not in points:
             raise ModelError(name, "--allow-plugin", "expected an installed plugin, it is not", "install it here too")
         _import_point(points[name])
-    files = [file for name in names if name not in by_name for file in _files(Path(name))]
-    return by_name + [_import_file(path) for path in {path.resolve(): path for path in files}.values()]
-
-
-def _files(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    members = sorted(p for p in path.glob("*.py") if not p.name.startswith(NO_PLUGINS))
-    if not members:
-        raise ModelError(path, "--allow-plugin", "no Python file in this folder")
-    return members
+    found = [source for name in names if name not in by_name for source in _sources(Path(name))]
+    found.sort(key=lambda source: not source.package)  # of a file that is named twice what knows its package
+    files: dict[Path, Source] = {}
+    for source in found:
+        files.setdefault(source.path.resolve(), source)
+    return by_name + [_import_file(source) for source in files.values()]
 
 
 def _import_point(point: EntryPoint) -> None:
@@ -106,20 +126,67 @@ def _import_point(point: EntryPoint) -> None:
         raise ModelError(point.value, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
 
 
-def _import_file(path: Path) -> str:
+def _sources(path: Path) -> list[Source]:
+    """The file, or those of a folder; where that is a package it runs first, and its files are parts of it."""
+    if not path.is_dir():
+        return [Source(path, _module(path))]
+    members = sorted(p for p in path.glob("*.py") if not p.name.startswith(NO_PLUGINS))
+    package = _module(path)
+    if (path / "__init__.py").is_file():
+        parts = [Source(member, f"{package}.{member.stem}", package) for member in members]
+        return [Source(path / "__init__.py", package, package), *parts]
+    if not members:
+        raise ModelError(path, "--allow-plugin", "no Python file in this folder")
+    return [Source(member, _module(member)) for member in members]
+
+
+def _module(path: Path) -> str:
     place = hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:8]  # another file may have the same name
-    name = f"cltransfer_plugin_{path.stem}_{place}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    return f"cltransfer_plugin_{path.stem}_{place}"
+
+
+def _import_file(source: Source) -> str:
+    if _known(source):
+        return str(source.path)
+    _forget(source.module)
+    search = [str(source.path.parent)] if source.module == source.package else None
+    spec = importlib.util.spec_from_file_location(source.module, source.path, submodule_search_locations=search)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
+    sys.modules[source.module] = module  # dataclasses look their module up
     try:
         spec.loader.exec_module(module)
     except ModelError:
-        del sys.modules[name]
+        _forget(source.module)
         raise
     except (Exception, SystemExit) as error:
+        _forget(source.module)
+        reason = f"failed at import: {type(error).__name__}: {error}"
+        raise ModelError(source.path, "plugin", reason, _hint(source, error)) from error
+    _CODE[source.module] = source.code()
+    return str(source.path)
+
+
+def _known(source: Source) -> bool:
+    """Whether it was imported, as it is now, and what it registered is there still."""
+    if source.module.startswith(f"{source.package}."):  # its package was looked at before
+        return source.module in sys.modules
+    registered = any(registry.holds(source.module) for registry in (LOSSES, EXTRACTORS, RENDERERS, SEARCHES, FITTERS))
+    return registered and _CODE.get(source.module) == source.code()
+
+
+def _forget(module: str) -> None:
+    """Take ``module`` and what lies in it out of what is imported."""
+    for name in [name for name in sys.modules if f"{name}.".startswith(f"{module}.")]:
         del sys.modules[name]
-        raise ModelError(path, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
-    return str(path)
+
+
+def _hint(source: Source, error: BaseException) -> str:
+    """What to do about an import relative to a package that is not loaded, since that would run more than was named."""
+    if not isinstance(error, ImportError) or "relative import" not in str(error):
+        return ""
+    folder = source.path.parent
+    if not (folder / "__init__.py").is_file():
+        return f"write an empty __init__.py beside it and name the folder: --allow-plugin {folder}"
+    return f"name the folder of the package that it needs: --allow-plugin {folder.parent if source.package else folder}"

@@ -96,6 +96,10 @@ class Registry(Generic[T]):
         """The name of the class of ``component``; empty where that is not registered."""
         return next((name for name, cls in self._classes.items() if cls is type(component)), "")
 
+    def holds(self, module: str) -> bool:
+        """Whether a class is registered that is of ``module``, or of one in it."""
+        return any(f"{cls.__module__}.".startswith(f"{module}.") for cls in self._classes.values())
+
     def build(self, name: str, options: Mapping[str, Any] | None = None) -> T:
         """Component ``name`` with ``options`` checked and converted by its own fields.
 
@@ -145,8 +149,11 @@ def code_of(component: object) -> str:
     if module.partition(".")[0] == "cltransfer" or file is None:
         return ""
     package = _package(Path(file))
-    if package is None:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if package is None else code_in(package)
+
+
+def code_in(package: Path) -> str:
+    """SHA-256 of the names and contents of every Python file in a folder that is not hidden."""
     digest = hashlib.sha256()
     for part in sorted(package.rglob("*.py")):
         if not part.is_file() or any(name.startswith(".") for name in part.relative_to(package).parts):

@@ -1,0 +1,80 @@
+"""Plugins of several files: a folder is a package, and nothing beside what was named runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cltransfer.errors import ModelError
+from cltransfer.plugins import allow
+from cltransfer.registry import LOSSES, code_of
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    """The loss that a test registers is forgotten after it."""
+    yield
+    LOSSES._classes.pop("mine", None)
+
+
+@pytest.fixture
+def package(tmp_path: Path, own_loss: str) -> Path:
+    """A folder in a package, with a loss that takes its weight from another file."""
+    folder = tmp_path / "outer" / "mine"
+    folder.mkdir(parents=True)
+    (folder.parent / "__init__.py").write_text("raise RuntimeError('it lies beside what was named')\n")
+    (folder / "__init__.py").write_text("from .loss import Mine\n")
+    (folder / "tools.py").write_text("W = 3.0\n")
+    (folder / "loss.py").write_text(f"from .tools import W\n{own_loss.replace('float = 1.0', 'float = W')}")
+    return folder
+
+
+def test_a_folder_that_is_a_package_imports_from_itself_and_runs_once(package: Path) -> None:
+    assert allow([package / "loss.py", package]) == [str(package / f"{n}.py") for n in ("__init__", "loss", "tools")]
+    mine = LOSSES.build("mine")
+    assert mine.weight == 3
+    before = code_of(mine)
+    assert len(allow([package])) == 3
+    assert LOSSES.get("mine") is type(mine)
+    (package / "tools.py").write_text("W = 4.25\n")
+    assert code_of(mine) != before
+    LOSSES._classes.pop("mine")
+    allow([package])
+    assert LOSSES.build("mine").weight == 4.25
+
+
+def test_a_file_of_a_package_is_refused_with_what_to_name(package: Path, own_loss: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        allow([package / "loss.py"])
+    assert "attempted relative import with no known parent package (name the folder" in str(caught.value)
+    assert str(caught.value).endswith(f"--allow-plugin {package})")
+    (package / "loss.py").write_text(f"from ..tools import W\n{own_loss}")
+    with pytest.raises(ModelError, match=f"beyond top-level package .*--allow-plugin {package.parent}\\)$"):
+        allow([package])
+    (package / "__init__.py").unlink()
+    (package / "loss.py").write_text("from .tools import W\n")
+    with pytest.raises(ModelError, match=f"write an empty __init__.py beside it and .*--allow-plugin {package}\\)$"):
+        allow([package])
+
+
+def test_a_package_that_failed_is_imported_whole_when_it_is_mended(package: Path) -> None:
+    tools = (package / "tools.py").read_text()
+    (package / "tools.py").write_text("V = 3.0\n")
+    with pytest.raises(ModelError, match="failed at import: ImportError: cannot import name 'W'"):
+        allow([package])
+    (package / "tools.py").write_text(f"{tools}# mended\n")
+    allow([package])
+    assert LOSSES.build("mine").weight == 3
+
+
+def test_the_same_file_is_imported_once_a_process(tmp_path: Path, own_loss: str) -> None:
+    (tmp_path / "mine.py").write_text(own_loss)
+    first = allow([tmp_path / "mine.py"])
+    mine = LOSSES.get("mine")
+    assert allow([tmp_path]) == first
+    assert LOSSES.get("mine") is mine
+    (tmp_path / "mine.py").write_text(f"{own_loss}# edited\n")
+    with pytest.raises(ModelError, match="the name is taken by"):
+        allow([tmp_path / "mine.py"])
