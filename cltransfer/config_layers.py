@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -12,6 +13,8 @@ from .files import check_yaml, read_text
 
 YAML_LIMIT = 2**20  # bytes
 PLAIN = "a number, text, true, false, null, a list or a mapping"
+MISREAD = re.compile(r"[-+]?(0[0-7_]+|[1-9][0-9_]*(:[0-5]?[0-9])+|[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*)")
+"""What YAML 1.1 reads in base 8 or 60."""
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
 
 
@@ -65,15 +68,17 @@ def read_yaml(path: Any) -> dict[str, Any]:
     import yaml
     from omegaconf import OmegaConf
 
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # as omegaconf chooses
     try:
         text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
     except InputError as error:
         raise UsageError(path, error.field, error.reason) from None
     _refuse_interpolation(text, path, "${")
     try:
-        check_yaml(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # as omegaconf chooses
+        check_yaml(text, loader)
     except (yaml.YAMLError, ValueError) as error:
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    _refuse_misread(text, path, "", loader)
     try:
         value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
     except yaml.YAMLError as error:  # a key that is there twice, of which only the reader knows
@@ -104,6 +109,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
             value = yaml.safe_load(text) if text else None
         except yaml.YAMLError:
             raise UsageError("", key, f"not a YAML value: {text}") from None
+        _refuse_misread(text, "", key, yaml.SafeLoader)
         _refuse_interpolation(value, "", key)
         for foreign in _foreign(value):
             raise UsageError("", key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own")
@@ -122,6 +128,18 @@ def _refuse_interpolation(value: Any, where: Any, field: str) -> None:
     """``value`` is a text as it was written, or what was parsed of it: YAML can write ``${`` without these letters."""
     if _interpolates(value):
         raise UsageError(where, field, "interpolation is not part of the grammar", "write the value")
+
+
+def _refuse_misread(text: str, where: Any, field: str, loader: Any) -> None:
+    """Refuse a number that is another one in YAML than anywhere else: 010 would be 8, and 1:30 would be 90."""
+    import yaml
+
+    for token in yaml.scan(text, loader):
+        if isinstance(token, yaml.ScalarToken) and token.plain and MISREAD.fullmatch(token.value):
+            reason = f"YAML reads {token.value[:40]} in base {60 if ':' in token.value else 8}"
+            raise UsageError(
+                where, field, reason, "write a number without leading zeros and colons, and text in quotes"
+            )
 
 
 def _interpolates(value: Any) -> bool:

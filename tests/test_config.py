@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.config import load_config, presets, to_yaml
+from cltransfer.config_layers import parse_overrides
 from cltransfer.config_options import RunConfig
 from cltransfer.errors import UsageError
 
@@ -106,6 +107,12 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("losses=3", "expected name: {options}"),
         ("base=full.yaml", "base: expected in a file, which it lies below (use --config FILE or preset=NAME)"),
         ("seed=${oc.env:HOME}", "interpolation is not part of the grammar"),
+        (
+            "seed=010",
+            "seed: YAML reads 010 in base 8 (write a number without leading zeros and colons, and text in quotes",
+        ),
+        ("popsize=1:30", "popsize: YAML reads 1:30 in base 60"),
+        ("losses={framing: {weight: 1:30.5}}", "losses: YAML reads 1:30.5 in base 60"),
         ("frames", "expected key=value"),
         ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
         ("losses.shot_size._target_=os.system", "no such option"),
@@ -120,6 +127,14 @@ def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> 
     assert "\n" not in str(caught.value)
 
 
+def test_what_only_resembles_a_number_of_another_base_is_read() -> None:
+    for text, value in (("0", 0), ("1_000", 1000), ("0x1f", 31)):
+        assert load_config(overrides=[f"seed={text}"]).seed == value
+    assert load_config(overrides=["lod=00.5"]).lod == 0.5
+    for text in ("'010'", "clip.mp4#t=1:30", "0.5:30x"):
+        assert parse_overrides([f"references=[{text}]"]) == {"references": [text.strip("'")]}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -129,6 +144,7 @@ def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> 
         ("seed: ${seed}\n", "interpolation"),
         ("seed: 1\nseed: 2\n", "not a config: while constructing a mapping"),
         ("3\n", "not a config: expected keys with values, each a number, text,"),
+        ("seed: -0_10\n", "YAML reads -0_10 in base 8"),
         ("null: 1\n", "not a config: expected keys with values, each a number, text,"),
         ("losses: !!set {framing}\n", "not a config: expected keys with values, each a number, text,"),
         ("x" * (2**20 + 1), "expected at most"),
