@@ -13,17 +13,19 @@ from .read import DRAWN
 from .sweep import Sweep
 
 SIZE = (640, 360)  # [px]
-FRAMES = 24
+FRAMES = 24  # where a row takes all there are
 DRAWN_REFERENCES = "references"  # folder of them in that of the ablation
 
 
 def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
     """Write the trajectory of every ``drawn:SHOT`` and seed; references as SCENE@TRAJECTORY by name and seed.
 
+    Each has the most frames that a row asks for; a row that asks for fewer takes some of them.
+
     Raises:
         UsageError: there is no such shot.
     """
-    made = {}
+    made, frames = {}, max(row.config.frames or FRAMES for row in sweep.rows)
     for seed in sweep.file.seeds:
         for reference in sweep.file.references:
             if reference.startswith(DRAWN):
@@ -32,7 +34,7 @@ def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
                 subject = load_scene(scene).subject
                 assert subject is not None
                 path = folder.resolve() / DRAWN_REFERENCES / f"{name}-{seed}.json"
-                shot(name, subject, SIZE, sweep.metrics.frames or FRAMES, setup=drawn_setup(name, seed)).save(path)
+                shot(name, subject, SIZE, frames, setup=drawn_setup(name, seed)).save(path)
                 made[reference, seed] = f"{scene}@{path}"
     return made
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..camera import fitted_size, resized
 from ..components import Components
 from ..config_options import RunConfig
 from ..driver.stage import Stage
@@ -16,7 +17,7 @@ from ..features import Features
 from ..objective import Objective
 from ..plan import Family
 from ..read_frames import render_features
-from ..readback import read_path
+from ..readback import read_path, render_frames
 from ..reference import Reading, Reference, read_reference
 from ..scenes.lifted import lifted_scene
 from ..scores import Scores, score
@@ -55,25 +56,32 @@ class Measured:
 
 
 def measured(result: Result, reference: str, config: RunConfig, metrics: RunConfig) -> Measured:
-    """Scores of ``result`` at its own size by the losses and extractors of ``metrics``.
+    """Scores of ``result`` by the losses and extractors of ``metrics``, and at the size that these say.
 
-    As in a transfer, networks read both sides where the reference is a clip and ``extract.verify`` says so.
+    As in a transfer, networks read both sides where the reference is a clip and ``extract.verify`` says so. Frames of
+    another size are rendered anew for them: those of a smaller result made larger would be blurred, as no row of that
+    size is.
 
     Args:
         result: of a transfer.
         reference: what it was transferred from.
         config: of the transfer; its renderer draws the scene again.
-        metrics: losses and extractors, and by ``extract.inner`` whether geometry or networks read a scene.
+        metrics: losses and extractors, ``output_side``, and by ``extract.inner`` whether geometry or networks read a
+            scene.
 
     Raises:
         InputError: the reference cannot be read by these extractors.
+        ResourceError: the frames do not fit in memory.
     """
-    cameras = result.trajectory.camera
     parts = Components(config.build_one("renderer"), metrics.build("extractors"), metrics.build("losses"))
     family: Family = "scene" if metrics.extract.inner == "geometric" else "image"
-    read = read_reference(reference, parts, Reading(config.frames, config.output_side, family))
+    read = read_reference(reference, parts, Reading(config.frames, metrics.output_side, family))
+    cameras, size = result.trajectory.camera, fitted_size(read.features.size, metrics.output_side)
+    same = cameras.size == size
+    cameras = cameras if same else resized(cameras, size)
     if read.family == "image" and metrics.extract.verify:
-        features = render_features(result.image, cameras, result.scene.subject, parts.plan("image"))
+        image = result.image if same else render_frames(result.scene, parts, cameras)
+        features = render_features(image, cameras, result.scene.subject, parts.plan("image"))
     else:
         scene = lifted_scene(result.scene, parts.renderer, parts.extractors) if family == "scene" else result.scene
         plan = parts.plan(family, shared=read.features.names())

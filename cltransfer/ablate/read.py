@@ -21,6 +21,8 @@ from .sweep import Row, SceneConfig, Sweep, SweepFile
 DRAWN = "drawn:"
 BUILTIN = ("builtin:", DRAWN)
 KEYS = tuple(f.name for f in fields(SweepFile))
+MEASURES = ("preset", "output_side", "extract", "extractors", "losses")  # what a result is measured by
+MEASURES_EXTRACT = ("inner", "verify")  # and of extract
 COMMAND_LINE_KEYS = ("scenes", "references", "seeds", "metrics")
 
 
@@ -59,7 +61,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     file = _typed({**merge(written, said), **located}, path, origins)
     rows = tuple(_row(file, row, above, path, fence) for row in file.rows)
     _check_cases(file, rows, path)
-    metrics = _config([_base(file, path), (above, COMMAND_LINE), (file.metrics, f"{path}: metrics")])
+    metrics = _metrics(file, above, origins, path)
     over = tuple(
         item for item in overrides if item not in below_engine and item.partition("=")[0].split(".")[0] in above
     )
@@ -160,6 +162,27 @@ def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence
     return Row(name, config, None if scene in file.scenes else scene)
 
 
+def _metrics(file: SweepFile, above: Mapping[str, Any], origins: Mapping[str, str], where: Any) -> RunConfig:
+    """Config by which all rows are measured; only what it takes of the base and of what lies above every row."""
+    base, place = _base(file, where)
+    written = [(_measuring(base), place), (_measuring(above), COMMAND_LINE), (file.metrics, f"{where}: metrics")]
+    config = _config(written)
+    for key in (*file.metrics, *(f"extract.{name}" for name in file.metrics.get("extract", ()))):
+        if key not in (*MEASURES, *(f"extract.{name}" for name in MEASURES_EXTRACT)):
+            at = origin(origins, f"metrics.{key}") or where
+            hint = f"it takes {', '.join(MEASURES)}; say others in base or rows"
+            raise UsageError(at, f"metrics.{key}", "nothing is measured by it", hint)
+    return config
+
+
+def _measuring(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a config's ``values`` a result is measured by."""
+    found = {key: value for key, value in values.items() if key in MEASURES}
+    if isinstance(found.get("extract"), Mapping):
+        found["extract"] = {key: value for key, value in found["extract"].items() if key in MEASURES_EXTRACT}
+    return found
+
+
 def _base(file: SweepFile, where: Any) -> tuple[Mapping[str, Any], str]:
     return file.base, f"{where}: base"
 
@@ -186,7 +209,7 @@ def _with_command_line(file: SweepFile, rows: Iterable[Row], above: Mapping[str,
     for row in rows:
         if row.scene is not None:
             written[row.name]["scene"] = asdict(row.scene)
-    return replace(file, rows=written, metrics=merge(above, file.metrics))
+    return replace(file, rows=written, metrics=merge(_measuring(above), file.metrics))
 
 
 def _check_cases(file: SweepFile, rows: tuple[Row, ...], where: Any) -> None:

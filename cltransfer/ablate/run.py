@@ -131,9 +131,10 @@ def markdown(ablation: Ablation) -> list[str]:
     lines = [
         *_head(ablation.sweep),
         f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), all rows measured by the",
-        "same metrics, lower is better; (a/b): only a of b frames have a value, where the render alone lacks one it",
-        "pays the penalty. Failed trials have no value and are counted. Seeds that change nothing (a fixed reference,",
-        f"refinement) count as trials all the same. Measured at {', '.join(_commits(ablation))}.",
+        f"same metrics at {ablation.sweep.metrics.output_side} px, lower is better; (a/b): only a of b frames have a",
+        "value, where the render alone lacks one it pays the penalty. Failed trials have no value and are counted.",
+        "Seeds that change nothing (a fixed reference, refinement) count as trials all the same.",
+        f"Measured at {', '.join(_commits(ablation))}.",
         "",
         *to_markdown(values_table(ablation.rows)),
     ]
@@ -179,6 +180,9 @@ def _notes(ablation: Ablation) -> list[str]:
         for name in row.config.losses.keys() - ablation.sweep.metrics.losses.keys():
             hint = f"`metrics: {{losses: {{{name}: {{}}}}}}` measures it in every row, and adds it to the total"
             notes.append(f"- {row.name}: {name} is not measured; {hint}")
+    if len(frames := {row.config.frames for row in ablation.sweep.rows}) > 1:
+        counts = ", ".join(str(count or "all") for count in sorted(frames, key=lambda count: (count is None, count)))
+        notes.append(f"- rows differ in frames ({counts}): so does what moves from one frame to the next")
     return [*sorted(notes), ""] if notes else []
 
 

@@ -17,7 +17,9 @@ from typing import Any
 
 import pytest
 
+from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.run import Ablation, markdown
 from cltransfer.ablate.summary import summarise
 from cltransfer.ablate.trial import Job, run_trial, trials
 
@@ -108,6 +110,22 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     assert [timeless(line) for line in lines(out)] == [timeless(asdict(outcome)) for outcome in unbroken]
     rows = summarise(["full", "no framing", "no size"], unbroken)
     assert [timeless(row) for row in found["rows"]] == [timeless(asdict(row)) for row in rows]
+
+
+def test_every_row_is_measured_at_one_size_and_has_the_frames_that_it_asks_for(
+    sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    more = "metrics: {losses: {camera_movement: {mode: faithful}}}"  # in pixels
+    file = sweep_file("{small: {}, large: {output_side: 192}, long: {frames: 3}}", more)
+    sweep = read_sweep(str(file), ["references=['drawn:orbit']"])
+    found = [run_trial(trial, Job()) for trial in trials(sweep, draw_references(sweep, tmp_path))]
+    assert [outcome.frames for outcome in found] == [2, 2, 3], [outcome.failed for outcome in found]
+    small, large = (outcome.metrics["camera_movement"].mean for outcome in found[:2] if outcome.metrics)
+    assert small
+    assert large == pytest.approx(small, rel=0.2)
+    text = markdown(Ablation(sweep, tuple(summarise(["small", "large", "long"], found)), tuple(found)))
+    assert "same metrics at 48 px" in "\n".join(text)
+    assert "- rows differ in frames (2, 3): so does what moves from one frame to the next" in text
 
 
 def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(

@@ -24,6 +24,7 @@ def written(tmp_path: Path) -> Written:
     return write
 
 
+MEASURED = "preset, output_side, extract, extractors, losses; say others in base or rows"
 ROWS = "rows: {full: {}, none: {losses: {framing: null}}}\n"
 
 
@@ -77,8 +78,10 @@ def test_what_the_metrics_say_lies_over_what_goes_on_top_of_every_row(written: W
 
 def test_the_file_that_is_left_says_what_the_command_line_laid_over_every_row(written: Written) -> None:
     rows = "rows: {full: {}, paper: {preset: paper}, mesh: {scene: 'builtin:courtyard-0-mesh'}}\n"
-    sweep = read_sweep(written(rows), ["frames=2", "losses.framing.weight=3", "engine.workers=2", "seeds=[4]"])
-    assert sweep.over == ("frames=2", "losses.framing.weight=3")
+    sweep = read_sweep(
+        written(rows), ["frames=2", "losses.framing.weight=3", "extract.bias=frame", "engine.workers=2", "seeds=[4]"]
+    )
+    assert sweep.over == ("frames=2", "losses.framing.weight=3", "extract.bias=frame")
     again = read_sweep(written(sweep.to_yaml()))
     assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
     assert {row.config.frames for row in again.rows} == {2}
@@ -130,6 +133,11 @@ REFUSED = {
     "rows: {a: {frames: 0}}": "frames: expected 1 to 2000",
     "rows: {a: {seed: 3}}": "seed: the sweep has its own",
     "rows: {a: {threads: 4}}": "rows.a: threads: a trial has one thread (say how many trials at once",
+    "rows: {a: {}}\nmetrics: {search_side: 96}": "metrics.search_side: nothing is measured by it (it takes",
+    "rows: {a: {}}\nmetrics: {frames: 3}": "metrics.frames: nothing is measured by it",
+    "rows: {a: {}}\nmetrics: {extract: {bias: frame}}": "metrics.extract.bias: nothing is measured by it",
+    "rows: {a: {}}\nmetrics: {sarch_side: 96}": "metrics: sarch_side: no such key (did you mean 'search_side'?)",
+    "rows: {a: {}}\nmetrics: {seed: 1}": "metrics: seed: the sweep has its own",
     "rows: {a: {}}\nbase: {threads: 4}": "sweep.yaml: base: threads: a trial has one thread",
     "rows: {a: {base: other.yaml}}": "base: a base names no further base",
     "rows: {a: {}}\nseed: [1]": "seed: no such key (did you mean 'seeds'?)",
@@ -177,6 +185,7 @@ def test_what_cannot_be_meant_is_refused_by_name(written: Written, text: str) ->
 def test_what_is_wrong_on_the_command_line_is_named_there(written: Written) -> None:
     for override, line in (
         ("frames=many", "command line: frames: expected a whole number or null, got 'many'"),
+        ("metrics.engine=cma", f"command line: metrics.engine: nothing is measured by it (it takes {MEASURED})"),
         ("seeds=[x]", "command line: seeds: expected a list of whole numbers, got ['x']"),
     ):
         with pytest.raises(UsageError) as caught:
