@@ -133,7 +133,7 @@ def markdown(ablation: Ablation) -> list[str]:
         f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), all rows measured by the",
         f"same metrics at {ablation.sweep.metrics.output_side} px, lower is better; (a/b): only a of b frames have a",
         "value, where the render alone lacks one it pays the penalty. Failed trials have no value and are counted.",
-        "Seeds that change nothing (a fixed reference, refinement) count as trials all the same.",
+        "Seeds of a reference that is not drawn by them are averaged first, and count as one.",
         f"Measured at {', '.join(_commits(ablation))}.",
         "",
         *to_markdown(values_table(ablation.rows)),

@@ -8,6 +8,7 @@ from statistics import fmean
 
 import numpy as np
 
+from .read import DRAWN
 from .trial import Case, Metric, Outcome
 
 CONFIDENCE = 0.95
@@ -45,8 +46,8 @@ class Measure:
     """One metric of one row.
 
     Args:
-        value: over the trials.
-        difference: to the first row, over the cases on which both have a value; None in the first row.
+        value: over the trials; of a reference that is not drawn by the seed, over the means of its seeds.
+        difference: to the first row, over the same of the cases on which both have a value; None in the first row.
         unit: of both.
         defined, frames: how many frames have a value, of how many.
     """
@@ -140,14 +141,27 @@ def _measure(kind: str, name: str, found: list[Outcome], first: list[Outcome] | 
     difference = None
     if first is not None:
         held = _values(kind, name, first)
-        difference = estimate([values[case] - held[case] for case in values if case in held])
+        difference = estimate(_observed({case: values[case] - held[case] for case in values if case in held}))
     terms = [(_told(outcome, kind)[name], outcome.frames) for outcome in found if name in _told(outcome, kind)]
     unit = terms[0][0].unit if terms else ""
     return Measure(
-        estimate(list(values.values())), difference, unit, sum(t.defined for t, _ in terms), sum(n for _, n in terms)
+        estimate(_observed(values)), difference, unit, sum(t.defined for t, _ in terms), sum(n for _, n in terms)
     )
 
 
 def _values(kind: str, name: str, found: list[Outcome]) -> dict[Case, float]:
     means = {o.case: _told(o, kind)[name].mean for o in found if name in _told(o, kind)}
     return {case: mean for case, mean in means.items() if mean is not None}
+
+
+def _observed(values: dict[Case, float]) -> list[float]:
+    """One value for each scene and reference, its mean over the seeds; a drawn reference is another one for each seed.
+
+    Seeds of a fixed reference show how steady a search is, and nothing of other shots: a search without chance comes to
+    the same value for each of them.
+    """
+    found: dict[tuple[str, str, int | None], list[float]] = {}
+    for case, value in values.items():
+        seed = case.seed if case.reference.startswith(DRAWN) else None
+        found.setdefault((case.scene, case.reference, seed), []).append(value)
+    return [fmean(of_one) for of_one in found.values()]

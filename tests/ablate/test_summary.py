@@ -15,14 +15,14 @@ from cltransfer.ablate.trial import Case, Metric, Outcome
 from cltransfer.report.tables import to_latex, to_markdown
 
 
-def outcome(row: str, seed: int, size: float | None, defined: int = 4) -> Outcome:
-    case = Case("courtyard", "orbit", seed)
+def outcome(row: str, seed: int, size: float | None, defined: int = 4, reference: str = "drawn:orbit") -> Outcome:
+    case = Case("courtyard", reference, seed)
     metrics = {"shot_size": Metric(size, "frame", defined, ""), "total": Metric(1.0, "", 4, "")}
     return Outcome(f"{row}{seed}", row, case, "", metrics, frames=4, evaluations=40, seconds=2.0)
 
 
 def failed(row: str, seed: int) -> Outcome:
-    return Outcome(f"{row}{seed}", row, Case("courtyard", "orbit", seed), failed="a & b: no | person_found")
+    return Outcome(f"{row}{seed}", row, Case("courtyard", "drawn:orbit", seed), failed="a & b: no | person_found")
 
 
 def test_the_interval_holds_the_mean_and_does_not_depend_on_the_hour() -> None:
@@ -69,6 +69,23 @@ def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
     assert (full.metrics["shot_size"].defined, full.metrics["shot_size"].frames) == (12, 16)
     assert (less.trials, less.failed) == (4, 1)
     assert (less.evaluations, less.seconds) == (10, 2)
+
+
+def test_seeds_of_a_fixed_reference_are_one_observation_and_those_that_draw_it_many() -> None:
+    values = {"drawn:orbit": 0.2, "clip.mp4": 0.4, "builtin:orbit": 0.6}
+    for references, count in ((["drawn:orbit"], 6), (["clip.mp4"], 1), (["clip.mp4", "builtin:orbit"], 2)):
+        found = [
+            outcome(row, seed, values[reference] + more + 0.01 * (seed - 2.5), reference=reference)
+            for row, more in (("full", 0.0), ("less", 0.01))
+            for reference in references
+            for seed in range(6)
+        ]
+        measure = summarise(["full", "less"], found)[1].metrics["shot_size"]
+        assert measure.difference is not None
+        assert (measure.value.count, measure.difference.count) == (count, count)
+        assert measure.value.mean == pytest.approx(np.mean([values[reference] for reference in references]) + 0.01)
+        assert measure.difference.mean == pytest.approx(0.01)
+        assert measure.difference.certain == (count == 6)
 
 
 def test_a_row_in_which_all_failed_has_no_number() -> None:
