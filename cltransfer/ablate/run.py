@@ -20,7 +20,7 @@ from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
 from .sources import check_sources
-from .summary import CONFIDENCE, FEWEST, RowSummary, summarise
+from .summary import CONFIDENCE, FEWEST, RowSummary, alike, summarise
 from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
 from .trial import Job, Outcome, trials
@@ -173,7 +173,7 @@ def _commits(ablation: Ablation) -> list[str]:
 
 
 def _notes(ablation: Ablation) -> list[str]:
-    """What the searches of a row have to say, and losses of a row that nothing measures."""
+    """What the searches of a row have to say, losses of a row that nothing measures, and rows that do not differ."""
     said = Counter((outcome.row, outcome.note) for outcome in ablation.outcomes if outcome.note)
     notes = [f"- {row}: {note} ({count} trials)" for (row, note), count in said.items()]
     for row in ablation.sweep.rows:
@@ -183,6 +183,10 @@ def _notes(ablation: Ablation) -> list[str]:
     if len(frames := {row.config.frames for row in ablation.sweep.rows}) > 1:
         counts = ", ".join(str(count or "all") for count in sorted(frames, key=lambda count: (count is None, count)))
         notes.append(f"- rows differ in frames ({counts}): so does what moves from one frame to the next")
+    for one, other in alike(ablation.outcomes):
+        notes.append(
+            f"- rows {one} and {other} came out the same in every value: what sets them apart has no effect here"
+        )
     return [*sorted(notes), ""] if notes else []
 
 

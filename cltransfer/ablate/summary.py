@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
+from typing import Any
 
 import numpy as np
 
@@ -115,6 +116,17 @@ def summarise(rows: Iterable[str], outcomes: Iterable[Outcome]) -> list[RowSumma
     first = next(iter(by_row.values()))
     kinds = [(kind, _names(kind, by_row.values())) for kind in ("metrics", "directions")]
     return [_row(name, found, None if found is first else first, kinds) for name, found in by_row.items()]
+
+
+def alike(outcomes: Iterable[Outcome]) -> list[tuple[str, str]]:
+    """Rows that came to the same on every case, in each value and at the same cost, each with the first such row."""
+    rows: dict[str, dict[Case, tuple[Any, ...]]] = {}
+    for o in outcomes:
+        came = (o.failed, o.metrics, o.directions, o.frames, o.evaluations, o.network_passes)
+        rows.setdefault(o.row, {})[o.case] = came
+    names = [name for name, found in rows.items() if any(metrics is not None for _, metrics, *_ in found.values())]
+    first = {name: next(other for other in names if rows[other] == rows[name]) for name in names}
+    return [(other, name) for name, other in first.items() if other != name]
 
 
 def _names(kind: str, rows: Iterable[list[Outcome]]) -> list[str]:

@@ -116,16 +116,18 @@ def test_every_row_is_measured_at_one_size_and_has_the_frames_that_it_asks_for(
     sweep_file: SweepFile, tmp_path: Path
 ) -> None:
     more = "metrics: {losses: {camera_movement: {mode: faithful}}}"  # in pixels
-    file = sweep_file("{small: {}, large: {output_side: 192}, long: {frames: 3}}", more)
+    file = sweep_file("{small: {}, large: {output_side: 192}, long: {frames: 3}, patient: {patience: 9}}", more)
     sweep = read_sweep(str(file), ["references=['drawn:orbit']"])
     found = [run_trial(trial, Job()) for trial in trials(sweep, draw_references(sweep, tmp_path))]
-    assert [outcome.frames for outcome in found] == [2, 2, 3], [outcome.failed for outcome in found]
+    assert [outcome.frames for outcome in found] == [2, 2, 3, 2], [outcome.failed for outcome in found]
     small, large = (outcome.metrics["camera_movement"].mean for outcome in found[:2] if outcome.metrics)
     assert small
     assert large == pytest.approx(small, rel=0.2)
-    text = markdown(Ablation(sweep, tuple(summarise(["small", "large", "long"], found)), tuple(found)))
+    text = markdown(Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), tuple(found)))
     assert "same metrics at 48 px" in "\n".join(text)
     assert "- rows differ in frames (2, 3): so does what moves from one frame to the next" in text
+    same = "- rows small and patient came out the same in every value: what sets them apart has no effect here"
+    assert same in text  # patience is of the engine cma
 
 
 def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltransfer.ablate.summary import estimate, summarise
+from cltransfer.ablate.summary import alike, estimate, summarise
 from cltransfer.ablate.tables import differences_table, directions_table, to_csv, values_table
 from cltransfer.ablate.trial import Case, Metric, Outcome
 from cltransfer.report.tables import to_latex, to_markdown
@@ -86,6 +86,15 @@ def test_seeds_of_a_fixed_reference_are_one_observation_and_those_that_draw_it_m
         assert measure.value.mean == pytest.approx(np.mean([values[reference] for reference in references]) + 0.01)
         assert measure.difference.mean == pytest.approx(0.01)
         assert measure.difference.certain == (count == 6)
+
+
+def test_rows_that_came_to_the_same_in_every_value_are_found() -> None:
+    found = [outcome(row, seed, 0.1 + seed) for seed in range(2) for row in ("full", "as full", "less", "dear")]
+    found[-1] = replace(found[-1], evaluations=41)
+    found[-2] = outcome("less", 1, 0.2)
+    found[0] = replace(found[0], seconds=7.0, commit="another")
+    found += [replace(failed(row, seed), key="") for row in ("bad", "as bad") for seed in range(2)]
+    assert alike(found) == [("full", "as full")]
 
 
 def test_a_row_in_which_all_failed_has_no_number() -> None:
