@@ -71,8 +71,8 @@ class Frame:
         return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
 
 
-def decode(path: Path) -> Iterator[Frame]:
-    """Frames of ``path`` in order of presentation.
+def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
+    """Frames of ``path`` in order of presentation; without ``exif`` an image is upright as it is stored.
 
     Raises:
         InputError: the file is missing, is of no allowed kind, has no video, is damaged, changes size,
@@ -86,7 +86,7 @@ def decode(path: Path) -> Iterator[Frame]:
             if packet.stream.index != stream.index:
                 continue
             for raw in stream.decode(packet):
-                frame = _checked(path, count, raw, stream)
+                frame = _checked(path, count, raw, stream, exif)
                 if before is not None and (frame.size != before.size or frame.time <= before.time):
                     what = "size" if frame.size != before.size else "time"
                     now, then = getattr(frame, what), getattr(before, what)
@@ -153,7 +153,7 @@ def _check_size(path: Path, field: str, size: tuple[int, int]) -> None:
         raise InputError(path, field, limit, "make it smaller")
 
 
-def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream) -> Frame:
+def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, exif: bool) -> Frame:
     field = f"frame {index}"
     if index >= SCAN_LIMIT:
         raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, got more", "cut the clip")
@@ -161,17 +161,18 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream) ->
         raise InputError(path, field, "is damaged")
     if raw.time is None:
         raise InputError(path, field, "has no presentation time", "re-encode it")
-    turns, mirrored = _upright(path, field, raw)
+    turns, mirrored = _upright(path, field, raw, exif)
     size = (max(1, round(raw.width * float(stream.sample_aspect_ratio or 1))), raw.height)
     upright = size if turns % 2 == 0 else size[::-1]
     _check_size(path, field, upright)
     return Frame(raw, upright, raw.time, turns, mirrored)
 
 
-def _upright(path: Path, field: str, raw: av.VideoFrame) -> tuple[int, bool]:
+def _upright(path: Path, field: str, raw: av.VideoFrame, exif: bool) -> tuple[int, bool]:
     """Quarter turns to the left that the file asks for, and whether the rows are reversed before."""
     if path.suffix.lower() in IMAGE_DEMUXERS:
-        orientation = _exif_orientation(path)  # the decoder reads nothing of an EXIF that is damaged anywhere
+        # the decoder reads nothing of an EXIF that is damaged anywhere
+        orientation = _exif_orientation(path) if exif else 1
         return _TURNS.get(orientation, 0), orientation in _MIRRORED
     if raw.rotation % 90:
         raise InputError(path, field, f"expected a rotation tag of quarter turns, got {raw.rotation} degrees")

@@ -33,6 +33,7 @@ class PosedImages:
         files: N image files (or videos, whose first frame counts); None where there is no such file.
         points: reconstructed points in the world, (P, 3) float64, where the set has them.
         colors: their RGB, (P, 3) uint8.
+        exif: whether the cameras are of images turned as their EXIF says; COLMAP's are of the pixels as stored.
 
     Raises:
         ValueError: the lengths differ.
@@ -45,6 +46,7 @@ class PosedImages:
     files: tuple[Path | None, ...]
     points: Tensor | None = None  # (P, 3)
     colors: Tensor | None = None  # (P, 3)
+    exif: bool = False
 
     def __post_init__(self) -> None:
         lengths = {len(self.camera), len(self.lenses), len(self.names), len(self.files)}
@@ -80,7 +82,7 @@ class PosedImages:
         if file is None:
             raise InputError(self.path, self.names[index], "the image is missing")
         lens = self.lenses[index]
-        frame, (width, height) = next(decode(file)), lens.size
+        frame, (width, height) = next(decode(file, self.exif)), lens.size
         if abs(frame.size[1] * width - frame.size[0] * height) > SIZE_SLACK * max(width, height):
             raise InputError(file, "size", f"expected the shape of {width}x{height}, got {frame.size}")
         if lens.size == self.camera.size:

@@ -102,15 +102,15 @@ def lens_of(
     return Lens((int(size[0]), int(size[1])), (values[0], values[1]), (values[2], values[3]), bend)
 
 
-def size_of_image(where: Path, name: str, file: Path | None) -> tuple[int, int]:
-    """(W, H) [px] of an image whose set does not say.
+def size_of_image(where: Path, name: str, file: Path | None, exif: bool = False) -> tuple[int, int]:
+    """(W, H) [px] of an image whose set does not say; ``exif`` as of :class:`PosedImages`.
 
     Raises:
         InputError: the image is missing or damaged.
     """
     if file is None:
         raise InputError(where, name, "the set states no width and height, and the image is missing")
-    return next(decode(file)).size
+    return next(decode(file, exif)).size
 
 
 def numbers(where: Path, field: str, value: Any, shape: tuple[int, ...]) -> Array:

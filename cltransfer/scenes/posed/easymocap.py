@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def read_easymocap(folder: Path) -> PosedImages:
         R = _matrix(outside, extrinsics, f"Rot_{name}", (3, 3))
         t = _matrix(outside, extrinsics, f"T_{name}", (3, 1))[:, 0]
         views.append(View(name, file, rigid(outside, f"Rot_{name}", R, t), lens))
-    return posed_images(folder, views)
+    return replace(posed_images(folder, views), exif=True)  # it calibrates what cv2.imread has turned
 
 
 def _lens(path: Path, values: Values, name: str, file: Path | None) -> Lens:
@@ -46,7 +47,7 @@ def _lens(path: Path, values: Values, name: str, file: Path | None) -> Lens:
     if isinstance(width, float) and isinstance(height, float):
         size = (width, height)
     else:
-        size = size_of_image(path, name, file)
+        size = size_of_image(path, name, file, exif=True)
     bend = np.ravel(_matrix(path, values, f"dist_{name}")) if f"dist_{name}" in values else np.empty(0)
     if len(bend) not in (0, 4, 5, 8):
         raise InputError(path, f"dist_{name}", f"expected 4, 5 or 8 numbers, got {len(bend)}")
