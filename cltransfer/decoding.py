@@ -62,13 +62,24 @@ class Frame:
     turns: int
     mirrored: bool
 
-    def rgb(self, size: tuple[int, int]) -> np.ndarray:
-        """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller."""
-        pixels = self.raw.to_ndarray(format="rgb24")
+    def rgb(self, size: tuple[int, int], over_black: bool = False) -> np.ndarray:
+        """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller.
+
+        What is transparent shows the colour that lies under it, or black where ``over_black``.
+        """
+        pixels = self._over_black() if over_black else self.raw.to_ndarray(format="rgb24")
         upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.turns)
         if upright.shape[1::-1] == size:
             return np.ascontiguousarray(upright)
         return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
+
+    def _over_black(self) -> np.ndarray:
+        """RGB times alpha as decoded, (H, W, 3) uint8."""
+        kind = self.raw.format
+        if not (kind.has_palette or any(component.is_alpha for component in kind.components)):
+            return self.raw.to_ndarray(format="rgb24")
+        rgba = self.raw.to_ndarray(format="rgba").astype(np.uint16)
+        return ((rgba[..., :3] * rgba[..., 3:] + 127) // 255).astype(np.uint8)
 
 
 def decode(path: Path, exif: bool = True) -> Iterator[Frame]:

@@ -67,7 +67,7 @@ class PosedImages:
         return [index for index, file in enumerate(self.files) if file is not None]
 
     def images(self, index: Sequence[int], side: int) -> tuple[Camera, Tensor]:
-        """Cameras (B) and straightened images (B, 3, H, W) uint8 RGB, the longer side at most ``side`` [px].
+        """Cameras (B) and straightened images (B, 3, H, W) uint8 RGB over black, the longer side at most ``side`` [px].
 
         Raises:
             InputError: an image is missing, damaged, or of another shape than its camera.
@@ -86,9 +86,9 @@ class PosedImages:
         if abs(frame.size[1] * width - frame.size[0] * height) > SIZE_SLACK * max(width, height):
             raise InputError(file, "size", f"expected the shape of {width}x{height}, got {frame.size}")
         if lens.size == self.camera.size:
-            image = straighten(frame.rgb(size), lens, self.camera.K[index].numpy())
+            image = straighten(frame.rgb(size, over_black=True), lens, self.camera.K[index].numpy())
         else:
-            image = image_at(frame.rgb(lens.size), lens, size)
+            image = image_at(frame.rgb(lens.size, over_black=True), lens, size)
         return torch.from_numpy(image).permute(2, 0, 1).contiguous()
 
 

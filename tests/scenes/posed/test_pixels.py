@@ -52,3 +52,20 @@ def test_photos_of_easymocap_are_turned_as_opencv_turns_them(tmp_path):
     posed = read_posed(tmp_path)
     assert posed.camera.size == (30, 40)
     assert posed.images([0], 40)[1][0, 0, 20, [2, 27]].tolist() == [0, 255]
+
+
+@pytest.mark.parametrize("colours", ["RGBA", "LA", "P"])
+@pytest.mark.parametrize("side", [40, 20])
+def test_what_is_transparent_is_black(tmp_path, colours, side):
+    pixels = np.full((30, 40, 4), (255, 255, 255, 0), np.uint8)
+    pixels[:, 20:, 3] = 255
+    pixels[:, 30:, 3] = 128
+    picture = Image.fromarray(pixels)
+    if colours == "P":
+        picture = picture.quantize(3)
+    picture.convert(colours).save(tmp_path / "a.png")
+    frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist()}
+    (tmp_path / "transforms.json").write_text(json.dumps({"camera_angle_x": 1.0, "frames": [frame]}))
+    _, image = read_posed(tmp_path).images([0], side)
+    expected = [0, 255, 128]
+    assert image[0, 0, 5, [side // 4, side * 5 // 8, side * 7 // 8]].tolist() == expected
