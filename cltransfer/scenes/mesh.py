@@ -97,6 +97,11 @@ class Mesh:
         vertices = self.vertices.double() @ matrix[:3, :3].T + matrix[:3, 3]
         return replace(self, vertices=vertices.float())
 
+    def of_faces(self, keep: Tensor) -> Mesh:
+        """The faces that ``keep`` (F,) bool marks; all vertices stay."""
+        rows = {name: getattr(self, name)[keep] for name in ("faces", "label", "shaded", "texture")}
+        return replace(self, **rows)
+
     @classmethod
     def plain(cls, vertices: Tensor, faces: Tensor, colors: Tensor | None = None) -> Mesh:
         """Without textures; without ``colors`` (V, 3) it is grey, and lit by the renderer."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from torch import Tensor
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .gltf_file import Gltf
-from .gltf_places import shown_texture, transform_of, wraps_of
+from .gltf_places import GLOSSY, shown_texture, transform_of, wraps_of
 from .mesh import GREY, REPEATED, Mesh, Wrap
 from .textures import Textures, image_of
 
@@ -33,12 +34,22 @@ class Look:
         textured: whether it promises a texture.
         transform: from texture coordinates to places in the texture, (2, 3); None where they are the same.
         wraps: how the texture goes on beyond its edges, across and down.
+        factor: linear RGBA in [0, 1] that multiplies texture and vertex colours, (4,); None: trimesh says.
+        cutoff: alpha in [0, 1] below which nothing is drawn.
     """
 
     lit: bool
     textured: bool
     transform: Array | None = None  # (2, 3)
     wraps: tuple[Wrap, Wrap] = REPEATED
+    factor: Array | None = None  # (4,)
+    cutoff: float = 0.0
+
+    @property
+    def least(self) -> float:
+        """Alpha of the texture below which nothing is drawn."""
+        opacity = 1.0 if self.factor is None else float(self.factor[3])
+        return self.cutoff / opacity if opacity > 0 else math.inf * (self.cutoff > 0)
 
 
 def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
@@ -68,7 +79,32 @@ def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
         textured=bool(shown_texture(about)),
         transform=transform_of(gltf.path, about),
         wraps=wraps_of(gltf.path, gltf.tree, about),
+        factor=_factor(gltf.path, about),
+        cutoff=_cutoff(gltf.path, about),
     )
+
+
+def _factor(path: Path, about: dict[str, Any]) -> Array | None:
+    """Of :class:`Look`; trimesh works that of a glossy material out."""
+    stored = about.get("pbrMetallicRoughness", {}).get("baseColorFactor")
+    if stored is None or GLOSSY in about.get("extensions", {}):
+        return None
+    factor = np.array(stored, np.float64)
+    if factor.shape != (4,) or not np.isfinite(factor).all():
+        raise InputError(path, "materials", f"expected a baseColorFactor of four finite numbers, got {stored!r:.80}")
+    return factor.clip(0, 1)
+
+
+def _cutoff(path: Path, about: dict[str, Any]) -> float:
+    """Of :class:`Look`; what is half transparent or more is not drawn."""
+    mode, cutoff = about.get("alphaMode"), about.get("alphaCutoff", 0.5)
+    if mode not in ("MASK", "BLEND"):
+        return 0.0
+    if mode == "BLEND":
+        return 0.5
+    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff <= 1:
+        raise InputError(path, "materials", f"expected an alphaCutoff in [0, 1], got {cutoff!r:.40}")
+    return float(cutoff)
 
 
 def _with_material(gltf: Gltf, primitive: dict[str, Any], material: int) -> dict[str, Any]:
@@ -116,9 +152,11 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
     if image is None and look.textured:
         raise InputError(path, "images", "a texture cannot be decoded")
     own = _own_colors(path, visual)
-    tint = torch.tensor(_tint(material, GREY if image is None and own is None else 1.0))
-    colors = tint.expand(len(mesh.vertices), 3).contiguous() if own is None else tint * own
-    mesh = replace(mesh, colors=colors, shaded=torch.full_like(mesh.shaded, look.lit))
+    tint = torch.tensor(_tint(look, material, GREY if image is None and own is None else 1.0), dtype=torch.float32)
+    rgba = tint.expand(len(mesh.vertices), 4) if own is None else tint * own
+    mesh = replace(mesh, colors=rgba[:, :3].contiguous(), shaded=torch.full_like(mesh.shaded, look.lit))
+    if look.cutoff > 0:
+        mesh = mesh.of_faces(rgba[:, 3][mesh.faces.long()].mean(1) >= look.cutoff)  # no texture makes it more
     if not shown:
         return mesh
     places = _places(path, np.asarray(uv, np.float64), look.transform)
@@ -152,7 +190,7 @@ def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
 
 
 def _own_colors(path: Path, visual: Any) -> Tensor | None:
-    """Colours of a glTF's vertices as a screen shows them, (V, 3) in [0, 1]; None where they have none."""
+    """Colours of a glTF's vertices as a screen shows them, and alpha, (V, 4) in [0, 1]; None where they have none."""
     stored = visual.vertex_attributes.get("color")
     if stored is None:
         return None
@@ -161,17 +199,22 @@ def _own_colors(path: Path, visual: Any) -> Tensor | None:
     if most is None or values.shape[1:] not in ((3,), (4,)):
         got = f"{values.dtype} {values.shape}"
         raise InputError(path, "COLOR_0", f"expected three or four columns of float32, uint8 or uint16, got {got}")
-    linear = values[:, :3].astype(np.float32) / most
-    if not np.isfinite(linear).all():
+    rgba = np.ones((len(values), 4), np.float32)
+    rgba[:, : values.shape[1]] = values.astype(np.float32) / most
+    if not np.isfinite(rgba).all():
         raise InputError(path, "COLOR_0", "expected finite numbers")
-    return torch.from_numpy(linear.clip(0, 1) ** np.float32(1 / GAMMA))
+    rgba = rgba.clip(0, 1)
+    rgba[:, :3] **= np.float32(1 / GAMMA)
+    return torch.from_numpy(rgba)
 
 
-def _tint(material: Any, default: float) -> list[float]:
-    """RGB in [0, 1] that multiplies texture and vertex colours."""
-    factor = getattr(material, "baseColorFactor", None)
+def _tint(look: Look, material: Any, default: float) -> list[float]:
+    """RGB as a screen shows it, and alpha, in [0, 1], that multiply texture and vertex colours."""
+    factor, stored = look.factor, getattr(material, "baseColorFactor", None)
+    if factor is None and stored is not None:
+        factor = np.asarray(stored) / 255
     if factor is not None:
-        return [float(c / 255) ** (1 / GAMMA) for c in np.asarray(factor)[:3]]
+        return [*(factor[:3] ** (1 / GAMMA)).tolist(), float(factor[3])]
     if hasattr(material, "diffuse") and getattr(material, "image", None) is None:
-        return [float(c / 255) for c in np.asarray(material.diffuse)[:3]]
-    return [default] * 3
+        return [*(float(c / 255) for c in np.asarray(material.diffuse)[:3]), 1.0]
+    return [default] * 3 + [1.0]

@@ -78,11 +78,12 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     visuals = [geometry.visual for _, _, geometry in found]
     if suffix == ".obj" and files.given:
         check_images(files.given[0], visuals)
-    textures = Textures(path, [getattr(visual, "material", None) for visual in visuals])
+    least = {name: look.least for name, look in looks.items()}
+    textures = Textures(path, [getattr(visual, "material", None) for visual in visuals], least)
     parts = [_part(path, looks, textures, *part) for part in found]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:
-        raise InputError(path, "", "holds no faces", "is it a point cloud?")
+        raise InputError(path, "", "holds no faces", "is it a point cloud, or all transparent?")
     subject = _subject(rig, up)
     if subject is None:
         mesh = mesh.with_label(torch.zeros(len(mesh)))
@@ -176,6 +177,5 @@ def _finite(path: Path, mesh: Mesh) -> Mesh:
     if lost > LOST:
         raise InputError(path, "vertices", f"{lost:.0%} are not finite")
     keep = good[mesh.faces.long()].all(1)
-    rows = {name: getattr(mesh, name)[keep] for name in ("faces", "label", "shaded", "texture")}
     dropped = mesh.dropped + int((~keep).sum())
-    return replace(mesh, **rows, vertices=mesh.vertices.nan_to_num(0.0, 0.0, 0.0), dropped=dropped)
+    return replace(mesh.of_faces(keep), vertices=mesh.vertices.nan_to_num(0.0, 0.0, 0.0), dropped=dropped)

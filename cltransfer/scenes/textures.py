@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -63,14 +63,16 @@ class Textures:
     Args:
         path: the file, for error lines.
         materials: all that will be asked for.
+        least: alpha below which a material has holes, by its name; 0 where it is not there.
 
     Raises:
         InputError: an image is of a format that is not read, or they have more pixels than the limits.
         ResourceError: they do not fit in memory.
     """
 
-    def __init__(self, path: Path, materials: Iterable[Any]) -> None:
-        images = {_key(path, one): image_of(one) for one in materials if image_of(one) is not None}
+    def __init__(self, path: Path, materials: Iterable[Any], least: Mapping[str, float]) -> None:
+        self._path, self._least = path, least
+        images = {self._key(one): image_of(one) for one in materials if image_of(one) is not None}
         for image in images.values():
             if image.format not in _DECODED:
                 raise InputError(path, "texture", f"{image.format} is not read", f"expected {', '.join(FORMATS)}")
@@ -80,7 +82,7 @@ class Textures:
             reason = f"expected at most {TOTAL_LIMIT} pixels in all, got {total}"
             raise InputError(path, "textures", reason, HINT)
         require_free(PIXEL_BYTES * total, path, f"textures of {total} pixels", HINT)
-        self._path, self._images = path, images
+        self._images = images
         self._decoded: dict[tuple[Any, float], Tensor] = {}
 
     def of(self, material: Any) -> Tensor:
@@ -89,12 +91,18 @@ class Textures:
         Raises:
             InputError: the image is damaged.
         """
-        key = _key(self._path, material)
+        key = self._key(material)
         if key not in self._decoded:
             pixels = _pixels(self._path, self._images[key])
             pixels[..., 3] = (pixels[..., 3] >= 255 * key[1]) * np.uint8(255)
             self._decoded[key] = torch.from_numpy(pixels)
         return self._decoded[key]
+
+    def _key(self, material: Any) -> tuple[Any, float]:
+        """Which image, and the alpha below which it has holes; an OBJ opens a file anew for each of its materials."""
+        image = image_of(material)
+        name = None if getattr(material, "baseColorTexture", None) is image else image.info.get("file_path")
+        return id(image) if name is None else name, self._least.get(str(getattr(material, "name", "")), 0.0)
 
 
 def _pixels(path: Path, image: Any) -> Array:
@@ -105,22 +113,3 @@ def _pixels(path: Path, image: Any) -> Array:
         name = image.info.get("file_path")  # as an OBJ names it
         what = "a texture" if name is None else repr(name[:80])
         raise InputError(path, "images", f"{what} cannot be decoded", "is it cut short?") from None
-
-
-def _key(path: Path, material: Any) -> tuple[Any, float]:
-    """Which image, and the alpha below which it has holes; an OBJ opens a file anew for each of its materials."""
-    image = image_of(material)
-    name = None if getattr(material, "baseColorTexture", None) is image else image.info.get("file_path")
-    return id(image) if name is None else name, _least(path, material)
-
-
-def _least(path: Path, material: Any) -> float:
-    """Alpha in [0, 1] below which a material has holes."""
-    mode, cutoff = getattr(material, "alphaMode", None), getattr(material, "alphaCutoff", None)
-    if str(mode) not in ("MASK", "BLEND"):
-        return 0.0
-    if mode == "BLEND" or cutoff is None:
-        return 0.5
-    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff <= 1:
-        raise InputError(path, "materials", f"expected an alphaCutoff in [0, 1], got {cutoff!r:.40}")
-    return float(cutoff)

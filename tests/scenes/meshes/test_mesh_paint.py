@@ -81,3 +81,48 @@ def test_colours_without_sense_are_refused(bar, write_glb, tmp_path, values, com
     tree, blob = colored(bar(), values, component, **accessor)
     with pytest.raises(InputError, match=rf"bar.glb: COLOR_0: {says}"):
         read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+@pytest.mark.parametrize(
+    ("mode", "opacity", "drawn"), [("OPAQUE", 0.1, 2), ("BLEND", 0.1, 0), ("BLEND", 0.5, 2), ("MASK", 0.2, 0)]
+)
+def test_the_opacity_of_a_material_decides_whether_it_is_drawn(bar, write_glb, tmp_path, mode, opacity, drawn):
+    tree, blob = bar()
+    (solid,) = tree["meshes"][0]["primitives"]
+    tree["meshes"][0]["primitives"] = [solid, {**solid, "material": 0}]
+    tree["materials"] = [{"alphaMode": mode, "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, opacity]}}]
+    if mode == "MASK":
+        tree["materials"][0]["alphaCutoff"] = 0.3
+    assert len(read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh) == 2 + drawn
+
+
+def test_the_opacity_of_a_material_multiplies_that_of_its_texture(bar, with_texture, image_file, write_glb, tmp_path):
+    pixels = np.full((1, 3, 4), 255, np.uint8)
+    pixels[0, :, 3] = 255, 180, 100
+    tree, blob = with_texture(bar(), image_file(pixels))
+    look = tree["materials"][0]["pbrMetallicRoughness"]
+    for opacity, holes in ((1.0, [255, 255, 0]), (0.8, [255, 255, 0]), (0.6, [255, 0, 0]), (0.5, [255, 0, 0])):
+        tree["materials"][0].update(
+            alphaMode="BLEND", pbrMetallicRoughness={**look, "baseColorFactor": [1, 1, 1, opacity]}
+        )
+        mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+        assert mesh.textures[0][0, :, 3].tolist() == holes
+    tree["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [1, 1, 1, 0]
+    with pytest.raises(InputError, match=r"bar.glb: holds no faces \(is it a point cloud, or all transparent\?\)"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+@pytest.mark.parametrize(("mode", "faces"), [("OPAQUE", 2), ("BLEND", 1)])
+def test_a_face_whose_vertices_are_transparent_is_not_drawn(bar, write_glb, tmp_path, mode, faces):
+    colors = np.ones((4, 4), "<f4")
+    colors[:2, 3] = 0.1  # two corners of one face, and one of the other
+    tree, blob = colored(bar(), colors)
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", painted_with(tree, alphaMode=mode), blob)).mesh
+    assert len(mesh) == faces
+
+
+def test_a_base_colour_of_no_four_numbers_is_refused(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    tree = painted_with(tree, pbrMetallicRoughness={"baseColorFactor": [1, 1, 1]})
+    with pytest.raises(InputError, match=r"bar.glb: materials: expected a baseColorFactor of four finite numbers, got"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
