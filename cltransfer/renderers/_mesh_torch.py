@@ -44,11 +44,12 @@ def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[
     width, height = camera.size
     parts = [_hits(mesh, corners, camera, near, chunk) for chunk in _chunks(corners, camera, near)]
     pixel, face, inverse = (torch.cat(column) for column in zip(*parts))
+    inverse = inverse.float()  # of faces at one place the first is seen
     nearest = inverse.new_zeros(height * width).scatter_reduce(0, pixel, inverse, "amax")
     front = inverse == nearest[pixel]
     first = face.new_full((height * width,), len(mesh)).scatter_reduce(0, pixel[front], face[front], "amin")
     seen = torch.where(nearest > 0, first, -1).reshape(height, width)
-    return seen, torch.where(nearest > 0, 1 / nearest, torch.nan).float().reshape(height, width)
+    return seen, torch.where(nearest > 0, 1 / nearest, torch.nan).reshape(height, width)
 
 
 def _chunks(corners: Tensor, camera: Camera, near: float) -> Iterator[tuple[Tensor, Tensor, int]]:

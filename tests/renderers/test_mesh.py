@@ -134,6 +134,17 @@ def test_a_wall_has_the_values_worked_out_by_hand(backend):
         torch.testing.assert_close(depth, torch.where(inside == 1, 3.0, torch.nan), equal_nan=True)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_of_two_faces_at_one_place_the_first_is_seen(backend, turned):
+    corners = torch.tensor([[-1.0, -1, 3.13], [1, -1, 3.37], [0, 1, 3.11]])
+    faces = torch.tensor([[0, 1, 2], [5, 4, 3] if turned else [3, 4, 5]])
+    mesh = Mesh.plain(corners.repeat(2, 1), faces).with_label(torch.tensor([1.0, 0.0]))
+    got = Renderer(backend=backend).render(scene_of(mesh), forward_camera((64, 48), 60.0), ALL)
+    assert got.alpha.sum() > 500
+    assert torch.equal(got.label, got.alpha)
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_colour_and_texture_are_right_in_perspective(backend):
     # a floor from depth 1 to 9: at depth 2 it is an eighth of the way, not halfway down the frame

@@ -140,7 +140,8 @@ def rasterise(
                 a, b = row0 + planes[0, 0] * (x + 0.5), row1 + planes[1, 0] * (x + 0.5)
                 c = row2 + planes[2, 0] * (x + 0.5)
                 total = a + b + c
-                if not (total > inverse[y, x] and total <= farthest_inverse and min(a, b, c) >= INSIDE * total):
+                nearer = f32(total) > inverse[y, x]  # as it is kept: of faces at one place the first is seen
+                if not (nearer and total <= farthest_inverse and min(a, b, c) >= INSIDE * total):
                     continue
                 if holes:
                     u = (a * uv[corners[0], 0] + b * uv[corners[1], 0] + c * uv[corners[2], 0]) / total
