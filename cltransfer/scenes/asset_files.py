@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from urllib.parse import unquote
@@ -23,10 +24,10 @@ def inside(root: Path, name: str, where: Path, field: str) -> Path:
     parts = name.replace("\\", "/").split("/")
     if _SCHEME.match(name) or name.startswith(("/", "\\")) or ".." in parts or "\0" in name:
         raise InputError(where, field, f"names {name[:80]!r}", "expected a file in this folder or below")
-    path = root / name
-    if not path.resolve().is_relative_to(root.resolve()):
+    path = root / name if os.path.isfile(root / name) else root.joinpath(*parts)  # with \ it was written on Windows
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(root)):
         raise InputError(where, field, f"{name[:80]!r} is a link out of the folder")
-    if not path.is_file():
+    if not os.path.isfile(path):  # which a name that is too long is not either
         raise InputError(where, field, f"no such file {name[:80]!r}")
     return path
 

@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .asset_files import read_limited
+from .asset_files import Beside, read_limited
 from .textures import FORMATS, image_of
 
 LIBRARY_LIMIT = 4 * 2**20  # bytes; trimesh takes up to 45 times what the file does
+
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
+_SWITCH = r"(?:blendu|blendv|cc|clamp|imfchan|boost|bm|texres|type)\s+\S+"
+_OPTIONS = re.compile(rf"(?:-(?:{_SWITCH}|mm\s+\S+\s+\S+|[ost](?:\s+{_NUMBER}){{1,3}})\s+)+", re.IGNORECASE)
+
+
+class ObjFiles(Beside):
+    """The files of an OBJ; before the name of an image an MTL may have options, which are passed over."""
+
+    def find(self, name: str) -> Path:
+        """The file ``name`` beside or below, with or without options; see :meth:`Beside.find`."""
+        return super().find(name if os.path.isfile(self.path.parent / name) else _without_options(name))
+
+
+def _without_options(name: str) -> str:
+    options = _OPTIONS.match(name)
+    return name[options.end() :] if options else name
 
 
 def check_images(library: Path, visuals: Iterable[Any]) -> None:

@@ -15,7 +15,7 @@ import torch
 from ..errors import InputError
 from ..renderers.kernels import Array
 from ..subject import Subject
-from .asset_files import LIMIT, Beside, read_limited
+from .asset_files import Beside, read_limited
 from .gltf_file import read_gltf
 from .gltf_images import shown_images
 from .gltf_skin import POSED, Skeleton, posed
@@ -24,7 +24,7 @@ from .mesh import Mesh
 from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
-from .mtl import LIBRARY_LIMIT, check_images
+from .mtl import LIBRARY_LIMIT, ObjFiles, check_images
 from .ply_header import HEADER_LIMIT
 from .rig import subject_of_rig
 from .textures import Textures, image_of
@@ -65,7 +65,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(path, "", f"no mesh has the suffix {suffix!r}", f"expected {', '.join(SUFFIXES)}")
-    files, rig = Beside(path, LIBRARY_LIMIT if suffix == ".obj" else LIMIT), None
+    files, rig = ObjFiles(path, LIBRARY_LIMIT) if suffix == ".obj" else Beside(path), None
     looks: Mapping[str, Look] = {}
     beside: Any = files
     if suffix in (".glb", ".gltf"):

@@ -67,3 +67,50 @@ def test_an_image_may_be_larger_than_a_library(stage, image_file):
     noise = np.random.default_rng(0).integers(0, 256, (1200, 1200, 3), np.uint8)
     assert path.with_name("wood.png").write_bytes(image_file(noise)) > LIBRARY_LIMIT
     assert read_mesh(path).mesh.textures[0].shape == (1200, 1200, 4)
+
+
+@pytest.mark.parametrize(
+    "options", ["-s 1 1 1", "-o 0.5 -.25", "-s 1 -mm 0 1.5 -bm 1", "-clamp on -texres 256", "-BlendU off -imfchan m"]
+)
+def test_options_before_the_name_of_an_image_are_passed_over(stage, options):
+    path = stage(f"newmtl dark wood\nmap_Kd {options} wood.png\n")
+    file = read_mesh(path)
+    assert [image.shape for image in file.mesh.textures] == [(4, 2, 4)]
+    assert file.files[-1] == path.with_name("wood.png")
+
+
+def test_an_image_whose_name_begins_as_options_do_is_taken(stage, image_file):
+    path = stage("newmtl dark wood\nmap_Kd -s 1 2.png\n")
+    path.with_name("-s 1 2.png").write_bytes(image_file(np.zeros((1, 1, 3), np.uint8)))
+    assert read_mesh(path).mesh.textures[0].shape == (1, 1, 4)
+
+
+def test_a_name_that_was_written_on_windows_is_found(stage):
+    path = stage("newmtl dark wood\nmap_Kd -s 1 1 1 maps\\wood.png\n")
+    path.with_name("maps").mkdir()
+    path.with_name("wood.png").rename(path.with_name("maps") / "wood.png")
+    assert read_mesh(path).mesh.textures[0].shape == (4, 2, 4)
+    path.with_name("maps\\wood.png").write_bytes(b"no picture")  # which is a name elsewhere
+    with pytest.raises(InputError, match=r"map_Kd: .*wood.png' of material 'dark wood' cannot be decoded"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["..\\wood.png", "-s 1 1 1 ..\\wood.png", "maps\\..\\..\\wood.png", "\\wood.png", "C:\\wood.png", "-bm 1 /w.png"],
+)
+def test_no_name_leads_out_of_the_folder(stage, tmp_path, name):
+    path = stage(f"newmtl dark wood\nmap_Kd {name}\n")
+    with pytest.raises(InputError, match=r"stage.obj: uri: names .*expected a file in this folder or below"):
+        read_mesh(path)
+
+
+def test_a_link_that_leads_out_of_the_folder_is_not_followed_by_a_backslash(stage, tmp_path):
+    path = stage("newmtl dark wood\nmap_Kd maps\\wood.png\n")
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    for name in ("stage.obj", "stage.mtl"):
+        path.with_name(name).rename(inner / name)
+    (inner / "maps").symlink_to(tmp_path)
+    with pytest.raises(InputError, match="is a link out of the folder"):
+        read_mesh(inner / "stage.obj")
