@@ -15,11 +15,12 @@ import numpy as np
 from ..errors import InputError
 from ..renderers.kernels import Array
 from .asset_files import Beside, read_limited
-from .gltf_places import TRANSFORM, with_shown_places
+from .gltf_places import GLOSSY, TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
 
 NODE_LIMIT = 100_000
 DATA = "data:"
+EXTENSIONS = {"KHR_materials_unlit", "EXT_texture_webp", TRANSFORM, GLOSSY}  # that are read
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942  # chunk types
 
@@ -112,12 +113,12 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
         raise InputError(path, "", f"expected glTF: {error}") from None
     if not isinstance(tree, dict) or not str(tree.get("asset", {}).get("version", "")).startswith("2."):
         raise InputError(path, "asset", "expected glTF of version 2")
-    if needed := set(tree.get("extensionsRequired", [])) - {"KHR_materials_unlit", TRANSFORM}:
+    if needed := set(tree.get("extensionsRequired", [])) - EXTENSIONS:
         raise InputError(path, "extensionsRequired", f"{', '.join(sorted(needed))} is not read")
     if not tree.get("meshes"):
         raise InputError(path, "meshes", "holds no mesh")
     _check_limits(path, tree)
-    tree = with_shown_places(path, tree)
+    tree = with_shown_places(path, _with_scene(tree))
     check_need(path, tree)
     buffers = tuple(_buffer(path, i, about, binary, files) for i, about in enumerate(tree.get("buffers", [])))
     for about in tree.get("images", []):
@@ -160,6 +161,15 @@ def _check_limits(path: Path, tree: dict[str, Any]) -> None:
         count = about.get("count", 0)
         if not isinstance(count, int) or not 0 < count <= COUNT_LIMIT:
             raise InputError(path, f"accessors[{index}]", f"expected 1 to {COUNT_LIMIT} rows, got {count!r}")
+
+
+def _with_scene(tree: dict[str, Any]) -> dict[str, Any]:
+    """The document with a scene: where it has none, of all nodes that hang from no other."""
+    if tree.get("scenes"):
+        return tree
+    nodes = tree.get("nodes", [])
+    below = {child for node in nodes for child in node.get("children", [])}
+    return {**tree, "scene": 0, "scenes": [{"nodes": [i for i in range(len(nodes)) if i not in below]}]}
 
 
 def _buffer(path: Path, index: int, about: dict[str, Any], binary: bytes | None, files: Beside) -> memoryview:

@@ -16,12 +16,12 @@ from .asset_files import LIMIT
 
 COUNT_LIMIT = 20_000_000  # rows of one array, vertices and faces of one scene
 PART_LIMIT = 100_000  # meshes placed, each primitive for itself
+STRIP, FAN = 5, 6  # modes of a primitive that give a face for each index
 READ = ("POSITION", "TEXCOORD_0", "COLOR_0")  # attributes of a vertex
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
-_STRIP = 5  # mode of a primitive that gives a face for each index
 _MOST_JSON = {b"{": 250, b"[": 64, b",": 60}  # bytes that Python takes at most for what begins there
 _NOTHING = {"componentType": 5121, "type": "SCALAR", "count": 1}  # an array that nobody reads
 _COPIES = 4  # of the buffers, from the file to trimesh's arrays
@@ -141,7 +141,7 @@ def _built(tree: dict[str, Any]) -> Counter[str]:
         for primitive in mesh["primitives"]:
             vertices = tree["accessors"][primitive["attributes"]["POSITION"]]["count"]
             indices = tree["accessors"][primitive["indices"]]["count"] if "indices" in primitive else vertices
-            faces = indices if primitive.get("mode") == _STRIP else indices // 3
+            faces = indices if primitive.get("mode") in (STRIP, FAN) else indices // 3
             built.update(parts=copies, vertices=copies * vertices, faces=copies * faces)
             built["posed"] = max(built["posed"], vertices if index in skinned else 0)
     return built

@@ -18,6 +18,7 @@ from ..subject import Subject
 from .asset_files import Beside, read_limited
 from .gltf_file import read_gltf
 from .gltf_images import shown_images
+from .gltf_modes import without_fans
 from .gltf_skin import POSED, Skeleton, posed
 from .gltf_tree import lean
 from .mesh import Mesh
@@ -101,7 +102,7 @@ def _posed_glb(
     try:
         gltf, rig = posed(read_gltf(path, files), moment.time, moment.animation)
         gltf, images = shown_images(gltf, files)
-        gltf, looks = with_looks(gltf)
+        gltf, looks = with_looks(without_fans(gltf))
         return replace(gltf, tree=lean(gltf.tree)).to_glb(), rig, images, looks
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         # what a value may be is checked where it is used; any other shape of the JSON ends here

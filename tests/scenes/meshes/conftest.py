@@ -28,6 +28,11 @@ def bar() -> Callable[..., Made]:
 
 
 @pytest.fixture
+def builder() -> type[Builder]:
+    return Builder
+
+
+@pytest.fixture
 def write_glb() -> Callable[..., Path]:
     return to_glb
 

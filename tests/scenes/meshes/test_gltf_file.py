@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from cltransfer.scenes import asset_files
 from cltransfer.scenes.asset_files import Beside
 from cltransfer.scenes.gltf_file import read_gltf
+from cltransfer.scenes.read_mesh import read_mesh
 
 
 @pytest.fixture
@@ -38,3 +40,23 @@ def test_an_image_that_is_named_is_looked_for_but_not_read(bar, write_gltf, tmp_
     files = Beside(path)
     read_gltf(path, files)
     assert (files.given, opened) == ([tmp_path / "normals.png"], [])
+
+
+def test_without_a_scene_every_node_that_hangs_from_no_other_is_placed(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    nodes = [{"children": [1], "translation": [5, 0, 0]}, {"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0}]
+    tree = {**{key: tree[key] for key in tree.keys() - {"scene", "scenes", "skins", "animations"}}, "nodes": nodes}
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    assert sorted(mesh.means[:, 0].round().tolist()) == [0, 0, 6, 6]
+    whole, blob = bar()
+    del whole["scene"], whole["scenes"]
+    assert read_mesh(write_glb(tmp_path / "bar.glb", whole, blob)).mesh.label.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("name", ["EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness"])
+def test_extensions_that_are_read_may_be_required(bar, with_texture, image_file, write_glb, tmp_path, name):
+    tree, blob = with_texture(bar(), image_file(np.full((2, 2, 3), (250, 0, 0), np.uint8), "WEBP"))
+    tree["textures"] = [{"extensions": {"EXT_texture_webp": {"source": 0}}}]
+    tree["extensionsRequired"] = [name]
+    texture = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh.textures[0]
+    assert texture[0, 0, 0] > 240
