@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
-from .files import atomic
+from .files import atomic, read_json
 from .renderers.gaussian_splats import GaussianSplats
 from .renderers.kernels.splats import make_view
 from .scenes.bake import bake_grid, bake_splats
@@ -26,7 +26,7 @@ from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset
 from .scenes.splats import Splats
 from .subject import Subject
-from .trajectory import Trajectory
+from .trajectory import FORMAT, Trajectory
 
 Representation = Literal["gaussian_splats", "nerf_grid"]
 VIEW_LIMIT = 64  # evenly taken from the views that are given
@@ -81,9 +81,18 @@ def _views(source: str) -> Camera:
     camera = named_camera(source, "--view")
     if camera is not None:
         return camera
-    if Path(source).is_file() and Path(source).name not in ("transforms.json", "cameras.json"):
-        return Trajectory.load(Path(source)).camera
-    return read_posed(source).camera
+    path = Path(source)
+    return Trajectory.load(path).camera if _is_trajectory(path) else read_posed(path).camera
+
+
+def _is_trajectory(path: Path) -> bool:
+    """Whether a file is JSON that calls itself one; of what is no JSON object only the start is read."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        if not stream.read(64).lstrip().startswith(b"{"):
+            return False
+    return bool(read_json(path).get("format") == FORMAT)
 
 
 def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplification) -> Mapping[str, Any]:

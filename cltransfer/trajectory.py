@@ -15,6 +15,7 @@ from .camera import Camera
 from .errors import InputError
 from .files import read_json, write_json
 
+FORMAT = "cltransfer.trajectory"  # what its file calls itself
 FRAME_LIMIT = 2000
 SIZE_LIMIT = 16384  # [px]
 
@@ -83,7 +84,7 @@ class Trajectory:
             for t, w, k in zip(self.times, self.camera.w2c, self.camera.K)
         ]
         return {
-            "format": "cltransfer.trajectory",
+            "format": FORMAT,
             "version": 1,
             "convention": "w2c rows first, OpenCV axes (x right, y down, z forward), K in pixels of size, corner at 0",
             "size": list(self.camera.size),
@@ -103,8 +104,8 @@ class Trajectory:
                 finite.
         """
         data = read_json(path)
-        if not isinstance(data, Mapping) or data.get("format") != "cltransfer.trajectory":
-            raise InputError(path, "format", "expected 'cltransfer.trajectory'")
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise InputError(path, "format", f"expected {FORMAT!r}")
         frames = data.get("frames")
         if not isinstance(frames, list) or not 1 <= len(frames) <= FRAME_LIMIT:
             raise InputError(path, "frames", f"expected a list of 1 to {FRAME_LIMIT} frames")

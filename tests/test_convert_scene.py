@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 import trimesh
@@ -14,6 +15,7 @@ from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
+from cltransfer.files import JSON_LIMIT
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import write_splats
@@ -70,6 +72,22 @@ def test_views_come_from_trajectories_and_posed_sets_at_one_size(room: tuple[str
     assert len(views) == 2 + 1 + 3
     assert views.size == (160, 90)
     torch.testing.assert_close(views.center[2], cameras.center[2])
+
+
+def test_whether_a_view_is_a_trajectory_is_told_by_what_it_holds(tmp_path: Path) -> None:
+    frame = {"file_path": "a.png", "transform_matrix": torch.eye(4).tolist()}
+    (tmp_path / "transforms_train.json").write_text(json.dumps({"w": 64, "h": 36, "fl_x": 50, "frames": [frame] * 5}))
+    Trajectory(room_cameras(2, (64, 36)), torch.tensor([0.0, 1.0]).double()).save(tmp_path / "cameras.json")
+    row = torch.tensor([[0.0, 1, 0, 0, 36], [1, 0, 0, 0, 64], [0, 0, -1, 0, 50]]).ravel()
+    np.save(tmp_path / "poses.npy", np.concatenate([row, [1, 9]])[None].repeat(3, 0))
+    for name, count in (("transforms_train.json", 5), ("cameras.json", 2), ("poses.npy", 3)):
+        assert len(given_views([str(tmp_path / name)], 64)) == count
+    (tmp_path / "notes.txt").write_text("no views")
+    with pytest.raises(InputError, match=r"notes.txt: is no posed image set"):
+        given_views([str(tmp_path / "notes.txt")], 64)
+    (tmp_path / "huge.json").write_text("{" + " " * JSON_LIMIT)
+    with pytest.raises(InputError, match=rf"huge.json: expected at most {JSON_LIMIT} bytes"):
+        given_views([str(tmp_path / "huge.json")], 64)
 
 
 @pytest.mark.parametrize("order", [("high", "wide"), ("wide", "high")])
