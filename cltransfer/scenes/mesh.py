@@ -92,10 +92,11 @@ class Mesh:
         return replace(self, label=label.to(self.label))
 
     def moved(self, transform: Tensor) -> Mesh:
-        """The same mesh after ``transform`` (4, 4)."""
+        """The same mesh after ``transform`` (4, 4); a mirrored one keeps the outer side of its faces."""
         matrix = transform.double()
         vertices = self.vertices.double() @ matrix[:3, :3].T + matrix[:3, 3]
-        return replace(self, vertices=vertices.float())
+        mirrored = bool(torch.linalg.det(matrix[:3, :3]) < 0)
+        return replace(self, vertices=vertices.float(), faces=self.faces[:, [0, 2, 1]] if mirrored else self.faces)
 
     def of_faces(self, keep: Tensor) -> Mesh:
         """The faces that ``keep`` (F,) bool marks; all vertices stay."""

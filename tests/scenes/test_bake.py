@@ -46,6 +46,14 @@ def snowman() -> Mesh:
     return Mesh.concatenate(meshes)
 
 
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (-1.0, -2.0, -1.0)])
+def test_a_mirrored_mesh_is_not_baked_inside_out(scale: tuple[float, float, float]) -> None:
+    ball = trimesh.creation.icosphere(2, 0.5)
+    mesh = Mesh.plain(torch.from_numpy(np.array(ball.vertices)), torch.from_numpy(np.array(ball.faces)))
+    samples = sample_surface(mesh.moved(torch.diag(torch.tensor([*scale, 1.0]))), 500)
+    assert bool(((samples.points * samples.normals).sum(1) > 0).all())
+
+
 def around(mesh: Mesh, count: int = 16, size: tuple[int, int] = (320, 240)) -> Camera:
     """Views from all sides that see the whole mesh."""
     low, high = mesh.vertices.double().amin(0), mesh.vertices.double().amax(0)
