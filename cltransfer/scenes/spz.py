@@ -57,8 +57,8 @@ def read_spz(path: Path) -> Splats:
     stream = zlib.decompressobj(wbits=31)
     packed = path.read_bytes()
     header = _header(path, _inflated(path, stream, packed, HEADER.size))
-    degree = affordable_degree(path, header.count, header.degree)
     size = header.count * sum(header.arrays.values())
+    degree = affordable_degree(path, header.count, header.degree, size)
     body = _inflated(path, stream, stream.unconsumed_tail, size + 1)  # one more byte would be one too many
     if len(body) != size:
         found = f"more than {size}" if len(body) > size else str(len(body))
@@ -101,8 +101,9 @@ def _columns(header: Header, body: bytes, terms: int) -> Columns:
         at += header.count * width
     sh = np.empty((header.count, terms, 3), np.float32)
     sh[:, 0] = (parts["color"] / np.float32(255) - np.float32(0.5)) / np.float32(COLOR_SCALE)
-    rest = parts["rest"].reshape(header.count, -1, 3)[:, : terms - 1]
-    sh[:, 1:] = (rest.astype(np.float32) - 128) / 128 * TURN_SH[: terms - 1, None]
+    sh[:, 1:] = parts["rest"].reshape(header.count, -1, 3)[:, : terms - 1]
+    sh[:, 1:] -= 128  # in place: they are the most of a Gaussian
+    sh[:, 1:] *= TURN_SH[: terms - 1, None] / 128
     quats = _smallest_three(parts["quats"]) if header.version == 3 else _first_three(parts["quats"])
     quats[:, 1:] *= TURN
     return {

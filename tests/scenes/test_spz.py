@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import torch
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.scenes import Scene, columns
+from cltransfer.scenes import Scene, columns, spz
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.splats import Splats
 from cltransfer.scenes.spz import read_spz
@@ -109,11 +110,26 @@ def test_only_the_harmonics_that_fit_are_kept(tmp_path, monkeypatch):
     room = synthetic_room(300)
     path = written(tmp_path, packed(room, 3))
     whole = read_spz(path)
-    monkeypatch.setattr(columns, "free_bytes", lambda: columns.needed_bytes(300, 1))
+    stored = 300 * 65
+    monkeypatch.setattr(columns, "free_bytes", lambda: stored + columns.needed_bytes(300, 1))
     assert torch.equal(read_spz(path).sh, whole.sh[:, :4])
     monkeypatch.setattr(columns, "free_bytes", lambda: 0)
     with pytest.raises(ResourceError, match="300 Gaussians need"):
         read_spz(path)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 3])
+def test_reading_takes_no_more_memory_than_is_asked_for(tmp_path, monkeypatch, kept):
+    count = 20_000
+    noise = np.random.default_rng(0).integers(0, 256, 64 * count, np.uint8)
+    path = written(tmp_path, header(2, count, 3) + noise.tobytes())
+    asked = []
+    monkeypatch.setattr(spz, "affordable_degree", lambda path, count, degree, stored=0: asked.append(stored) or kept)
+    tracemalloc.start()
+    assert read_spz(path).degree == kept
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most <= columns.needed_bytes(count, kept) - columns.RESERVE + asked[0]
 
 
 @pytest.mark.parametrize(
