@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,15 +75,18 @@ def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = tup
     """File ``name`` below ``root``, with one of ``suffixes`` where it has none; None where there is no such file.
 
     Raises:
-        InputError: ``name`` leads out of ``root``; ``where`` names the file that says so.
+        InputError: ``name`` leads out of ``root`` or can be no file's; ``where`` names the file that says so.
     """
     plain = root / name
     known = plain.suffix.lower() in (*IMAGE_DEMUXERS, *VIDEOS)
-    for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in suffixes]:
-        if not file.resolve().is_relative_to(root.resolve()):
-            raise InputError(where, name, "leads out of the folder of the set", "keep its images beside it")
-        if file.is_file():
-            return file
+    try:
+        for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in suffixes]:
+            if not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(root)):
+                raise InputError(where, name, "leads out of the folder of the set", "keep its images beside it")
+            if os.path.isfile(file):  # which a name that is too long is not
+                return file
+    except ValueError:  # what is no path, or none that the system can have
+        raise InputError(where, f"{name[:80]!r}", "is no name of a file") from None
     return None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,7 +70,7 @@ def _file(folder: Path, name: str) -> Path | None:
     where = folder / "intri.yml"
     found = find_image(folder, f"images/{name}", where) or find_image(folder, f"videos/{name}", where, VIDEOS)
     frames = folder / "images" / name
-    if found is None and frames.is_dir() and frames.resolve().is_relative_to(folder.resolve()):
+    if found is None and os.path.isdir(frames) and frames.resolve().is_relative_to(folder.resolve()):
         names = sorted((f.name for f in frames.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS), key=natural_order)
         found = find_image(folder, f"images/{name}/{names[0]}", where) if names else None
     return found

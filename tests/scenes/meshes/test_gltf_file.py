@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cltransfer.errors import InputError
 from cltransfer.scenes import asset_files
 from cltransfer.scenes.asset_files import Beside
 from cltransfer.scenes.gltf_file import read_gltf
@@ -60,3 +61,9 @@ def test_extensions_that_are_read_may_be_required(bar, with_texture, image_file,
     tree["extensionsRequired"] = [name]
     texture = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh.textures[0]
     assert texture[0, 0, 0] > 240
+
+
+def test_a_name_that_is_too_long_for_a_file_is_refused_in_one_line(bar, write_gltf, tmp_path):
+    path = write_gltf(tmp_path / "bar.gltf", *bar(), "a" * 5000)
+    with pytest.raises(InputError, match=r"bar.gltf: uri: no such file 'a{80}'"):
+        read_mesh(path)

@@ -35,6 +35,9 @@ def write(root: Path, **changes: Any) -> Path:
         ({"frames": [{**FRAME, "transform_matrix": [[2.0, 0, 0, 0], *POSE[1:]]}]}, "expected a rotation"),
         ({"frames": [{**FRAME, "file_path": "../a.png"}]}, r"../a.png: leads out of the folder"),
         ({"frames": [{**FRAME, "file_path": "/etc/a.png"}]}, "leads out of the folder"),
+        ({"frames": [{**FRAME, "file_path": "a\0.png"}]}, r"'a\\x00.png': is no name of a file"),
+        ({"frames": [{**FRAME, "file_path": "\ud800.png"}]}, "is no name of a file"),
+        ({"frames": [{**FRAME, "file_path": "/"}]}, "'/': is no name of a file"),
         ({"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE cannot be straightened"),
         ({"k4": 0.1}, "fisheye cannot be straightened"),
         ({"fl_x": -1.0}, "expected finite intrinsics"),
@@ -61,6 +64,12 @@ def test_a_missing_image_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
     posed = read_posed(write(tmp_path))
     assert posed.missing == ("a.png",)
     with pytest.raises(InputError, match=r"a.png: the image is missing"):
+        posed.images([0], 8)
+
+
+def test_a_name_that_no_file_can_have_for_its_length_is_one_that_is_missing(tmp_path: Path) -> None:
+    posed = read_posed(write(tmp_path, frames=[{**FRAME, "file_path": "a" * 5000}]))
+    with pytest.raises(InputError, match=r"aaa\.\.\.: the image is missing"):
         posed.images([0], 8)
 
 
