@@ -25,7 +25,8 @@ def render_one(mesh: Mesh, camera: Camera, settings: Settings) -> dict[str, Tens
     face, depth = _nearest(mesh, corners, fine, settings.near)
     hit = face >= 0
     image = _image(mesh, corners, fine, face, settings.headlight)
-    label = torch.where(hit, mesh.label.float()[face], 0)
+    label = hit.float()
+    label[hit] = mesh.label.float()[face[hit]]
     planes = {"alpha": hit.float(), "label": label, "depth": depth, "expected_depth": depth, "image": image}
     return {name: _pooled(name, plane, n) for name, plane in planes.items()}
 

@@ -15,6 +15,7 @@ from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
+from cltransfer.scenes.simplify import subset
 from cltransfer.scenes.splats import Splats
 
 ALL = GaussianSplats.provides
@@ -187,6 +188,12 @@ def test_a_scene_of_faint_gaussians_only_is_empty():
     faint = balls([[0.0, 0.0, 2.0]], 0.5, 0.003, [[1.0, 1.0, 1.0]])
     got = GaussianSplats().render(scene_of(faint), forward_camera((4, 4), 10.0), ALL)
     assert got.alpha.abs().max() == 0
+
+
+def test_a_scene_without_gaussians_is_empty():
+    for got in both(subset(synthetic_room(10), torch.zeros(10, dtype=torch.bool)), room_cameras(2, (33, 17))):
+        assert not any(bool(plane.any()) for plane in (got.alpha, got.image, got.label))
+        assert bool(got.depth.isnan().all() and got.expected_depth.isnan().all())
 
 
 def test_a_batch_equals_its_single_cameras_bit_for_bit_on_any_number_of_threads():

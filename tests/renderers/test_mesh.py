@@ -134,6 +134,14 @@ def test_a_wall_has_the_values_worked_out_by_hand(backend):
         torch.testing.assert_close(depth, torch.where(inside == 1, 3.0, torch.nan), equal_nan=True)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_mesh_without_faces_is_nothing(backend):
+    mesh = Mesh.plain(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int32))
+    got = Renderer(backend=backend, samples=2).render(scene_of(mesh), forward_camera((9, 5), 8.0), ALL)
+    assert not any(bool(plane.any()) for plane in (got.alpha, got.image, got.label))
+    assert bool(got.depth.isnan().all() and got.expected_depth.isnan().all())
+
+
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_of_two_faces_at_one_place_the_first_is_seen(backend, turned):

@@ -53,7 +53,7 @@ def pack(means: Array, covariances: Array, scales: Array, opacity: Array, label:
     geometry[:, OPACITY], geometry[:, LABEL], geometry[:, RADIUS] = opacity[keep], label[keep], radius
     geometry[:, RADIUS + 1 :] = 0
     rows = aligned((len(keep), sh.shape[1] * 3))
-    np.take(sh.reshape(len(sh), -1), keep, axis=0, out=rows, mode="clip")  # the only mode that needs no copy
+    np.take(sh.reshape(len(sh), rows.shape[1]), keep, axis=0, out=rows, mode="clip")  # the only mode that needs no copy
     bounds = np.ascontiguousarray(geometry[:, [0, 1, 2, RADIUS]])
     return Packed(geometry, bounds, _spheres(bounds), rows)
 
