@@ -20,7 +20,6 @@ from .mesh import GREY, REPEATED, Mesh, Wrap
 from .textures import Textures, image_of
 
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
-GAMMA = 2.2  # a glTF's factors and vertex colours are linear, and shown as a screen would
 FLOAT = 5126  # type of an accessor
 _MOST = {"f": 1, "B": 255, "H": 65535}  # stored for a colour of 1, by type
 
@@ -151,9 +150,7 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
     look = looks.get(str(getattr(material, "name", "")), Look(lit=not shown, textured=False))
     if image is None and look.textured:
         raise InputError(path, "images", "a texture cannot be decoded")
-    own = _own_colors(path, visual)
-    tint = torch.tensor(_tint(look, material, GREY if image is None and own is None else 1.0), dtype=torch.float32)
-    rgba = tint.expand(len(mesh.vertices), 4) if own is None else tint * own
+    rgba = _rgba(path, look, visual).expand(len(mesh.vertices), 4)
     mesh = replace(mesh, colors=rgba[:, :3].contiguous(), shaded=torch.full_like(mesh.shaded, look.lit))
     if look.cutoff > 0:
         mesh = mesh.of_faces(rgba[:, 3][mesh.faces.long()].mean(1) >= look.cutoff)  # no texture makes it more
@@ -189,8 +186,24 @@ def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
     return replace(mesh, colors=rgba, shaded=torch.zeros_like(mesh.shaded))
 
 
-def _own_colors(path: Path, visual: Any) -> Tensor | None:
-    """Colours of a glTF's vertices as a screen shows them, and alpha, (V, 4) in [0, 1]; None where they have none."""
+def _rgba(path: Path, look: Look, visual: Any) -> Tensor:
+    """What multiplies the texture, as a screen shows it, RGBA in [0, 1] of each vertex or of all, (V or 1, 4)."""
+    material, own, factor = visual.material, _own_colors(path, visual), look.factor
+    stored = getattr(material, "baseColorFactor", None)
+    if factor is None and stored is not None:
+        factor = np.asarray(stored) / 255
+    if own is not None or factor is not None:
+        linear = np.atleast_2d((1.0 if own is None else own) * (1.0 if factor is None else factor))
+        return torch.from_numpy(_shown(linear))
+    diffuse = getattr(material, "diffuse", None)
+    plain = GREY if image_of(material) is None else 1.0
+    if diffuse is None or image_of(material) is not None:
+        return torch.tensor([[plain, plain, plain, 1.0]])
+    return torch.tensor([[*(float(c / 255) for c in np.asarray(diffuse)[:3]), 1.0]])
+
+
+def _own_colors(path: Path, visual: Any) -> Array | None:
+    """Linear RGBA of a glTF's vertices, (V, 4) in [0, 1]; None where they have none."""
     stored = visual.vertex_attributes.get("color")
     if stored is None:
         return None
@@ -199,22 +212,16 @@ def _own_colors(path: Path, visual: Any) -> Tensor | None:
     if most is None or values.shape[1:] not in ((3,), (4,)):
         got = f"{values.dtype} {values.shape}"
         raise InputError(path, "COLOR_0", f"expected three or four columns of float32, uint8 or uint16, got {got}")
-    rgba = np.ones((len(values), 4), np.float32)
-    rgba[:, : values.shape[1]] = values.astype(np.float32) / most
+    rgba = np.ones((len(values), 4))
+    rgba[:, : values.shape[1]] = values.astype(np.float64) / most
     if not np.isfinite(rgba).all():
         raise InputError(path, "COLOR_0", "expected finite numbers")
-    rgba = rgba.clip(0, 1)
-    rgba[:, :3] **= np.float32(1 / GAMMA)
-    return torch.from_numpy(rgba)
+    return rgba.clip(0, 1)
 
 
-def _tint(look: Look, material: Any, default: float) -> list[float]:
-    """RGB as a screen shows it, and alpha, in [0, 1], that multiply texture and vertex colours."""
-    factor, stored = look.factor, getattr(material, "baseColorFactor", None)
-    if factor is None and stored is not None:
-        factor = np.asarray(stored) / 255
-    if factor is not None:
-        return [*(factor[:3] ** (1 / GAMMA)).tolist(), float(factor[3])]
-    if hasattr(material, "diffuse") and getattr(material, "image", None) is None:
-        return [*(float(c / 255) for c in np.asarray(material.diffuse)[:3]), 1.0]
-    return [default] * 3 + [1.0]
+def _shown(linear: Array) -> Array:
+    """Linear RGBA (N, 4) as a screen shows it, float32: the curve of sRGB, of which alpha has none."""
+    rgba = linear.astype(np.float32)
+    rgb = linear[:, :3]
+    rgba[:, :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+    return rgba

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from kornia.color import linear_rgb_to_rgb
 
 from cltransfer.errors import InputError
 from cltransfer.scenes.mesh import GREY
 from cltransfer.scenes.read_mesh import read_mesh
 
 LINEAR = [[1.0, 0.2, 0.0, 1], [0.0, 1, 0.2, 1], [0.2, 0.2, 0.2, 1], [1, 1, 1, 1]]
-SHOWN = torch.tensor(LINEAR)[:, :3] ** (1 / 2.2)
+SHOWN = linear_rgb_to_rgb(torch.tensor(LINEAR)[:, :3].T[..., None])[..., 0].T
 
 
 def colored(made, values, component=5126, **accessor):
@@ -43,8 +44,10 @@ def test_colours_of_vertices_are_linear_in_whatever_type(bar, write_glb, tmp_pat
 
 def test_colours_of_vertices_multiply_the_base_colour(bar, write_glb, tmp_path):
     tree, blob = colored(bar(), np.array(LINEAR, "<f4"))
-    factor = {"pbrMetallicRoughness": {"baseColorFactor": [0.6, 1, 1, 1]}}
-    for material, expected in ((factor, SHOWN * torch.tensor([0.6, 1, 1]) ** (1 / 2.2)), ({"name": "bare"}, SHOWN)):
+    factor = {"pbrMetallicRoughness": {"baseColorFactor": [0.2, 1, 1, 1]}}
+    product = SHOWN.clone()
+    product[:, 0] = torch.tensor([SHOWN[0, 1], 0, 0.2204, SHOWN[0, 1]])  # of 0.2, 0, 0.04 and 0.2
+    for material, expected in ((factor, product), ({"name": "bare"}, SHOWN)):
         mesh = read_mesh(write_glb(tmp_path / "bar.glb", painted_with(tree, **material), blob)).mesh
         torch.testing.assert_close(mesh.colors, expected, atol=2e-3, rtol=0)
         assert bool(mesh.shaded.all())
@@ -126,3 +129,11 @@ def test_a_base_colour_of_no_four_numbers_is_refused(bar, write_glb, tmp_path):
     tree = painted_with(tree, pbrMetallicRoughness={"baseColorFactor": [1, 1, 1]})
     with pytest.raises(InputError, match=r"bar.glb: materials: expected a baseColorFactor of four finite numbers, got"):
         read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+@pytest.mark.parametrize(("linear", "shown"), [(0.0018, 0.0018 * 12.92), (0.00518, 0.0627), (0.5, 0.7354)])
+def test_a_dark_base_colour_is_shown_as_dark_as_it_is(bar, write_glb, tmp_path, linear, shown):
+    tree, blob = bar()
+    tree = painted_with(tree, pbrMetallicRoughness={"baseColorFactor": [linear] * 3 + [1]})
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    torch.testing.assert_close(mesh.colors, torch.full((len(mesh.vertices), 3), shown), atol=1e-4, rtol=0)
