@@ -164,13 +164,15 @@ def transfer(
         [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
     )
     from .progress import progress
-    from .run_files import JOURNAL, open_run
+    from .run_files import DONE, JOURNAL, open_run
     from .run_folder import default_folder, summary_lines, summary_values, write_run
     from .transfer import Inputs, Record
     from .transfer import transfer as run
 
     inputs = Inputs(scene, reference, init, subject, up_of(up))
     folder = open_run(resume or out or default_folder(scene, reference), resume is not None)
+    if resume is None and (folder / DONE).is_file() and not quiet:
+        print(f"note: the run in {folder} will be replaced (--out FOLDER keeps it)", file=sys.stderr)
     try:
         with progress(quiet) as report:
             result = run(inputs, settings, report, Record(folder / JOURNAL, resume is not None))

@@ -146,7 +146,7 @@ def summary_values(folder: Path, report: ReportData) -> dict[str, Any]:
 def summary_lines(folder: Path, report: ReportData) -> str:
     """The table of metrics, the flags of the whole run, and where everything is."""
     lines = [report.title, "", metrics_table(report), ""]
-    lines += [f"note: {note}" for note in report.notes]
+    lines += [f"note: {note}" for note in report.findings]
     for name in (
         "video/side_by_side.mp4",
         "video/render.mp4",

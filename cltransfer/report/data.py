@@ -11,6 +11,8 @@ from ..scores import Scores
 from ..subject import Subject
 from ..trajectory import Trajectory
 
+MOST_RUNS = 6  # of frames, told one by one
+
 
 @dataclass(frozen=True)
 class Flag:
@@ -55,6 +57,16 @@ class ReportData:
         """What a reader should know of all frames."""
         return tuple(flag.reason for flag in self.flags if flag.frame is None)
 
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Each reason once, after the frames it is told of."""
+        frames: dict[str, list[int]] = {}
+        for flag in self.flags:
+            told = frames.setdefault(flag.reason, [])
+            if flag.frame is not None:
+                told.append(flag.frame)
+        return tuple(f"{_which(told, len(self.times))}{reason}" for reason, told in frames.items())
+
     def __post_init__(self) -> None:
         count = len(self.times)
         parts = {
@@ -67,3 +79,24 @@ class ReportData:
         for name, part in parts.items():
             if part is not None and len(part) != count:
                 raise ValueError(f"{name} must have {count} frames like times, got {len(part)}")
+
+
+def _which(frames: list[int], count: int) -> str:
+    """Which of ``count`` frames, in words; nothing where none is named.
+
+    >>> _which([0, 1, 2, 5], 24), _which([0, 1], 2), _which([7], 24)
+    ('frames 0 to 2, 5: ', 'all 2 frames: ', 'frame 7: ')
+    """
+    if not frames:
+        return ""
+    if len(set(frames)) == count > 1:
+        return f"all {count} frames: "
+    runs: list[list[int]] = []
+    for frame in sorted(set(frames)):
+        if runs and frame == runs[-1][1] + 1:
+            runs[-1][1] = frame
+        else:
+            runs.append([frame, frame])
+    told = [str(first) if first == last else f"{first} to {last}" for first, last in runs[:MOST_RUNS]]
+    more = [] if len(runs) <= MOST_RUNS else [f"... ({len(set(frames))} in all)"]
+    return f"frame{'s' if len(set(frames)) > 1 else ''} {', '.join(told + more)}: "

@@ -69,3 +69,9 @@ def test_one_frame_makes_a_page(report):
         report.render_frames[:1],
     )
     assert page(one).count("<img") == 2
+
+
+def test_a_flag_of_every_frame_is_one_line(report):
+    text = page(replace(report, flags=tuple(Flag(i, "degenerate") for i in range(4))))
+    assert text.count("degenerate") == 1
+    assert "<li>all 4 frames: degenerate</li>" in text
