@@ -54,7 +54,14 @@ class LossMetric(Metric):
             reference: of 1 or N frames; or, without ``rendered``, raw values (N,) of the loss, NaN where undefined:
                 a :class:`torchmetrics.wrappers.BootStrapper` draws again from tensors, and cannot from features.
             rendered: of N frames.
+
+        Raises:
+            ValueError: a side is a tensor of anything else, there is nothing rendered, or frames do not go together.
         """
+        for side in (reference, rendered):
+            if isinstance(side, Tensor) and (rendered is not None or side.ndim != 1):
+                expected = "expected Features (see clip_features) or one value a frame (N,)"
+                raise ValueError(f"{expected}, got a tensor {tuple(side.shape)}")
         values = reference if isinstance(reference, Tensor) else self.values(reference, rendered)
         there = torch.isfinite(values)
         self._add("total", values[there].double().sum())
@@ -65,10 +72,13 @@ class LossMetric(Metric):
         """Raw values of the loss, (N,); NaN where a side lacks what the loss needs.
 
         Raises:
-            ValueError: there is nothing rendered.
+            ValueError: there is nothing rendered, or the reference has neither 1 nor as many frames.
         """
         if rendered is None:
             raise ValueError("expected features of both sides, or a tensor of values")
+        if len(reference) not in (1, len(rendered)):
+            counts = f"the reference has {len(reference)} and the render {len(rendered)}"
+            raise ValueError(f"expected as many frames of both, or 1 of the reference: {counts}")
         if not all(side.has(name) for side in (reference, rendered) for name in self.loss.requires):
             return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
         return self.loss(reference, rendered)

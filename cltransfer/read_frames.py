@@ -40,8 +40,23 @@ def check_maps(*images: Tensor) -> None:
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
-    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's."""
+    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's.
+
+    Raises:
+        ValueError: ``image`` is anything else.
+    """
+    _check_frames(image)
     return read_frames(image, plan, None, progress)[0]
+
+
+def _check_frames(image: object) -> None:
+    came = type(image).__name__
+    if isinstance(image, Tensor):
+        if image.dtype == torch.uint8 and image.ndim == 4 and image.shape[1] == 3 and image.numel():
+            return
+        came = f"{str(image.dtype).removeprefix('torch.')} {tuple(image.shape)}"
+        came += ": (frames * 255).round().byte()" * image.is_floating_point()
+    raise ValueError(f"expected uint8 frames (N, 3, H, W), got {came}")
 
 
 def render_features(image: Tensor, cameras: Camera, subject: Subject | None, plan: Plan) -> Features:

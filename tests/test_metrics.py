@@ -2,13 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 from torchmetrics import MetricCollection
 from torchmetrics.wrappers import BootStrapper
 
+from cltransfer.components import Components
+from cltransfer.config import load_config
 from cltransfer.metrics import PAPER, LossMetric, camera_language_metrics
+from cltransfer.read_frames import clip_features
 from cltransfer.registry import LOSSES
 from cltransfer.testing import sample_features, without_person
 
@@ -101,3 +105,40 @@ def test_coverage_is_that_of_all_processes_as_the_mean_is() -> None:
 def test_features_without_a_render_are_refused() -> None:
     with pytest.raises(ValueError, match="both sides"):
         LossMetric("framing").update(REFERENCE)
+
+
+FRAMES = torch.zeros(4, 3, 9, 16, dtype=torch.uint8)
+
+
+@pytest.mark.parametrize("pair", [(FRAMES, FRAMES), (FRAMES,), (FRAMES[:, 0, 0, 0], RENDERED), (REFERENCE, FRAMES)])
+def test_frames_are_not_taken_for_values(pair: tuple[Tensor, ...]) -> None:
+    metric = LossMetric("framing")
+    with pytest.raises(ValueError, match=r"expected Features .*, got a tensor \(4"):
+        metric.update(*pair)
+    assert metric.coverage == (0, 0)
+
+
+def test_sides_of_unequal_length_are_refused() -> None:
+    with pytest.raises(ValueError, match="the reference has 6 and the render 4"):
+        LossMetric("framing").update(REFERENCE, RENDERED[:4])
+    with pytest.raises(ValueError, match="the reference has 6 and the render 1"):
+        LossMetric("framing").update(REFERENCE, RENDERED[:1])
+    metric = LossMetric("framing")
+    metric.update(REFERENCE[:1], RENDERED)
+    assert metric.coverage == (6, 6)
+
+
+@pytest.mark.parametrize(
+    ("frames", "told"),
+    [
+        (FRAMES.float(), r"float32 \(4, 3, 9, 16\): \(frames \* 255\)\.round\(\)\.byte\(\)$"),
+        (FRAMES[0], r"uint8 \(3, 9, 16\)$"),
+        (FRAMES.movedim(1, 3), r"uint8 \(4, 9, 16, 3\)$"),
+        (FRAMES[:0], r"uint8 \(0, 3, 9, 16\)$"),
+        (np.zeros((4, 3, 9, 16), np.uint8), "ndarray$"),
+    ],
+)
+def test_what_is_no_frames_of_bytes_is_not_read(frames: Tensor, told: str) -> None:
+    plan = Components.build(load_config()).plan("image")
+    with pytest.raises(ValueError, match=r"^expected uint8 frames \(N, 3, H, W\), got " + told):
+        clip_features(frames, plan)
