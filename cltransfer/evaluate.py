@@ -19,7 +19,7 @@ from .progress import Progress, silent
 from .read_frames import check_maps, read_frames
 from .report.data import Flag, ReportData
 from .run_files import kept_frames
-from .scores import score
+from .scores import Scores, score
 
 ROUNDED = 0.0011  # [s]: videos keep milliseconds, and a step has two of them
 
@@ -62,12 +62,41 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     if alike != plan:
         features, rendered = read_frames(taught, alike, whom, progress)[0], read_frames(made, alike, who, progress)[0]
     rendered = in_time(rendered, both.original.diff(), times.diff())
-    scores = score(Objective(parts.losses), features, rendered, plan.missing)
+    objective = Objective(parts.losses)
+    scores = score(objective, features, rendered, plan.missing)
     passes = 2 * len(times) * plan.passes * (1 if alike == plan else 2)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
+    notes += undefined(scores, objective.defined(features), features, rendered)
     told = tuple(Flag(None, note) for note in notes)
     return ReportData(title, times, scores, None, None, None, taught, made, told, spent)
+
+
+def undefined(scores: Scores, defined: Tensor, reference: Features, rendered: Features) -> list[str]:
+    """Notes on terms without a value and on what the render has lost; the reference has ``defined`` (N, L) bool."""
+    count = len(scores.totals)
+    names: dict[str, list[str]] = {}
+    for term in scores.terms:
+        names.setdefault(term.reason, []).append(term.name)
+    notes = [f"{', '.join(terms)}: {reason}" for reason, terms in names.items() if reason]
+    unseen, gone = nobody(reference), nobody(rendered)
+    if bool(unseen.any()):
+        notes.append(f"reference: no person in {int(unseen.sum())} of {count} frames")
+    lost = {term.name: defined[:, i] & ~term.values.isfinite() for i, term in enumerate(scores.terms)}
+    if not any(bool(frames.any()) for frames in lost.values()):
+        return notes
+    parts = [f"no person in {int(gone.sum())} of {count} frames"] * bool(gone.any())
+    for name in names.get("", []):
+        if others := int((lost[name] & ~gone).sum()):
+            parts.append(f"{name} undefined in {others}{' more' * bool(gone.any())} of {count} frames")
+    return [*notes, f"render: {'; '.join([*parts, 'each missing term costs its penalty in the total'])}"]
+
+
+def nobody(features: Features) -> Tensor:
+    """Frames (N,) bool in which no person was found; none where nobody was looked for."""
+    if not features.has("keypoints"):
+        return torch.zeros(len(features), dtype=torch.bool)
+    return ~torch.isfinite(features.require("keypoints")[..., 0]).any(1)
 
 
 def in_time(rendered: Features, original: Tensor, shown: Tensor) -> Features:

@@ -19,11 +19,14 @@ from cltransfer.clip_source import ClipSource
 from cltransfer.config import load_config
 from cltransfer.config_options import RunConfig
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.evaluate import evaluate
+from cltransfer.evaluate import evaluate, undefined
 from cltransfer.features import Features
+from cltransfer.objective import Objective
 from cltransfer.open_clip import ASSUMED
-from cltransfer.registry import EXTRACTORS
+from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json
+from cltransfer.scores import score
+from cltransfer.testing import sample_features, without_person
 
 
 def pan() -> Tensor:
@@ -109,6 +112,7 @@ def test_notes_are_printed_and_kept(command: Any, mean_flow: tuple[str, ...], cl
     answer = command("evaluate", clip, clip.with_name("frames"), *mean_flow, "--quiet", "--out", tmp_path / "out")
     assert answer.code == 0, answer.err
     assert f"\nnote: render: {ASSUMED}\n" in answer.out
+    assert answer.out.startswith("| metric | mean | unit | weighted | coverage |\n")
     flags = json.loads((tmp_path / "out" / "metrics.json").read_text())["flags"]
     assert {"frame": None, "reason": f"render: {ASSUMED}"} in flags
 
@@ -146,6 +150,41 @@ def test_a_render_that_ends_early_is_told(tmp_path: Path, config: RunConfig) -> 
     reference, short = steady(tmp_path / "reference.mkv", 24, 2), steady(tmp_path / "render.mkv", 24, 1)
     (note,) = evaluate(reference, short, config).notes
     assert note == "render: ends at 1.00 s, the reference at 2.00 s: what comes after is not scored"
+
+
+def told(reference: Features, rendered: Features) -> list[str]:
+    """The notes on what is undefined, by framing, filmic space and camera angle."""
+    objective = Objective({name: LOSSES.build(name) for name in ("framing", "filmic_space", "camera_angle")})
+    scores = score(objective, reference, rendered, {"depth": "no extractor provides depth"})
+    return undefined(scores, objective.defined(reference), reference, rendered)
+
+
+def test_what_the_render_has_lost_is_told() -> None:
+    whole = sample_features(0, 12)
+    nobody = [*range(2, 10)]
+    lost = Features.concatenate([whole[[0, 1]], without_person(whole[nobody]), whole[[10, 11]]])
+    price = "each missing term costs its penalty in the total"
+    assert told(whole, whole) == []
+    assert told(whole, lost) == [f"render: no person in 8 of 12 frames; {price}"]
+    assert told(lost, lost) == ["reference: no person in 8 of 12 frames"]
+    turned = lost.having("orientation", lost.require("orientation").index_fill(0, torch.tensor([0]), torch.nan))
+    more = "camera_angle undefined in 1 more of 12 frames"
+    assert told(whole, turned) == [f"render: no person in 8 of 12 frames; {more}; {price}"]
+    seen = whole.having("orientation", turned.require("orientation"))
+    assert told(whole, seen) == [f"render: camera_angle undefined in 9 of 12 frames; {price}"]
+
+
+def test_why_a_term_has_no_value_is_told() -> None:
+    whole = sample_features(0, 3)
+    assert told(whole.having("depth", None), whole) == ["filmic_space: no extractor provides depth"]
+    assert told(whole, without_person(whole)) == [
+        "framing, filmic_space, camera_angle: undefined on every frame of the render",
+        "render: no person in 3 of 3 frames; each missing term costs its penalty in the total",
+    ]
+    assert told(whole, whole.having("depth", None)) == [
+        "filmic_space: the render has no 'depth'",
+        "render: each missing term costs its penalty in the total",
+    ]
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from ..scores import Scores, Term
 from .data import ReportData
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "better by")
+WITHOUT_BASELINE = 5  # columns of the head that need none
 
 
 @dataclass(frozen=True)
@@ -92,25 +93,44 @@ def number(value: float | None) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
+def head(report: ReportData) -> tuple[str, ...]:
+    """The columns of :data:`HEAD` that ``report`` can fill."""
+    return HEAD[:WITHOUT_BASELINE] if report.baseline is None else HEAD
+
+
+def sums(report: ReportData) -> str:
+    """How the weighted means go into the total, where they do not add up to it; else empty."""
+    *terms, total = rows(report)
+    added = sum(row.weighted or 0.0 for row in terms)
+    if total.mean is None or math.isclose(added, total.mean, rel_tol=0.005):
+        return ""
+    charged = report.scores.totals - sum(term.weight * term.values.nan_to_num() for term in report.scores.terms)
+    price = ", where only the render lacks a term it costs its penalty" if bool((charged > 1e-6).any()) else ""
+    return f"weighted: mean over the frames that have the term; total: mean over all frames{price}"
+
+
 def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
-    """Table of the metrics: drawn for a terminal, Markdown otherwise.
+    """Table of the metrics: drawn for a terminal, Markdown otherwise; below it what :func:`sums` says.
 
     ``terminal`` is whether it will be seen in one; None looks at standard output.
     """
-    lines = [row.cells() for row in rows(report)]
+    names = head(report)
+    lines = [row.cells()[: len(names)] for row in rows(report)]
     if sys.stdout.isatty() if terminal is None else terminal:
-        return _drawn(lines)
-    head = [HEAD, tuple("---" if i in (0, 2) else "--:" for i in range(len(HEAD)))]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [*head, *lines])
+        table = _drawn(names, lines)
+    else:
+        rule = tuple("---" if i in (0, 2) else "--:" for i in range(len(names)))
+        table = "\n".join("| " + " | ".join(cells) + " |" for cells in [names, rule, *lines])
+    return "\n\n".join(filter(None, [table, sums(report)]))
 
 
-def _drawn(lines: list[tuple[str, ...]]) -> str:
+def _drawn(names: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for i, name in enumerate(HEAD):
+    for i, name in enumerate(names):
         table.add_column(name, justify="left" if i in (0, 2) else "right")
     for cells in lines:
         table.add_row(*(Text(cell) for cell in cells), style="bold" if cells[0] == "total" else None)

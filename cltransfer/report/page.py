@@ -14,7 +14,7 @@ from torch import Tensor
 from ..files import write_text
 from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
-from .metrics import HEAD, number, rows
+from .metrics import head, number, rows, sums
 from .strip import evenly, thumbnail
 
 _COLUMNS = 8
@@ -49,8 +49,9 @@ def page(report: ReportData) -> str:
     template = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     return template.render(
         report=report,
-        head=HEAD,
+        head=head(report),
         rows=found,
+        sums=sums(report),
         total=found[-1],
         charts=charts,
         pairs=_pairs(report),

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from cltransfer.report.data import Flag
-from cltransfer.report.metrics import metrics_table, rows, write_metrics
+from cltransfer.report.metrics import metrics_table, rows, sums, write_metrics
+from cltransfer.report.page import page
 from cltransfer.scores import Scores, Term
 
 NAN = float("nan")
@@ -75,3 +76,26 @@ def test_the_table_is_markdown_when_piped_and_drawn_in_a_terminal(report):
     assert "\x1b[" not in piped
     assert "\x1b[" in drawn
     assert "camera_movement" in drawn
+
+
+def test_columns_that_nothing_fills_are_left_out(report):
+    alone = replace(report, baseline=None)
+    piped, drawn = metrics_table(alone, terminal=False), metrics_table(alone, terminal=True)
+    assert piped.splitlines()[0] == "| metric | mean | unit | weighted | coverage |"
+    assert piped.splitlines()[2] == "| shot_size | 0.0200 | frame | 0.0400 | 4/4 |"
+    for said in (piped, drawn, page(alone)):
+        assert "first view" not in said
+        assert "better by" not in said
+    assert page(alone).count("<th>") == 5
+    assert page(report).count("<th>") == 7
+
+
+def test_columns_that_do_not_add_up_say_why(report):
+    weighted = "weighted: mean over the frames that have the term; total: mean over all frames"
+    assert metrics_table(report, terminal=False).splitlines()[-1] == weighted
+    lost = replace(report, scores=replace(report.scores, totals=report.scores.totals + torch.tensor([9.0, 0, 0, 0])))
+    price = ", where only the render lacks a term it costs its penalty"
+    for said in (metrics_table(lost, terminal=False), metrics_table(lost, terminal=True), page(lost)):
+        assert weighted + price in said
+    whole = (term("framing", [1.0, 2.0, 3.0, 4.0]), term("shot_size", [0.5] * 4))
+    assert sums(replace(report, scores=Scores(whole, torch.tensor([3.0, 5.0, 7.0, 9.0])))) == ""
