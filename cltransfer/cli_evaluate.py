@@ -81,7 +81,7 @@ def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None,
     """Score one clip and show its metrics and what a reader should know."""
     from .evaluate import evaluate as run
     from .progress import progress
-    from .report.metrics import metrics_json, metrics_table, write_metrics
+    from .report.metrics import metrics_json, metrics_table, number, write_metrics
     from .report.page import write_report
 
     with progress(quiet) as report:
@@ -89,7 +89,11 @@ def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None,
     if out is not None:
         write_metrics(out, shown)
         write_report(out, shown)
-    lines = [metrics_table(shown), *(f"note: {note}" for note in shown.notes)]
+    notes = [*shown.notes]
+    if shown.apart is not None:
+        grows = ", with which camera movement grows" * (shown.scores.term("camera_movement") is not None)
+        notes.append(f"scored frames are {number(shown.apart)} s apart{grows}")
+    lines = [metrics_table(shown), *(f"note: {note}" for note in notes)]
     show(metrics_json(shown), "\n".join(lines), as_json)
 
 

@@ -24,7 +24,7 @@ from cltransfer.features import Features
 from cltransfer.objective import Objective
 from cltransfer.open_clip import ASSUMED
 from cltransfer.registry import EXTRACTORS, LOSSES
-from cltransfer.report.metrics import metrics_json
+from cltransfer.report.metrics import metrics_json, number
 from cltransfer.scores import score
 from cltransfer.testing import sample_features, without_person
 
@@ -115,6 +115,15 @@ def test_notes_are_printed_and_kept(command: Any, mean_flow: tuple[str, ...], cl
     assert answer.out.startswith("| metric | mean | unit | weighted | coverage |\n")
     flags = json.loads((tmp_path / "out" / "metrics.json").read_text())["flags"]
     assert {"frame": None, "reason": f"render: {ASSUMED}"} in flags
+
+
+def test_how_far_apart_the_scored_frames_are_is_told(command: Any, mean_flow: tuple[str, ...], clip: Path) -> None:
+    for frames, apart in ((None, 1 / 30), (4, 0.1), (1, None)):
+        chosen = (clip, clip, *mean_flow, "--quiet", *(() if frames is None else (f"frames={frames}",)))
+        said = json.loads(command("evaluate", *chosen, "--json").out)["seconds_apart"]
+        assert said == (None if apart is None else pytest.approx(apart, abs=0.001))
+        told = [line for line in command("evaluate", *chosen).out.splitlines() if "apart" in line]
+        assert told == ([] if apart is None else [f"note: scored frames are {number(said)} s apart"])
 
 
 def steady(path: Path, rate: float, seconds: float, speed: float = 36.0) -> str:

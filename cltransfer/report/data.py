@@ -67,6 +67,11 @@ class ReportData:
                 told.append(flag.frame)
         return tuple(f"{_which(told, len(self.times))}{reason}" for reason, told in frames.items())
 
+    @property
+    def apart(self) -> float | None:
+        """Median time from one frame to the next [s]; None of one frame."""
+        return float(self.times.diff().median()) if len(self.times) > 1 else None
+
     def __post_init__(self) -> None:
         count = len(self.times)
         parts = {
