@@ -51,7 +51,7 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
     original, shown = (find_part(where.path, where.span, where.fps) for where in (asked, found))
     starts = [part.times - part.times[0] for part in (original, shown)]
     first, second = pairs(starts[0], starts[1])
-    notes = (*_one_by_one(found, starts[0]), *_not_scored(starts[0], starts[1], first))
+    notes = (*_one_by_one(found, starts[0]), *_not_scored(starts[0], starts[1], first, frames))
     thin = evenly(starts[1][second], frames)
     first, second = first[thin], second[thin]
     whole = replace(asked, letterbox="keep")
@@ -115,16 +115,19 @@ def pairs(original: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
     return nearest[kept], kept
 
 
-def _not_scored(original: Tensor, shown: Tensor, first: Tensor) -> Notes:
-    """Notes on frames that have no partner, at times (N,) and (M,) [s]; ``first`` (P,) of the reference have one."""
-    notes = []
-    if len(first) < len(shown):
+def _not_scored(original: Tensor, shown: Tensor, first: Tensor, frames: int | None) -> Notes:
+    """Notes on frames that have no partner, at times (N,) and (M,) [s].
+
+    ``first`` (P,) of the reference have one; of these pairs ``frames`` are scored, or all.
+    """
+    count, notes = len(first), []
+    thinned = frames is not None and frames < count
+    rest = f"{frames} of the pairs are scored (frames={frames})" if thinned else "the others are not scored"
+    if count < len(shown):
         ends = f"which has {len(original)} up to {float(original[-1]):.2f} s"
-        notes.append(f"{len(first)} of {len(shown)} frames are scored, one for a frame of the reference, {ends}")
-    if len(first) <= int(first[-1] - first[0]):
-        notes.append(
-            f"{len(first)} of {len(original)} frames of the reference are scored, one for a frame of the render"
-        )
+        notes.append(f"{count} of its {len(shown)} frames are paired with frames of the reference, {ends}; {rest}")
+    if count <= int(first[-1] - first[0]):
+        notes.append(f"{count} of {len(original)} frames of the reference are paired with frames of the render; {rest}")
     steps = [float(times.diff().median()) for times in (original, shown) if len(times) > 1]
     if float(original[-1] - shown[-1]) > 1.5 * max(steps, default=math.inf):
         ends = f"{float(shown[-1]):.2f} s, the reference at {float(original[-1]):.2f} s"

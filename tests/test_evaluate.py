@@ -149,10 +149,24 @@ def test_the_same_movement_scores_alike_at_any_rate(
     assert len(report.times) == scored
     assert report.scores.total < 0.06 * still.scores.total
     count = round(rate * seconds) + 1
-    told = [note for note in report.notes if note.startswith(f"render: {scored} of {count} frames are scored")]
-    assert len(told) == (count > scored)
-    skipped = f"render: {scored} of 25 frames of the reference are scored, one for a frame of the render"
+    ends, rest = "which has 25 up to 1.00 s", "the others are not scored"
+    spare = f"render: {scored} of its {count} frames are paired with frames of the reference, {ends}; {rest}"
+    assert (spare in report.notes) == (count > scored)
+    skipped = f"render: {scored} of 25 frames of the reference are paired with frames of the render; {rest}"
     assert (skipped in report.notes) == (scored < 25)
+
+
+def test_which_pairs_are_scored_is_told_where_not_all_are(tmp_path: Path) -> None:
+    times = torch.arange(10).double()
+    for name, rate in (("quick", 20), ("slow", 10)):
+        write_video(tmp_path / f"{name}.mkv", pan(), times / rate, lossless=True)
+    quick, slow = (ClipSource.parse(str(tmp_path / f"{name}.mkv")) for name in ("quick", "slow"))
+    few = "3 of the pairs are scored (frames=3)"
+    for frames, rest in ((None, "the others are not scored"), (5, "the others are not scored"), (3, few)):
+        (_, note) = open_pairs(quick, slow, frames)[2]
+        assert note == f"5 of 10 frames of the reference are paired with frames of the render; {rest}"
+        (note, _) = open_pairs(slow, quick, frames)[2]
+        assert note == f"5 of its 10 frames are paired with frames of the reference, which has 10 up to 0.90 s; {rest}"
 
 
 def test_a_render_that_ends_early_is_told(tmp_path: Path, config: RunConfig) -> None:
