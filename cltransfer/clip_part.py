@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +75,8 @@ def find_part(path: Path, span: tuple[float, float], fps: float | None) -> ClipP
     times = times - times[0]
     inside = np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
     if len(inside) == 0:
-        raise InputError(path, "t", f"no frame between {span[0]:g} and {span[1]:g} s, it ends at {times[-1]:.3f} s")
+        when = f"between {span[0]:g} and {span[1]:g} s" if span[1] < math.inf else f"from {span[0]:g} s on"
+        raise InputError(path, "t", f"no frame {when}: the clip ends at {times[-1]:.3f} s")
     within = tuple(files[i] for i in inside) if files else ()
     return ClipPart(path, within, torch.from_numpy(inside), torch.from_numpy(times[inside]))
 

@@ -61,8 +61,9 @@ class Persons:
             return np.full((frames, 5), np.nan), ()
         chosen = self.at(who) if isinstance(who, Spot) else who or 0
         if chosen >= count:
-            known = f"expected 0 to {count - 1}: {count} persons are seen" if count else "nobody is seen"
-            raise UsageError("", f"#person={who}", known)
+            known = f"expected 0 to {count - 1}: {count} persons are seen"
+            few = {0: "nobody is seen", 1: "only person 0 is seen in this clip"}
+            raise UsageError("", f"#person={who}", few.get(count, known))
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
         if count > 1:

@@ -1,5 +1,6 @@
 """Cleaning a clip: which part, one shot, no bars; times by pts."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -149,8 +150,9 @@ def test_a_span_counts_from_the_first_frame_and_keeps_both_ends(tmp_path: Path) 
     clip = read_clip(tmp_path / "a.mkv", span=(0.2, 0.5))
     torch.testing.assert_close(clip.times, torch.tensor([0.0, 0.1, 0.2, 0.3]).double(), atol=1e-6, rtol=0)
     assert clip.start == pytest.approx(0.2)
-    with pytest.raises(InputError, match="it ends at"):
-        read_clip(tmp_path / "a.mkv", span=(2.0, 3.0))
+    for end, when in ((3.0, "between 2 and 3 s"), (math.inf, "from 2 s on")):
+        with pytest.raises(InputError, match=rf"a\.mkv: t: no frame {when}: the clip ends at 0\.900 s$"):
+            read_clip(tmp_path / "a.mkv", span=(2.0, end))
 
 
 def test_a_rate_that_nothing_says_is_told(tmp_path: Path) -> None:

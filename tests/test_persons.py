@@ -103,8 +103,12 @@ def test_nobody_is_no_box_and_no_flag() -> None:
 
 
 def test_a_person_who_is_not_there_cannot_be_followed() -> None:
-    with pytest.raises(UsageError, match="expected 0 to 0"):
+    with pytest.raises(UsageError, match=r"#person=1: only person 0 is seen in this clip$"):
         join(frames_of(walk(0, 1, 4))).follow(1)
+    with pytest.raises(UsageError, match=r"#person=2: expected 0 to 1: 2 persons are seen$"):
+        join(frames_of(walk(0, 1, 4), walk(200, 1, 4))).follow(2)
+    with pytest.raises(UsageError, match=r"#person=1: nobody is seen$"):
+        join([np.zeros((0, 5))] * 4).follow(1)
 
 
 def test_overlap_is_intersection_over_union() -> None:

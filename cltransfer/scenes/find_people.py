@@ -82,11 +82,14 @@ def chosen(people: list[Found], person: int, scene: Scene, renderer: Any) -> Fou
     """
     if not people:
         options = smaller_near(renderer, BETWEEN * _reach(scene)[1])
-        cut = f"are they cut off before the lens? {options}, " if options else ""
-        hint = f"is another way up? --up X,Y,Z, {cut}or give views: --view FILE"
+        cut = f"if people are cut off before the lens, {options}; " if options else ""
+        views = "cltransfer lift SCENE --view TRAJECTORY.json --out FOLDER, then transfer --subject FOLDER/subject.json"
+        hint = f"if the scene is not upright, give --up X,Y,Z; {cut}or lift it from views of your own: {views}"
         raise InputError(scene.name, "lift", "no person found in any view", hint)
     if person >= len(people):
-        raise UsageError(scene.name, f"person={person}", f"expected 0 to {len(people) - 1}: {len(people)} are seen")
+        several = f"expected 0 to {len(people) - 1}: {len(people)} are seen"
+        known = "only person 0 is seen in this scene" if len(people) == 1 else several
+        raise UsageError(scene.name, f"person={person}", known)
     return people[person]
 
 

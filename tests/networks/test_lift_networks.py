@@ -91,7 +91,7 @@ def test_a_person_who_is_not_there_cannot_be_lifted(
 ) -> None:
     answer = command("lift", scene_file, "--person", "1", "--out", tmp_path / "out", "--quiet", *networks)
     assert (answer.code, answer.err.count("\n")) == (2, 1)
-    assert "person=1: expected 0 to 0: 1 are seen" in answer.err
+    assert "person=1: only person 0 is seen in this scene" in answer.err
     assert not (tmp_path / "out").exists()
 
 

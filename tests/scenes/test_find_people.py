@@ -138,10 +138,16 @@ def test_nobody_and_too_few_are_errors() -> None:
     scene, renderer = named_scene("courtyard"), RENDERERS.build("gaussian_splats")
     with pytest.raises(InputError, match="no person found") as caught:
         chosen(find_people(scene, lambda cameras: seen(cameras)), 0, scene, renderer)
-    assert "cut off" not in str(caught.value)
+    up, views = "give --up X,Y,Z", "cltransfer lift SCENE --view TRAJECTORY.json --out FOLDER"
+    subject = "then transfer --subject FOLDER/subject.json)"
+    assert str(caught.value).endswith(
+        f"any view (if the scene is not upright, {up}; or lift it from views of your own: {views}, {subject}"
+    )
     cameras = wide()
-    with pytest.raises(UsageError, match="expected 0 to 0: 1 are seen"):
+    with pytest.raises(UsageError, match=r"person=1: only person 0 is seen in this scene$"):
         chosen(people_of(cameras, seen(cameras, TALL)), 1, scene, renderer)
+    with pytest.raises(UsageError, match=r"person=2: expected 0 to 1: 2 are seen$"):
+        chosen(2 * people_of(cameras, seen(cameras, TALL)), 2, scene, renderer)
 
 
 def of_reach(reach: float, geometry: str) -> Scene:
