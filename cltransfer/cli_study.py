@@ -56,13 +56,13 @@ def study(
         return _analyse([Path(path) for path in paths], key, out, as_json)
     if out is None:
         raise UsageError("", "--out", "expected a folder for the page")
-    from .study.build import Wanted, build_study
+    from .study.build import Wanted, build_study, counted
 
     wanted = Wanted(tuple(paths), tuple(method or ("A", "B")), tuple(reference or ()), seed)
     made, key_file = build_study(wanted, out)
     count, index, notes = len(made.items), str(out / "index.html"), wanted.notes()
     values = {"page": index, "key": str(key_file), "study": made.name, "comparisons": count, "notes": notes}
-    lines = [f"{index}: {count} comparisons", f"{key_file}: whose video is whose; keep it from them"]
+    lines = [f"{index}: {counted(made)}", f"{key_file}: whose video is whose; keep it from them"]
     return show(values, "\n".join([*lines, *(f"note: {note}" for note in notes)]), as_json)
 
 

@@ -228,9 +228,14 @@ def _shown(study: Study) -> dict[str, Any]:
     }
 
 
+def counted(study: Study) -> str:
+    """How many comparisons there are, as ``1 comparison``."""
+    return f"{len(study.items)} comparison{'s' * (len(study.items) != 1)}"
+
+
 def _readme(study: Study, out: Path) -> str:
     return (
-        f"Study {study.name}: {len(study.items)} comparisons, {len(QUESTIONS)} questions each.\n\n"
+        f"Study {study.name}: {counted(study)}, {len(QUESTIONS)} questions each.\n\n"
         "Open index.html in a browser; it needs no network and no server. Every participant downloads a CSV file at\n"
         f"the end. Keep {out.name}.key.json, which says whose video is whose, away from them.\n\n"
         f"  cltransfer study --analyse answers/*.csv --key {out.name}.key.json\n\n{NO_STUDY}\n"

@@ -55,6 +55,16 @@ def test_the_page_says_that_without_people_it_is_no_study_and_names_no_address(p
     assert not re.search(r"https?://", text)
 
 
+def test_one_comparison_is_not_spoken_of_as_several(clips: Wanted, tmp_path: Path, command: Callable[..., Any]) -> None:
+    first = ("study", *clips.runs[:2], "--reference", clips.references[0], "--out", tmp_path / "one")
+    assert "index.html: 1 comparison\n" in command(*first).out
+    assert "<p>One comparison shows a" in (tmp_path / "one" / "index.html").read_text()
+    assert ": 1 comparison, 3 questions each." in (tmp_path / "one" / "README.txt").read_text()
+    build_study(clips, tmp_path / "two")
+    assert "<p>Each of 2 comparisons shows a" in (tmp_path / "two" / "index.html").read_text()
+    assert ": 2 comparisons, 3 questions each." in (tmp_path / "two" / "README.txt").read_text()
+
+
 def test_both_clips_of_a_pair_are_equally_high_and_keep_their_frames(clips: Wanted, tmp_path: Path) -> None:
     small = tmp_path / "small.mp4"
     from cltransfer.clip import write_video
