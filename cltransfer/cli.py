@@ -21,6 +21,7 @@ from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, lift, simplify
 from .cli_shared import Allow, Config, Json, Out, Quiet, Up, settings_of, show, up_of
+from .cli_slips import check_order, meant_as_key, meant_as_option, options_of
 from .cli_study import study
 from .errors import CltransferError, UsageError, shortened
 
@@ -59,6 +60,9 @@ def main() -> NoReturn:
     except CltransferError as error:
         if error.__cause__ is not None and _debugging():
             raise
+        if isinstance(error, UsageError):
+            verb = getattr(typer.main.get_command(app), "commands", {}).get("".join(sys.argv[1:2]))
+            error = meant_as_option(error, options_of(verb), sys.argv)
         _fail(error, error.exit_code)
     except typer.Abort:
         _fail("interrupted", 130)
@@ -70,7 +74,7 @@ def main() -> NoReturn:
         _fail(f"{shortened(error.filename or 'file')}: {shortened(error.strerror or error)}", 5)
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # usage errors of the parser
-            _fail(error.format_message(), error.exit_code)
+            _fail(meant_as_key(error, sys.argv), error.exit_code)
         if _debugging():
             raise
         _fail(f"{type(error).__name__}: {shortened(error)} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
@@ -163,6 +167,7 @@ def transfer(
     scene, reference = (
         [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
     )
+    check_order(scene, reference)
     from .progress import progress
     from .run_files import DONE, JOURNAL, open_run
     from .run_folder import default_folder, summary_lines, summary_values, write_run

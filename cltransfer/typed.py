@@ -21,6 +21,7 @@ WORDS: dict[Any, str] = {
     NoneType: "null",
     Any: "a value",
 }
+CLOSE = 0.7  # of two words, in [0, 1]: a letter or two apart; "out" and "joint" are 0.5
 MANY: dict[Any, str] = {int: "whole numbers", float: "numbers", bool: "true or false", str: "texts"}
 
 
@@ -57,7 +58,7 @@ def typed(cls: type[T], values: Mapping[str, Any]) -> T:
 def nearest(name: str, known: Iterable[str]) -> str:
     """A hint that names the known word nearest to ``name``, or all of them."""
     options = sorted(known)
-    close = difflib.get_close_matches(str(name), options, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(name), options, n=1, cutoff=CLOSE)
     return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(options)}"
 
 

@@ -151,7 +151,15 @@ USAGE = {
     "extract.inner=${oc.env:HOME}": "interpolation",
     'extract.inner="\\x24{oc.env:HOME}"': "interpolation",
     'losses={"\\x24{oc.env:HOME}": {}}': "interpolation",
-    "--frames": "--frames",
+    "--frames": "No such option: --frames (keys are set without dashes: frames=VALUE)",
+    "--frames=24": "No such option: --frames (keys are set without dashes: frames=24)",
+    "--output-side=64": "(keys are set without dashes: output_side=64)",
+    "--losses.framing.weight=2": "(keys are set without dashes: losses.framing.weight=2)",
+    "--frams=24": "No such option: --frams\n",
+    "out=run2": "command line: out: no such key (--out run2 is an option)",
+    "allow_plugin=a.py": "allow_plugin: no such key (--allow-plugin a.py is an option)",
+    "video=a.mp4": "video: no such key (known: adam,",
+    "clip.mp4": "clip.mp4: is a video, expected a scene (the scene comes first: cltransfer transfer SCENE CLIP)",
     "--up=1,2": "--up",
     "--allow-plugn": "--allow-plugn",
 }
@@ -166,6 +174,18 @@ def test_a_command_that_cannot_be_meant_is_usage(
     refused(answer, 2, USAGE[argument])
     assert "/not/to/be/told" not in answer.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_clip_before_the_scene_is_told(command: Callable[..., Any], tmp_path: Path) -> None:
+    hint = "expected a scene (the scene comes first: cltransfer transfer SCENE CLIP)"
+    refused(command("transfer", "clip.mp4#t=1,2", "scene.ply"), 2, f"clip.mp4#t=1,2: is a video, {hint}")
+    refused(command("transfer", tmp_path, "man.glb#t=0.6"), 2, f"{tmp_path}: is a folder, {hint}")
+
+
+def test_the_value_of_an_option_that_is_a_key_is_found(command: Callable[..., Any]) -> None:
+    refused(command("transfer", "a.ply", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
+    refused(command("evaluate", "a.mp4", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
+    assert "dashes" not in command("models", "list", "--frames", "24").err
 
 
 CONFIGS = {
