@@ -20,7 +20,7 @@ from .cli_fit import fit
 from .cli_models import assets_app, models_app
 from .cli_plugins import app as plugins_app
 from .cli_scenes import bake, lift, simplify
-from .cli_shared import Allow, Config, Json, Out, Quiet, Up, settings_of, show, up_of
+from .cli_shared import Allow, Config, Json, Out, Quiet, Up, settings_of, show, tell, unused_plugins, up_of
 from .cli_slips import check_order, meant_as_key, meant_as_option, options_of
 from .cli_study import study
 from .errors import CltransferError, UsageError, shortened
@@ -186,6 +186,8 @@ def transfer(
         begun = (folder / JOURNAL).is_file()
         _fail("interrupted" + f" (the same command with --resume {folder} goes on from here)" * begun, 130)
     show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
+    taken = [f"no reference named: {reference} is taken"] if len(paths) == 1 else []
+    tell([*taken, *unused_plugins(allow_plugin, settings)], as_json)
 
 
 @app.command()

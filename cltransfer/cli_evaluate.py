@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_shared import Allow, Config, Json, Quiet, show
+from .cli_shared import Allow, Config, Json, Quiet, show, tell, unused_plugins
 from .config import load_config
 from .errors import InputError, UsageError
 from .files import check_out
@@ -65,6 +65,7 @@ def evaluate(
         evaluate_folders(Path(reference), methods, settings, out, as_json, quiet)
     else:
         evaluate_clips(reference, render, settings, out, as_json, quiet)
+    tell(unused_plugins(allow_plugin, settings), as_json)
 
 
 def _check_out(folder: Path) -> None:

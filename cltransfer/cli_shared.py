@@ -41,6 +41,26 @@ def show(values: Any, text: str, as_json: bool) -> None:
     print(json.dumps(values, indent=2, allow_nan=False) if as_json else text)
 
 
+def tell(notes: list[str], as_json: bool) -> None:
+    """Print ``notes`` below a result; JSON stands alone."""
+    for note in notes * (not as_json):
+        print(f"note: {note}")
+
+
+def unused_plugins(names: list[str] | None, settings: Any) -> list[str]:
+    """Notes on allowed plugins of whose components ``settings`` names none."""
+    from .config_options import SECTIONS
+    from .plugins import settle
+
+    notes = []
+    for name, settled in zip(names or [], settle(names or [])):
+        given = [(section, part) for section, all_ in SECTIONS.items() for part in all_.given_by(settled)]
+        if given and not any(part in getattr(settings, section) for section, part in given):
+            known = ", ".join(f"{section}.{part}={{}}" for section, part in given)
+            notes.append(f"plugin {name} is allowed, but none of its components is in use ({known})")
+    return notes
+
+
 def settings_of(config: Path | None, overrides: list[str], plugins: list[str] | None) -> Any:
     """The config of a command, its plugins let in before."""
     from .config import load_config

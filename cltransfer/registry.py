@@ -76,6 +76,15 @@ class Registry(Generic[T]):
         package = importlib.import_module(self.package)
         return {m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_") and not m.ispkg}
 
+    def given_by(self, plugin: str) -> list[str]:
+        """Names that a plugin has registered: an installed one by its name, a file or a folder by its whole path."""
+        place, found = Path(plugin).resolve(), []
+        for name, cls in self._classes.items():
+            file = Path(_file_of(cls)).resolve()
+            if not cls.__module__.startswith("cltransfer.") and (name == plugin or file.is_relative_to(place)):
+                found.append(name)
+        return found
+
     def names(self) -> list[str]:
         """Every known name, built-in or registered, sorted."""
         return sorted(self._built_in() | self._classes.keys())

@@ -287,6 +287,21 @@ def test_every_verb_that_reads_a_config_takes_a_plugin(
     assert "headroom" not in json.loads(command("plugins", "list", "--json").out)["losses"]
 
 
+def test_a_plugin_that_nothing_uses_and_a_reference_that_nobody_named_are_told(
+    with_plugin: Callable[..., Any], tmp_path: Path
+) -> None:
+    short = ("builtin:room", "frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
+    plugin = f"note: plugin {tmp_path / 'my loss.py'} is allowed, but none of its components is in use"
+    unused, reference = f"{plugin} (losses.headroom={{}})", "note: no reference named: builtin:dolly_zoom is taken"
+    assert with_plugin("transfer", *short, "--out", tmp_path / "a").out.splitlines()[-2:] == [reference, unused]
+    used = with_plugin("transfer", *short, "losses.headroom={}", "--out", tmp_path / "b").out
+    assert reference in used
+    assert "is allowed" not in used
+    json.loads(with_plugin("transfer", *short, "--json", "--out", tmp_path / "c").out)
+    named = with_plugin("transfer", "builtin:room", "builtin:static", *short[1:], "--out", tmp_path / "d").out
+    assert "no reference" not in named
+
+
 def test_without_plugins_nothing_is_missed(command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLTRANSFER_DISABLE_PLUGINS", "1")
     assert command("transfer", "--print-config").code == 0
