@@ -13,7 +13,7 @@ from .clip_source import ClipSource
 from .components import Components
 from .config_options import RunConfig
 from .errors import InputError
-from .features import Features
+from .features import Features, nobody
 from .objective import Objective
 from .progress import Progress, silent
 from .read_frames import check_maps, read_frames
@@ -90,13 +90,6 @@ def undefined(scores: Scores, defined: Tensor, reference: Features, rendered: Fe
         if others := int((lost[name] & ~gone).sum()):
             parts.append(f"{name} undefined in {others}{' more' * bool(gone.any())} of {count} frames")
     return [*notes, f"render: {'; '.join([*parts, 'each missing term costs its penalty in the total'])}"]
-
-
-def nobody(features: Features) -> Tensor:
-    """Frames (N,) bool in which no person was found; none where nobody was looked for."""
-    if not features.has("keypoints"):
-        return torch.zeros(len(features), dtype=torch.bool)
-    return ~torch.isfinite(features.require("keypoints")[..., 0]).any(1)
 
 
 def in_time(rendered: Features, original: Tensor, shown: Tensor) -> Features:

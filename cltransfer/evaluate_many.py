@@ -174,7 +174,8 @@ def interval(values: list[float | None], seed: int = 0, defined: int = 0, reason
 
     known = np.array([value for value in values if value is not None])
     lacking = len(values) - len(known)
-    said = [f"{lacking} clips have no value", *dict.fromkeys(filter(None, reasons))] if lacking else []
+    clips = "1 clip has" if lacking == 1 else f"{lacking} clips have"
+    said = [f"{clips} no value", *dict.fromkeys(filter(None, reasons))] if lacking else []
     reason = "; ".join(said)
     if len(known) == 0:
         return Interval(None, None, None, 0, len(values), defined, reason)

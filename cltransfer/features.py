@@ -148,3 +148,10 @@ class Features:
 
 
 NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))
+
+
+def nobody(features: Features) -> Tensor:
+    """Frames (N,) bool in which no person was found; none where nobody was looked for."""
+    if not features.has("keypoints"):
+        return torch.zeros(len(features), dtype=torch.bool)
+    return ~torch.isfinite(features.require("keypoints")[..., 0]).any(1)

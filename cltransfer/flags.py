@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from .driver.refine import least_curvature
+from .features import nobody
 from .losses.shot_size import ShotSize, degenerate
 from .near_plane import drawn_whole, smaller_near
 from .report.data import Flag
@@ -82,14 +83,14 @@ def _reference(result: Result) -> Iterator[Flag]:
     features = result.reference.features
     if not features.has("keypoints"):
         return
-    nobody = ~torch.isfinite(features.require("keypoints")[..., 0]).any(1)
-    for i in nobody.nonzero()[:, 0].tolist():
+    unseen = nobody(features)
+    for i in unseen.nonzero()[:, 0].tolist():
         yield Flag(i, "no person in the reference")
     loss = result.objective.losses.get("shot_size")
     if not isinstance(loss, ShotSize) or loss.mode != "robust":
         return
     joints = "key joints" if loss.joints == "key" else "joints"
-    for i in (degenerate(features, loss.joints) & ~nobody).nonzero()[:, 0].tolist():
+    for i in (degenerate(features, loss.joints) & ~unseen).nonzero()[:, 0].tolist():
         yield Flag(i, f"fewer than two {joints} in the reference: the size is that of the mask, and not certain")
 
 

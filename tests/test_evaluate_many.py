@@ -55,6 +55,7 @@ def test_clips_without_a_value_are_counted_not_used() -> None:
     assert (found.mean, found.clips, found.of) == (pytest.approx(0.3), 2, 4)
     assert found.reason == "2 clips have no value"
     assert interval([None]).mean is None
+    assert interval([None, 0.1, 0.3]).reason == "1 clip has no value"
     assert interval([0.2]).low is None
     assert "one clip" in interval([0.2]).reason
 

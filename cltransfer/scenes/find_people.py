@@ -30,6 +30,7 @@ STEPS = 9  # points from a body's middle to each of its ends
 ROUND = 0.1  # heights that a body reaches beyond its joints
 LENS = 0.02  # heights before the camera from which a part of a body is seen
 MINIMUM_VIEWS = 2  # that must agree on a person
+BY_VIEWS = "cltransfer lift SCENE --view TRAJECTORY.json --out FOLDER, then transfer --subject FOLDER/subject.json"
 
 Boxes = list[np.ndarray]  # of all persons in each of V views, (P, 5) each: x, y, width, height [px], score
 See = Callable[[Camera], Boxes]
@@ -83,8 +84,7 @@ def chosen(people: list[Found], person: int, scene: Scene, renderer: Any) -> Fou
     if not people:
         options = smaller_near(renderer, BETWEEN * _reach(scene)[1])
         cut = f"if people are cut off before the lens, {options}; " if options else ""
-        views = "cltransfer lift SCENE --view TRAJECTORY.json --out FOLDER, then transfer --subject FOLDER/subject.json"
-        hint = f"if the scene is not upright, give --up X,Y,Z; {cut}or lift it from views of your own: {views}"
+        hint = f"if the scene is not upright, give --up X,Y,Z; {cut}or lift it from views of your own: {BY_VIEWS}"
         raise InputError(scene.name, "lift", "no person found in any view", hint)
     if person >= len(people):
         several = f"expected 0 to {len(people) - 1}: {len(people)} are seen"

@@ -20,7 +20,7 @@ from ..features import Features
 from ..skeleton import JOINTS, VISIBLE
 from ..subject import Subject
 from . import Scene
-from .find_people import See, boxes_of, chosen, find_people, people_of, ring, standing
+from .find_people import BY_VIEWS, See, boxes_of, chosen, find_people, people_of, ring, standing
 from .triangulate import Triangulated, triangulate
 from .vote import vote_labels
 
@@ -115,7 +115,7 @@ def lift(scene: Scene, renderer: Any, look: Look, see: See, options: LiftOptions
     found = torch.isfinite(seen.require("box")[:, 0])
     if int(found.sum()) < MINIMUM_VIEWS:
         reason = f"a person in {int(found.sum())} of {len(given)} views"
-        raise InputError(scene.name, "lift", reason, "give views that show one: --view FILE")
+        raise InputError(scene.name, "lift", reason, f"give views that show one: {BY_VIEWS}")
     points = _joints(given, seen)
     count = max(1, len(people))  # one is lifted, though their boxes may not meet
     subject = replace(_subject(scene, given, seen, points), people=count)
@@ -140,7 +140,7 @@ def _subject(scene: Scene, cameras: Camera, seen: Features, points: Sequence[Tri
     known = torch.isfinite(joints[:, 0])
     if int(known.sum()) < 4:
         reason = f"{int(known.sum())} joints that {MINIMUM_VIEWS} views agree on"
-        raise InputError(scene.name, "lift", f"only {reason}", "give views nearer to the person: --view FILE")
+        raise InputError(scene.name, "lift", f"only {reason}", f"give views nearer to the person: {BY_VIEWS}")
     views = [int((~torch.isnan(p.error)).sum()) for p in points]
     agreed = [int(p.agreed.sum()) for p in points]
     confidence = torch.tensor([a / v if v else 0.0 for a, v in zip(agreed, views)], dtype=torch.float64)

@@ -75,3 +75,10 @@ def test_a_flag_of_every_frame_is_one_line(report):
     text = page(replace(report, flags=tuple(Flag(i, "degenerate") for i in range(4))))
     assert text.count("degenerate") == 1
     assert "<li>all 4 frames: degenerate</li>" in text
+
+
+def test_a_page_of_scores_speaks_of_no_transfer(report):
+    scored = page(replace(report, trajectory=None))
+    assert "reference above render" in scored
+    assert "camera language score" in scored
+    assert "reference above transfer" in page(report)
