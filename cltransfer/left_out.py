@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 WORSE, MUCH = 4 / 3, 0.1  # times another total, and so much more, above which one is far worse
+BEARABLE = (
+    0.25  # so much more, where floaters make up for it; a path that they alone make good is 0.8 worse without them
+)
 
 
 @dataclass(frozen=True)
@@ -27,15 +30,15 @@ class LeftOut:
         return far_worse(self.among, self.alone)
 
     def better(self, other: LeftOut) -> bool:
-        """Whether this gains more with them than it loses without them against the ``other``, and is not far worse."""
+        """Whether this gains more with them than it loses without them against the ``other``, which is little."""
         lost, gained = self.alone - other.alone, other.among - self.among
-        return gained > max(lost, 0.0) and not far_worse(self.alone, other.alone)
+        return gained > max(lost, 0.0) and not far_worse(self.alone, other.alone, BEARABLE)
 
 
-def far_worse(total: float, other: float) -> bool:
-    """Whether ``total`` is far above the ``other``.
+def far_worse(total: float, other: float, much: float = MUCH) -> bool:
+    """Whether ``total`` is far above the ``other``: by a third, and by ``much``.
 
     >>> far_worse(0.15, 0.05), far_worse(0.2, 0.05), far_worse(1.4, 1.0), far_worse(1.5, 1.0)
     (False, True, False, True)
     """
-    return total > WORSE * other + MUCH
+    return total > WORSE * other + much

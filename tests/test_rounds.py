@@ -117,7 +117,15 @@ def test_what_counts_as_far_worse(alone: float, among: float, matters: bool) -> 
 
 @pytest.mark.parametrize(
     ("alone", "among", "better"),
-    [(0.5, 0.8, True), (0.4, 0.9, True), (0.5, 1.0, False), (0.7, 0.85, False), (0.7, 0.7, True), (0.8, 0.1, False)],
+    [
+        (0.5, 0.8, True),
+        (0.4, 0.9, True),
+        (0.5, 1.0, False),
+        (0.7, 0.85, False),
+        (0.7, 0.7, True),
+        (0.9, 0.1, True),
+        (0.95, 0.1, False),
+    ],
 )
 def test_a_path_past_floaters_gains_more_than_it_loses_and_is_no_path_for_them_alone(
     alone: float, among: float, better: bool
