@@ -216,8 +216,9 @@ def render(
     from .render_run import render_run
 
     with progress(quiet) as report:
-        written = render_run(run, overrides or [], fps, scene, out, report)
-    print(written)
+        film = render_run(run, overrides or [], fps, scene, out, report)
+    print(film.video)
+    tell(list(film.notes), as_json=False)
 
 
 for verb in (evaluate, ablate, inspect, describe, lift, fit, bake, simplify, study):  # as `--help` lists them

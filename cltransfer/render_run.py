@@ -2,33 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
-from .camera import fitted_size, resized
+from .camera import Camera, fitted_size, resized
 from .clip import write_video
 from .components import Components
 from .config import load_config
+from .driver.guard import Guard
 from .errors import InputError, UsageError
+from .features import Features
 from .files import read_json
 from .named_scenes import recall
 from .progress import Progress
-from .readback import render_frames
+from .readback import RENDER_BATCH, render_frames
+from .renderers._request import drawn_by
 from .run_files import CONFIG, MANIFEST, VIDEO, require_done
+from .scenes import Scene
+from .scenes.lifted import SUBJECT
 from .scenes.load import load_scene
+from .subject import Subject
 from .threads import default_count, set_threads
 from .trajectory import FRAME_LIMIT, Trajectory
 
 ACTING = ("output_side", "renderer", "threads")  # keys of the config that change how a path is drawn
 MOST_FPS = 240
+LOOKED_AT = 160  # longer side at which the frames between are looked at [px]
+
+
+@dataclass(frozen=True)
+class Film:
+    """A video that was made of a run.
+
+    Args:
+        video: the file.
+        notes: what is doubtful in the frames between those of the run.
+    """
+
+    video: Path
+    notes: tuple[str, ...] = ()
 
 
 def render_run(
     run: Path, overrides: Sequence[str], fps: float | None, scene: str | None, out: Path | None, progress: Progress
-) -> Path:
-    """Render the video of a run again; returns the file.
+) -> Film:
+    """Render the video of a run again.
+
+    No search has seen the frames between those of the run, so they are looked at for what a search would not take.
 
     Args:
         run: folder of the run.
@@ -64,7 +88,10 @@ def render_run(
     image = render_frames(loaded, parts, cameras, progress)
     target = out or run / VIDEO
     write_video(target, image, trajectory.times)
-    return target
+    if fps is None:
+        return Film(target)
+    person = Subject.load(run / SUBJECT) if (run / SUBJECT).is_file() else None
+    return Film(target, tuple(_doubts(loaded, parts, cameras, trajectory.times, person)))
 
 
 def _check_keys(overrides: Sequence[str]) -> None:
@@ -96,3 +123,18 @@ def _filmed(trajectory: Trajectory, fps: float | None) -> Trajectory:
     if count > FRAME_LIMIT:
         raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {FRAME_LIMIT}")
     return trajectory.at((start + torch.arange(count, dtype=torch.float64) / fps).clamp(max=end))
+
+
+def _doubts(scene: Scene, parts: Components, cameras: Camera, times: Tensor, person: Subject | None) -> Iterator[str]:
+    """What is wrong with the frames of N cameras at ``times`` (N,) [s], a line for each reason."""
+    small = cameras.at_size(fitted_size(cameras.size, LOOKED_AT))
+    guard, found = Guard(None if person is None else person.height), list[dict[str, Tensor]]()
+    for start in range(0, len(small), RENDER_BATCH):
+        some = small[start : start + RENDER_BATCH]
+        depth = drawn_by(parts.renderer, scene, some, frozenset({"depth"})).require("depth")
+        found.append(guard.reasons(Features(size=some.size, depth=depth, camera=some, person=person)))
+    for reason in found[0]:
+        wrong = torch.cat([reasons[reason] for reasons in found])
+        if wrong.any():
+            first, last = (float(times[wrong][i]) for i in (0, -1))
+            yield f"{reason} in {int(wrong.sum())} of {len(wrong)} frames, {first:.2f} to {last:.2f} s"

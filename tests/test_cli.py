@@ -13,12 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 import typer
 
+from cltransfer.camera import Camera
 from cltransfer.cli import app
 from cltransfer.clip import read_clip
 from cltransfer.config import load_config, to_yaml
 from cltransfer.registry import LOSSES
+from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -72,6 +75,7 @@ METRICS = {"shot_size", "framing", "filmic_space", "camera_movement", "camera_an
 PLUGIN = """
 from dataclasses import dataclass
 from cltransfer.registry import LOSSES
+from cltransfer.subject import Subject
 
 @LOSSES.register("headroom")
 @dataclass(frozen=True)
@@ -182,6 +186,23 @@ def test_render_fills_in_what_lies_between_the_frames(
     assert command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / "b.mp4").code == 0
     first = read_clip(tmp_path / "b.mp4").image[0].float()
     assert float((film.image[0].float() - first).abs().mean()) < 8  # levels; the encoder may choose other blocks
+
+
+def test_render_tells_where_frames_between_those_of_the_run_pass_through_something(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    own = Trajectory.load(run / "trajectory.json")
+    beyond = own.camera[0].w2c.clone()  # as far behind the person as the first frame is before
+    person = Subject.load(run / "subject.json").anchor
+    beyond[:, :3, 3] -= 2 * (beyond[:, :3, :3] @ person + beyond[:, :3, 3])
+    both = Camera(torch.cat([own.camera[0].w2c, beyond]), own.camera.K[:2], own.camera.size)
+    Trajectory(both, torch.tensor([0.0, 1.0], dtype=torch.float64)).save(run / "trajectory.json")
+    words = ("render", run, "output_side=64", "--quiet")
+    assert "note" not in command(*words).out  # the two frames themselves are fine
+    answer = command(*words, "--fps", 20)
+    assert answer.code == 0
+    assert re.search(r"note: the camera stands inside the person in \d+ of 21 frames, 0\.\d+ to 0\.\d+ s", answer.out)
 
 
 @pytest.mark.parametrize(
