@@ -31,6 +31,7 @@ from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .rows import kept_rows
 from .trial import Row
+from .warm_up import warm_up
 
 SIZE = (640, 360)  # [px] of the reference
 TEACHER = "builtin:plaza"
@@ -159,6 +160,7 @@ def _measured(key: str, run: Run) -> Row:
     subject = load_scene(TEACHER).subject
     assert subject is not None
     true = shot(run.shot, subject, SIZE, run.frames, setup=drawn(run.shot, run.seed))
+    warm_up(TARGETS[run.target])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "shot.json"
         true.save(path)

@@ -26,6 +26,7 @@ from .methods import config_of, method
 from .protocol import FPS, SIZE, Trial, drawn_start
 from .replay import replayed
 from .truth import path_errors
+from .warm_up import warm_up
 
 Row = dict[str, Any]  # plain values, as JSON gives them back
 
@@ -87,6 +88,7 @@ def run_trial(trial: Trial, key: str, folder: Path, networks: bool = False) -> R
     clip = Clip.drawn(trial)
     shots = folder / "shots" / f"{trial.shot}-{trial.teacher}-{trial.seed}-{trial.frames}.json"
     clip.reference.save(shots)
+    warm_up(trial.pupil)
     take = _taken(trial, clip, shots)
     take.trajectory.save(folder / "paths" / f"{key}.json")
     cameras, height = take.trajectory.camera, person(clip.pupil).height

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import torch
 
 from cltransfer.bench import trial as plain
+from cltransfer.bench import warm_up as warming
 from cltransfer.bench.failure import LEAST_ALPHA
 from cltransfer.bench.judge import HELD_OUT
 from cltransfer.bench.protocol import SIZE, Trial
@@ -66,3 +68,33 @@ def test_the_true_cameras_do_not_fail_where_the_scene_has_no_sky() -> None:
     take = plain.Take(clip.true, torch.zeros(2, dtype=torch.bool), {})
     assert float(plain.Reader.of(trial.pupil).cover(clip.pupil, clip.true.camera).max()) < LEAST_ALPHA
     assert plain._judged(trial, clip, take)["failed"] == {}
+
+
+def test_a_process_is_warm_before_it_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[tuple[str, str]] = []
+
+    def told(who: str) -> Callable[[Inputs, RunConfig], Result]:
+        def run(inputs: Inputs, config: RunConfig) -> Result:
+            heard.append((who, str(inputs.scene)))
+            return transfer(inputs, config)
+
+        return run
+
+    monkeypatch.setattr(plain, "transfer", told("timed"))
+    monkeypatch.setattr(warming, "transfer", told("warming up"))
+    warming._warmed.cache_clear()
+    for pupil in ("plaza-2000", "path-2001"):
+        plain.run_trial(Trial("fast", "static", "plaza-2000", pupil, 1000, 2, SMALL), pupil, tmp_path)
+    warmed = [("warming up", "builtin:room-0")] * len(warming.BOTH_ENGINES)
+    assert heard == [*warmed, ("timed", "builtin:plaza-2000"), ("timed", "builtin:path-2001")]
+
+
+@pytest.mark.parametrize(
+    ("scene", "drawn_by"),
+    [("builtin:courtyard", "room-0"), ("plaza-2-mesh", "room-0-mesh"), ("plaza-2-grid", "room-0-grid")],
+)
+def test_what_is_warm_draws_scenes_of_that_form(scene: str, drawn_by: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(warming, "_warmed", asked.append)
+    warming.warm_up(scene)
+    assert asked == [drawn_by]
