@@ -113,11 +113,9 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
         InputError: the reference is a feature file, which keeps no frames.
         OSError: a picture cannot be written.
     """
-    import cv2
-
-    from .files import atomic
     from .report.inspection_page import write_page
     from .report.overlays import draw_flow, draw_reading
+    from .report.picture import write_picture
 
     reference, features = shown.reference, shown.reference.features
     if reference.image is None:
@@ -131,9 +129,7 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
         if features.has("flow"):
             pictures[f"{i:04d}_flow.png"] = draw_flow(own, fastest)
         for name, picture in pictures.items():
-            with atomic(folder / "frames" / name) as temporary:
-                if not cv2.imwrite(str(temporary), picture[..., ::-1]):
-                    raise OSError(0, "the picture could not be written", str(folder / "frames" / name))
+            write_picture(folder / "frames" / name, picture)
     return write_page(folder, shown)
 
 

@@ -17,6 +17,7 @@ from cltransfer.features import Features
 from cltransfer.files import content_hash, write_text
 
 LATIN = os.fsdecode(b"wom\xe9n")
+TINY = ("frames=2", "output_side=96", "search_side=48")
 
 
 @pytest.fixture
@@ -45,6 +46,18 @@ def test_a_study_of_a_clip_by_any_name_has_its_key(clip: Path, fresh: Callable[.
     assert (page / "README.txt").is_file()
     assert json.loads((tmp_path / f"{LATIN}.key.json").read_text())["runs"][0]["A"] == str(clip)
     assert "wom\\udce9n" in answer.out
+
+
+def test_a_run_and_an_inspection_may_lie_under_any_name(fresh: Callable[..., Any], tmp_path: Path) -> None:
+    """OpenCV ends the interpreter when it is given such a name."""
+    run, page = tmp_path / LATIN / "run", tmp_path / LATIN / "page"
+    answer = fresh("transfer", "--quiet", "--out", run, *TINY)
+    assert answer.code == 0, answer.err
+    assert (run / "DONE").is_file()
+    assert (run / "strip.jpg").read_bytes()[:2] == b"\xff\xd8"
+    answer = fresh("inspect", "builtin:static", "--quiet", "--out", page, *TINY)
+    assert answer.code == 0, answer.err
+    assert (page / "frames" / "0000.png").read_bytes()[1:4] == b"PNG"
 
 
 def test_what_a_narrow_terminal_cannot_show_is_escaped(fresh: Callable[..., Any], tmp_path: Path) -> None:

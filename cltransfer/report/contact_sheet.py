@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..files import atomic
 from ..skeleton import VISIBLE
+from .picture import write_picture
 
 if TYPE_CHECKING:
     from ..scenes.lift import Lift
@@ -33,9 +33,7 @@ def write_contact_sheet(path: Path, image: Tensor, found: Lift) -> None:
     blank = np.zeros_like(tiles[0])
     tiles += [blank] * (-len(tiles) % COLUMNS)
     rows = [np.hstack(tiles[i : i + COLUMNS]) for i in range(0, len(tiles), COLUMNS)]
-    with atomic(path) as temporary:
-        if not cv2.imwrite(str(temporary), np.vstack(rows)):
-            raise OSError(0, "the picture could not be written", str(path))
+    write_picture(path, np.vstack(rows)[..., ::-1])
 
 
 def _tile(image: Tensor, found: Lift, view: int) -> np.ndarray:

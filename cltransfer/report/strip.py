@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from torch import Tensor
 
-from ..files import atomic
+from .picture import write_picture
 from .side_by_side import GAP, PAPER, write_line
 
 WIDTH = 320  # [px] of a frame
 _BAND = 20  # [px] of the line above a row
-_QUALITY = 92  # of JPEG
 
 
 def evenly(count: int, columns: int) -> list[int]:
@@ -69,7 +68,4 @@ def write_strip(path: Path, reference: Tensor, render: Tensor, times: Tensor) ->
     Raises:
         OSError: it could not be written.
     """
-    picture = strip(reference, render, times)
-    with atomic(path) as temporary:
-        if not cv2.imwrite(str(temporary), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]):
-            raise OSError(0, "the picture could not be written", str(path))
+    write_picture(path, strip(reference, render, times))

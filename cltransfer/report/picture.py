@@ -1,0 +1,30 @@
+"""Pictures as files, by whatever name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files import atomic
+
+QUALITY = 92  # of a JPEG
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write RGB (H, W, 3) as what the suffix of ``path`` says, whole or not at all.
+
+    OpenCV is not given the name: one that is no UTF-8 ends the interpreter.
+
+    Raises:
+        ValueError: the encoder refused it.
+        OSError: it could not be written.
+    """
+    options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY] if path.suffix == ".jpg" else []
+    done, coded = cv2.imencode(path.suffix, picture[..., ::-1], options)
+    if not done:
+        raise ValueError(f"could not encode a picture of {picture.shape[1]}x{picture.shape[0]} px as {path.suffix}")
+    with atomic(path) as temporary:
+        temporary.write_bytes(coded.tobytes())
