@@ -183,7 +183,7 @@ def transfer(
             result = run(inputs, settings, report, Record(folder / JOURNAL, resume is not None))
             shown = write_run(folder, result, inputs, settings, allow_plugin or [])
     except KeyboardInterrupt:
-        begun = (folder / JOURNAL).is_file()
+        begun = (folder / JOURNAL).is_file() and not (folder / DONE).is_file()
         _fail("interrupted" + f" (the same command with --resume {folder} goes on from here)" * begun, 130)
     show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
     taken = [f"no reference named: {reference} is taken"] if len(paths) == 1 else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -21,6 +22,7 @@ from .driver.journal import Journal
 from .driver.schedule import Schedule, make_schedule
 from .driver.stage import Stage
 from .driver.starts import Starting, Starts
+from .errors import UsageError
 from .features import Features
 from .objective import Objective
 from .onnx import model_content
@@ -74,9 +76,14 @@ class Record:
 
         Raises:
             InputError: it is resumed, and is of another run or no journal.
+            UsageError: it is not, and this very run was begun here and has not come to its end.
         """
+        done, folder = self.path.with_name(DONE), self.path.parent
+        if not (self.resume or done.is_file()) and Journal.begun(self.path, header):
+            hint = f"go on with --resume {shlex.quote(str(folder))}, or name another --out"
+            raise UsageError(folder, "--out", "this run was begun there and has not come to its end", hint)
         journal = Journal(self.path, header, self.resume)
-        self.path.with_name(DONE).unlink(missing_ok=True)
+        done.unlink(missing_ok=True)
         return journal
 
 

@@ -81,7 +81,7 @@ def render_run(
     set_threads(config.threads or default_count())
     parts = Components.build(config)
     source = scene or recall(digest)
-    loaded = load_scene(source, up)
+    loaded = load_scene(source, up) if scene else _recalled(source, up)
     if loaded.digest != digest:
         raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
     cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
@@ -110,6 +110,15 @@ def _scene_of(run: Path) -> tuple[str, tuple[float, float, float]]:
         return str(scene["sha256"]), (float(up[0]), float(up[1]), float(up[2]))
     except (KeyError, TypeError, ValueError, IndexError):
         raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
+
+
+def _recalled(source: str, up: tuple[float, float, float]) -> Scene:
+    """The scene from where this computer has last seen it."""
+    try:
+        return load_scene(source, up)
+    except InputError as error:
+        hint = "it has been moved? name it: --scene FILE"
+        raise InputError(error.where, error.field, error.reason, hint) from None
 
 
 def _filmed(trajectory: Trajectory, fps: float | None) -> Trajectory:

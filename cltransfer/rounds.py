@@ -28,7 +28,7 @@ from .readback import Readback, read_back, read_path
 Report = Callable[[int, Solved], None]
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
-UNBIASED = f"no correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
+UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
 
@@ -116,7 +116,7 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             break
         bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
         if not bias.known:
-            return made, UNBIASED
+            return made, f"no {'' if number == 0 else 'further '}{UNBIASED}"
         target, starts = corrected(job.wanted, bias), Starts(cameras[0], take.clip.about(cameras[0], take.x))
     return made, ""
 

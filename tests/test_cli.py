@@ -205,6 +205,21 @@ def test_render_tells_where_frames_between_those_of_the_run_pass_through_somethi
     assert re.search(r"note: the camera stands inside the person in \d+ of 21 frames, 0\.\d+ to 0\.\d+ s", answer.out)
 
 
+def test_render_of_a_scene_that_was_moved_says_what_to_name(
+    command: Callable[..., Any], tiny_run: Path, cache: Path, tmp_path: Path
+) -> None:
+    digest = json.loads((tiny_run / "manifest.json").read_text())["scene"]["sha256"]
+    note = cache / "scenes" / f"{digest}.json"
+    seen = note.read_bytes()
+    note.write_text(json.dumps({**json.loads(seen), "path": str(tmp_path / "gone.ply")}))
+    try:
+        answer = command("render", tiny_run, "--quiet", "--out", tmp_path / "a.mp4")
+    finally:
+        note.write_bytes(seen)
+    assert answer.code == 3
+    assert "gone.ply: no such file (it has been moved? name it: --scene FILE)" in answer.err
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

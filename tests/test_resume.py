@@ -102,7 +102,8 @@ def test_a_run_that_was_killed_twice_goes_on_to_the_same_bits_and_computes_only_
     ("changed", "reason"),
     [
         (("--init", "RUN/trajectory.json"), "init: the run was begun with 'auto', this is "),
-        (("seed=5",), "config.seed: the run was begun with 0, this is 5"),
+        (("--init", "RUN/trajectory.json"), "(go on with --init auto, or start over with another --out)"),
+        (("seed=5",), "config.seed: the run was begun with 0, this is 5 (go on with seed=0, or "),
     ],
 )
 def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
@@ -115,6 +116,30 @@ def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
     assert reason in refused.err
     assert refused.err.count("\n") == 1
     assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
+
+
+def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    begun = json.loads((run / "manifest.json").read_text())["threads"]
+    words = ("transfer", "-c", run / "config.yaml", "-q", "--resume", run)
+    refused = fresh(*words, CLTRANSFER_THREADS=str(begun + 1))
+    assert refused.code == 3
+    assert f"(go on with CLTRANSFER_THREADS={begun}, or start over with another --out)" in refused.err
+
+
+def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / DONE).unlink()
+    kept = (run / JOURNAL).read_bytes()
+    same = ("transfer", "-c", run / "config.yaml", "-q", "--out", run)
+    refused = command(*same)
+    assert refused.code == 2
+    assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
+    assert (run / JOURNAL).read_bytes() == kept
+    assert command(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
+    assert (run / DONE).is_file()
 
 
 class Plugin(GaussianSplats):

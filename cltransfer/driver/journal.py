@@ -56,11 +56,17 @@ class Journal:
                 _compare(path, _parsed(path, records[0]), header)
                 self._recorded = records[1:]
             elif not _torn_at_once(path):
-                raise InputError(path, "header", "not a journal", "start over without --resume")
+                raise InputError(path, "header", "not a journal", "start over with another --out")
         self.replayed = 0
         self._stream = _open(path, end)
         if end == 0:
-            self._append(json.dumps(header, sort_keys=True).encode())
+            self._append(_coded(header))
+
+    @classmethod
+    def begun(cls, path: Path, header: Mapping[str, object]) -> bool:
+        """Whether ``path`` holds answers of a run of this ``header``."""
+        records = _read(path)[0] if path.is_file() else []
+        return len(records) > 1 and records[0] == _coded(header)
 
     def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         """Values (B, C) float64 for B cameras: recorded if this question was asked before, else computed and recorded.
@@ -74,7 +80,7 @@ class Journal:
             self.replayed += 1
             crc, rows, columns = _SHAPE.unpack_from(payload)
             if crc != asked or len(payload) != _SHAPE.size + 8 * rows * columns:
-                hint = "other machine, version or threads? start over without --resume"
+                hint = "other machine, version or threads? start over with another --out"
                 raise InputError(self.path, f"record {self.replayed}", "is of another question", hint)
             values = np.frombuffer(payload, np.float64, offset=_SHAPE.size).reshape(rows, columns)
             return torch.from_numpy(values.copy())
@@ -86,6 +92,10 @@ class Journal:
         self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
         self._stream.flush()
         os.fsync(self._stream.fileno())
+
+
+def _coded(header: Mapping[str, object]) -> bytes:
+    return json.dumps(header, sort_keys=True).encode()
 
 
 def fingerprint(cameras: Camera) -> int:
@@ -131,7 +141,7 @@ def _parsed(path: Path, header: bytes) -> object:
     try:
         return json.loads(header)
     except (ValueError, RecursionError):
-        raise InputError(path, "header", "not a journal", "start over without --resume") from None
+        raise InputError(path, "header", "not a journal", "start over with another --out") from None
 
 
 def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:
@@ -141,4 +151,16 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
     for key in sorted({*now, *recorded}):
         if recorded.get(key) != now.get(key):
             reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
-            raise InputError(path, key, reason, "start over without --resume")
+            raise InputError(path, key, reason, _begun_so(key, recorded.get(key)))
+
+
+def _begun_so(key: str, value: object) -> str:
+    """How the run is gone on with, or begun anew."""
+    again = "or start over with another --out"
+    if key == "threads":
+        return f"go on with CLTRANSFER_THREADS={value}, {again}"
+    if key == "init":
+        return f"go on with --init {value}, {again}"
+    if key.startswith("config.") and isinstance(value, str | int | float):
+        return f"go on with {key.removeprefix('config.')}={str(value).lower()}, {again}"
+    return again.removeprefix("or ")

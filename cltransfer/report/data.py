@@ -53,6 +53,11 @@ class ReportData:
     command: str = ""
 
     @property
+    def render_name(self) -> str:
+        """What is held against the reference."""
+        return "render" if self.trajectory is None else "transfer"
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of all frames."""
         return tuple(flag.reason for flag in self.flags if flag.frame is None)

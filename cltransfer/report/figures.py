@@ -63,14 +63,14 @@ def term_curves(report: ReportData) -> str:
         axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         for ax, term in zip(axes, shown):
             other = None if report.baseline is None else report.baseline.term(term.name)
-            _curves(ax, report.times.numpy(), term, other)
+            _curves(ax, report.times.numpy(), term, other, report.render_name)
         axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, borderpad=0)
         axes[-1].set_xlabel("time [s]")
 
     return _svg(draw, (6.4, 1.15 * len(shown) + 0.3))
 
 
-def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None) -> None:
+def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: str) -> None:
     series = [term.values.numpy()] + ([] if other is None else [other.values.numpy()])
     if len(series) == 2:
         ax.plot(
@@ -81,7 +81,7 @@ def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None) -> None
             linewidth=1.1,
             label="first view held still",
         )
-    ax.plot(times, series[0], color=_MAIN, label="transfer", marker="o", markersize=2)
+    ax.plot(times, series[0], color=_MAIN, label=name, marker="o", markersize=2)
     values = np.concatenate(series)
     values = values[np.isfinite(values) & (values > 0)]
     if len(values) and values.max() / values.min() > _LOG_SPAN:

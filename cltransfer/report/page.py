@@ -53,7 +53,6 @@ def page(report: ReportData) -> str:
         rows=found,
         sums=sums(report),
         total=found[-1],
-        render_name="transfer" if report.trajectory is not None else "render",
         charts=charts,
         pairs=_pairs(report),
         number=number,

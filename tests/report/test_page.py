@@ -80,5 +80,8 @@ def test_a_flag_of_every_frame_is_one_line(report):
 def test_a_page_of_scores_speaks_of_no_transfer(report):
     scored = page(replace(report, trajectory=None))
     assert "reference above render" in scored
+    assert ">transfer</text>" not in scored
+    assert "frames flagged" not in scored  # what `evaluate` notes is of no frame
     assert "camera language score" in scored
-    assert "reference above transfer" in page(report)
+    whole = page(report)
+    assert all(there in whole for there in ("reference above transfer", ">transfer</text>", "frames flagged"))
