@@ -162,5 +162,11 @@ def in_one_frame(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) ->
     A view that is narrower or lower than the frame is in its middle, and sees what is beside it too.
     """
     frame = (max(width for width, _ in sizes), max(height for _, height in sizes))
-    focals = [camera.focal * height / camera.size[1] for camera, (_, height) in zip(cameras, sizes)]
-    return concatenate([Camera(camera.w2c, intrinsics(f, frame), frame) for camera, f in zip(cameras, focals)])
+    return concatenate([_padded(camera.at_size(size), frame) for camera, size in zip(cameras, sizes)])
+
+
+def _padded(camera: Camera, frame: tuple[int, int]) -> Camera:
+    """The same cameras, with as much more to see on either side as makes them ``frame`` [px] large."""
+    K = camera.K.clone()
+    K[:, :2, 2] += K.new_tensor([frame[0] - camera.size[0], frame[1] - camera.size[1]]) / 2
+    return replace(camera, K=K, size=frame)

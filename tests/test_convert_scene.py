@@ -16,6 +16,7 @@ from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
 from cltransfer.files import JSON_LIMIT
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import write_splats
@@ -108,6 +109,19 @@ def test_no_view_is_cut_to_the_shape_of_another(tmp_path: Path, order: tuple[str
 
     assert left("wide") > 1.5 * left("high")
     assert left(*order) >= left("wide")
+
+
+def test_a_view_with_its_principal_point_aside_keeps_what_it_shows(room: tuple[str, str], tmp_path: Path) -> None:
+    cameras = room_cameras(1, (160, 90))
+    K = cameras.K.clone()
+    K[:, 0, 2] -= 80
+    off = replace(cameras, K=K)
+    Trajectory(off, torch.tensor([0.0], dtype=torch.float64)).save(tmp_path / "off.json")
+    options = Simplification(k=0, prune=0.005)
+    simplify_file(room[0], tmp_path / "few.ply", [str(tmp_path / "off.json")], options)
+    scenes = (load_scene(room[0]), load_scene(str(tmp_path / "few.ply")))
+    whole, few = (GaussianSplats().render(scene, off, frozenset({"alpha"})).require("alpha") for scene in scenes)
+    assert float((whole - few).max()) < 0.2
 
 
 def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path) -> None:
