@@ -13,8 +13,6 @@ from torch import Tensor
 from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .files import atomic, read_json
-from .renderers.gaussian_splats import GaussianSplats
-from .renderers.kernels.splats import make_view
 from .scenes.bake import bake_grid, bake_splats
 from .scenes.floaters import without_floaters
 from .scenes.lifted import LABELS, SUBJECT
@@ -23,7 +21,7 @@ from .scenes.mesh import Mesh
 from .scenes.nerf_grid import write_grid
 from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
-from .scenes.simplify import importance, merged, subset
+from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
@@ -112,12 +110,7 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
     splats: Splats = (without_floaters(scene) if options.floaters == "drop" else scene).geometry
     solid = len(splats)
     if cameras is not None and options.prune > 0:
-        settings = GaussianSplats().settings
-        matrices = zip(cameras.w2c.numpy(), cameras.K.numpy())
-        splats = subset(
-            splats,
-            importance(splats, [make_view(w2c, K, cameras.size, settings) for w2c, K in matrices]) >= options.prune,
-        )
+        splats = subset(splats, importance(splats, weighing_views(splats, cameras)) >= options.prune)
     pruned = len(splats)
     if cameras is not None and options.k > 0 and pruned:
         splats = merged(splats, cameras, options.k)
