@@ -10,6 +10,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from . import CACHED, INLINE, Array, f32
+from .compiled import kernel
 from .splat_cull import LOW_PASS, View
 from .splat_pack import COVARIANCE, LABEL, MIN_ALPHA, OPACITY, RADIUS
 
@@ -234,7 +235,7 @@ def _open(geometry: Array, rows: Array, view: View, slab: Slab, tiles: Tiles, co
     return count, chosen
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def project_slab(geometry: Array, order: Array, view: View, slab: Slab, tiles: Tiles) -> tuple[int, int]:
     """Project the next Gaussians until the slab is full, list them by tile; return how many were taken and kept.
 
