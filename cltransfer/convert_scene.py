@@ -13,7 +13,7 @@ from torch import Tensor
 from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .files import atomic, read_json
-from .scenes.bake import bake_grid, bake_splats
+from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
 from .scenes.lifted import LABELS, SUBJECT
 from .scenes.load import load_scene
@@ -132,7 +132,7 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
 
     Raises:
         UsageError: the scene is not a mesh.
-        InputError: it cannot be read.
+        InputError: it cannot be read, or has no area.
         ResourceError: what is to be made of it takes more memory than is free.
     """
     scene = load_scene(source)
@@ -140,6 +140,8 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
         kind = type(scene.geometry).__name__
         raise UsageError(source, "scene", f"expected a mesh, got {kind}", "only meshes can be baked")
     mesh: Mesh = scene.geometry
+    if not surface_area(mesh) > 0:
+        raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
         file, count, label = out / f"{scene.name}.ply", len(splats), splats.label

@@ -176,6 +176,13 @@ def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path
         simplify_file(str(tmp_path / "box.obj"), tmp_path / "few.ply", [room[1]], Simplification())
 
 
+@pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])
+def test_a_mesh_without_area_is_said(tmp_path: Path, representation: Any) -> None:
+    (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"line\.obj: faces: expected an area, got 1 faces without one"):
+        bake_to_folder(str(tmp_path / "line.obj"), tmp_path / "out", representation, None)
+
+
 @pytest.mark.parametrize(("name", "value"), [("k", -1.0), ("prune", 2.0), ("side", 0)])
 def test_an_option_out_of_range_is_named(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} must be in"):
