@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeVar
+from typing import Any, SupportsIndex, TypeVar
 
 import torch
 from torch import Tensor
 
-from .camera import Camera, concatenate
+from .camera import Camera, batch_index, concatenate
 from .subject import Subject
 
 T = TypeVar("T")
@@ -69,12 +69,13 @@ class Features:
             return len(value)
         raise ValueError("features are empty: no field is set")
 
-    def __getitem__(self, index: int | slice | Sequence[int]) -> Features:
+    def __getitem__(self, index: SupportsIndex | slice | Sequence[int]) -> Features:
         """Frames of ``index``; an integer keeps a batch of one, the same object each time."""
-        if not isinstance(index, int):
-            return self._map(lambda value: value[index])
-        one = slice(index, index + 1 or None)
-        return self.once(("frame", index), lambda: self._map(lambda value: value[one]))
+        rows = batch_index(index)
+        if not isinstance(rows, int):
+            return self._map(lambda value: value[rows])
+        one = slice(rows, rows + 1 or None)
+        return self.once(("frame", rows), lambda: self._map(lambda value: value[one]))
 
     def once(self, key: Hashable, compute: Callable[[], T]) -> T:
         """What ``compute`` makes of these features, kept by ``key``: one reference is compared with many batches.

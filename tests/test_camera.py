@@ -87,3 +87,13 @@ def test_a_wide_and_a_high_view_in_one_frame_see_what_they_saw_as_large() -> Non
         torch.testing.assert_close(pixels[index] - 50, (alone[0] - middle) / 2)
         seen = ((alone[0] >= 0) & (alone[0] <= 2 * middle)).all(1)
         assert bool(((pixels[index] >= 0) & (pixels[index] <= 100)).all(1)[seen].all())
+
+
+def test_views_in_one_frame_see_as_much_on_either_side_more_and_all_else_where_it_was() -> None:
+    points = torch.tensor([[-0.7, 0.2, 0.0], [0.4, -0.6, 0.3]])
+    camera = looking([0, 0, -2], [0, 0, 0], [0, -1, 0])
+    K = camera.K * torch.tensor([[1.3], [1.0], [1.0]]) + torch.tensor([[0, 0, -50.0], [0, 0, 20.0], [0, 0, 0]])
+    off = Camera(camera.w2c, K, SIZE)
+    both = in_one_frame([off, looking([0, 0, -2], [0, 0, 0], [0, -1, 0])], [(100, 50), (100, 80)])
+    pixels, _ = both.project(points)
+    torch.testing.assert_close(pixels[0], off.project(points)[0][0] / 2 + pixels.new_tensor([0.0, 15.0]))

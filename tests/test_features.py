@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+import pytest
 import torch
 
 from cltransfer.testing.samples import sample_features
@@ -30,6 +34,25 @@ def test_one_frame_is_a_batch_of_one_that_shares_memory() -> None:
         assert torch.equal(frame.require("heat")[0], features.extras["heat"][i])
     assert features[1].require("depth").data_ptr() == features.require("depth")[1].data_ptr()
     assert torch.equal(features[[2, 0]].require("heat"), features.extras["heat"][[2, 0]])
+
+
+@pytest.mark.parametrize("one", [1, -2, np.int64(1), np.int32(-2), torch.tensor(1), np.array(1), True])
+def test_an_integer_of_any_kind_is_a_batch_of_one(one: Any) -> None:
+    features = sample_features(0, 3)
+    frame = features[one]
+    assert frame is features[1 if int(one) == 1 else -2]
+    assert torch.equal(frame.require("depth"), features.require("depth")[1:2])
+    assert torch.equal(features.require("camera")[one].w2c, features.require("camera").w2c[1:2])
+
+
+@pytest.mark.parametrize("several", [(0, 2), [0, 2], range(0, 3, 2), np.array([0, 2]), torch.tensor([0, 2]),
+                                     (np.int64(0), torch.tensor(2)), [True, False, True]])  # fmt: skip
+def test_a_sequence_of_any_kind_is_taken_along_the_batch(several: Any) -> None:
+    features = sample_features(0, 3)
+    for part in (features[several], features.only({"depth", "camera"})[several]):
+        assert torch.equal(part.require("depth"), features.require("depth")[[0, 2]])
+        assert torch.equal(part.require("camera").K, features.require("camera").K[[0, 2]])
+    assert len(features[()]) == len(features.require("camera")[()]) == 0
 
 
 def test_what_is_asked_of_features_is_computed_once_and_not_for_others_made_of_them() -> None:

@@ -18,7 +18,7 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
 
     Raises:
         UsageError: the scene holds another geometry (the line names its renderer), or a buffer is unknown.
-        ValueError: a camera is not finite or has skew.
+        ValueError: there is no camera, or one is not finite or has skew.
     """
     draws = getattr(scene.geometry, "renderer", "")
     if draws != name:
@@ -26,6 +26,8 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
     if unknown := buffers - provides:
         raise UsageError("", f"renderer {name}", f"has no buffer {', '.join(sorted(unknown))}")
+    if len(cameras) == 0:
+        raise ValueError("expected one camera or more, got none")
     if not (cameras.w2c.isfinite().all() and cameras.K.isfinite().all()):
         raise ValueError("cameras must be finite")
     if cameras.K[:, 0, 1].any():

@@ -17,10 +17,14 @@ from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.readback import render_frames
 from cltransfer.reference import Reading, read_reference
+from cltransfer.registry import RENDERERS
 from cltransfer.renderers._request import drawn_by
 from cltransfer.scenes import Scene
+from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.scenes.mesh import Mesh
 from cltransfer.shots import builtin_reference
+from cltransfer.testing.samples import sample_cameras
 
 SIZE = (32, 18)
 
@@ -34,6 +38,21 @@ class Odd:
 
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         return self.give(cameras)
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch"])
+@pytest.mark.parametrize(("name", "form"), [("gaussian_splats", "splats"), ("mesh", "mesh"), ("nerf_grid", "grid")])
+def test_no_camera_is_refused_by_every_renderer_in_the_same_words(name: str, form: str, backend: str) -> None:
+    scene, renderer = box(form), RENDERERS.build(name, {"backend": backend})
+    with pytest.raises(ValueError, match=r"^expected one camera or more, got none$"):
+        renderer.render(scene, sample_cameras(0, 1)[[]], renderer.provides)
+
+
+def box(form: str) -> Scene:
+    corners = torch.tensor([[x, y, z] for x in (-1.0, 1) for y in (-1.0, 1) for z in (-1.0, 1)])
+    mesh = Mesh.plain(corners, torch.combinations(torch.arange(8), 3))
+    forms = {"mesh": lambda: mesh, "splats": lambda: bake_splats(mesh, 50), "grid": lambda: bake_grid(mesh, 4)}
+    return Scene(forms[form](), None, torch.tensor([0.0, 1, 0]).double(), "box", "")
 
 
 def raising(cameras: Camera) -> Features:
