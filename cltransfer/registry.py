@@ -22,7 +22,8 @@ from .typed import nearest, typed
 
 T = TypeVar("T")
 NAME = re.compile("[a-z][a-z0-9_]*")
-COLUMNS = "total|frames?|time|flags|method|clip|reason|row|trials|failed|jerk|.*_defined"  # beside those of losses
+# columns and metrics beside those of losses
+COLUMNS = "total|frames?|time|flags|method|clip|reason|row|trials|failed|jerk|.*_defined|.*_coverage"
 
 
 class Registry(Generic[T]):

@@ -137,7 +137,7 @@ def columns() -> list[str]:
     report = ReportData("pan", zeros, scores, None, None, None, None, torch.zeros(1, 3, 2, 2, dtype=torch.uint8))
     tables = (metrics_csv(report), clips_csv([score]))
     heads = [name for table in tables for name in table.partition("\n")[0].split(",")]
-    heads += ["jerk", "method", *values_table(summarise(["full"], [outcome])).header]
+    heads += ["framing_coverage", "jerk", "method", *values_table(summarise(["full"], [outcome])).header]
     return sorted(set(heads) - {"framing", *COST})
 
 
