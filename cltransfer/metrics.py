@@ -196,7 +196,7 @@ def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | None = Non
         losses: their options by name; None is the paper's five.
     """
     chosen: Mapping[str, Mapping[str, Any]] = {name: {} for name in PAPER} if losses is None else losses
-    metrics: dict[str, Metric] = {"total": TotalMetric(chosen)}
+    metrics: dict[str, Metric | MetricCollection] = {"total": TotalMetric(chosen)}
     metrics |= {name: LossMetric(name, options) for name, options in chosen.items()}
     metrics |= {f"{name}_coverage": CoverageMetric(name, options) for name, options in chosen.items()}
     return MetricCollection(metrics, compute_groups=[["total"], *([name, f"{name}_coverage"] for name in chosen)])
