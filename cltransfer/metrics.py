@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
-from .features import Features
+from .features import Features, check_pair
 from .objective import Objective
 from .registry import LOSSES
 from .scores import frame_totals
@@ -167,9 +167,7 @@ class TotalMetric(FrameMetric):
 def _checked(reference: Features, rendered: Features | None) -> tuple[Features, Features]:
     if rendered is None:
         raise ValueError("expected features of both sides, or a tensor of values")
-    if len(reference) not in (1, len(rendered)):
-        counts = f"the reference has {len(reference)} and the render {len(rendered)}"
-        raise ValueError(f"expected as many frames of both, or 1 of the reference: {counts}")
+    check_pair(reference, rendered)
     return reference, rendered
 
 
