@@ -162,6 +162,20 @@ class Features:
         blank: dict[str, Any] = {n: None for n in self.names() - keep if n not in self.extras}
         return replace(self, **blank, extras={n: v for n, v in self.extras.items() if n in keep})
 
+    def to(self, device: torch.device | str) -> Features:
+        """The same on ``device``; cameras and the person stay on the CPU, where they are reckoned with in float64."""
+        return self._map(lambda value: value.to(device) if isinstance(value, Tensor) else value)
+
+    def detach(self) -> Features:
+        """The same without gradients."""
+
+        def without(value: Any) -> Any:
+            if isinstance(value, Camera):
+                return replace(value, w2c=value.w2c.detach(), K=value.K.detach())
+            return value.detach()
+
+        return self._map(without)
+
     def _batched(self) -> dict[str, Any]:
         own = {n: getattr(self, n) for n in NAMES if n != "person" and getattr(self, n) is not None}
         return {**own, **self.extras}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,27 @@ def test_of_what_asks_for_a_gradient_nothing_is_kept() -> None:
     for _ in range(2):
         features.once("sum", lambda: features.require("keypoints").nansum()).backward()
     assert joints.grad is not None
+
+
+def test_features_go_to_a_device_with_all_their_tensors() -> None:
+    features = sample_features(0, 2).having("heat", torch.ones(2, 3))
+    gone = features.to("meta")
+    tensors = features.names() - {"camera", "person"}
+    assert {gone.require(name).device.type for name in tensors} == {"meta"}
+    assert (gone.size, gone.person) == (features.size, features.person)
+    assert torch.equal(gone.require("camera").w2c, features.require("camera").w2c)
+    assert {features.require(name).device.type for name in tensors} == {"cpu"}
+
+
+def test_detached_features_are_the_same_without_gradients() -> None:
+    features = sample_features(0, 2)
+    camera, depth = features.require("camera"), features.require("depth").clone().requires_grad_()
+    camera = replace(camera, w2c=camera.w2c.clone().requires_grad_())
+    features = replace(features, camera=camera, depth=depth)
+    gone = features.detach()
+    assert not gone.require("depth").requires_grad
+    assert not gone.require("camera").w2c.requires_grad
+    assert features.require("depth").requires_grad
 
 
 MISSHAPEN: dict[str, tuple[dict[str, Any], str]] = {
