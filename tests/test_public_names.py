@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +31,15 @@ def python(*code: str) -> subprocess.CompletedProcess[str]:
     line = "; ".join(["import sys, pickle", *code])
     command = [sys.executable, "-W", "error::ImportWarning", "-c", line]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+
+
+def test_the_functions_of_tensors_that_the_readme_names_are_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8").partition("Of tensors alone, in `cltransfer.losses`")[2]
+    named = re.findall(r"`(\w+)\.(\w+)`", text.partition("\n\n")[0])
+    assert len(named) == 5
+    for module, function in named:
+        formula = getattr(importlib.import_module(f"cltransfer.losses.{module}"), function)
+        assert list(inspect.signature(formula).parameters)[:2] == ["reference", "rendered"]
 
 
 @pytest.mark.parametrize("order", ORDERS)
