@@ -85,7 +85,7 @@ class Features:
 
     def __post_init__(self) -> None:
         own, first, count = self.__dict__, "", -1
-        for name, dimensions, fixed in _FIXED:  # of every evaluation
+        for name, dimensions, fixed in _FIXED:  # 7 us of 10 with all there; every evaluation makes some
             if (value := own[name]) is None:
                 continue
             shape: tuple[int, ...] = getattr(value, "shape", ())
