@@ -120,9 +120,10 @@ class Camera:
         forward = torch.nn.functional.normalize(target - eye, dim=-1)
         right = torch.nn.functional.normalize(torch.linalg.cross(forward, up.double().expand_as(eye)), dim=-1)
         down = torch.linalg.cross(forward, right)
+        rotation = torch.stack([right, down, forward], dim=1)
         w2c = torch.eye(4, dtype=torch.float64).repeat(len(eye), 1, 1)
-        w2c[:, :3, :3] = torch.stack([right, down, forward], dim=1)
-        w2c[:, :3, 3] = -(w2c[:, :3, :3] @ eye[..., None])[..., 0]
+        w2c[:, :3, :3] = rotation
+        w2c[:, :3, 3] = -(rotation @ eye[..., None])[..., 0]
         fov = torch.as_tensor(vertical_fov, dtype=torch.float64).expand(len(eye))
         return cls(w2c, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
 

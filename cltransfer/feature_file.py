@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .features import Features
+from .features import SHAPES, Features
 from .files import atomic
 from .tensor_file import HEADER_LIMIT, check_tensor_file
 
@@ -104,7 +104,7 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
         if value.dim() == 0 or len(value) != count:
             got = "a single value" if value.dim() == 0 else len(value)
             raise InputError(path, name, f"expected {count} frames, got {got}")
-        shape = _SHAPES.get(name)
+        shape = SHAPES.get(name)
         if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
     own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
@@ -154,18 +154,6 @@ def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:
     if not isinstance(told, dict) or not all(isinstance(reason, str) for reason in told.values()):
         raise InputError(path, "reasons", "expected reasons by feature")
     return told
-
-
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "keypoints": (14, 3),
-    "box": (5,),
-    "subject": (None, None),
-    "layers": (3, None, None),
-    "depth": (None, None),
-    "flow": (2, None, None),
-    "flow_confidence": (None, None),
-    "orientation": (3,),
-}
 
 
 def _fits(got: torch.Size, shape: tuple[int | None, ...]) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from cltransfer.testing.samples import sample_features
+from cltransfer import LOSSES
+from cltransfer.features import Features
+from cltransfer.testing.samples import sample_cameras, sample_features
 
 
 def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> None:
@@ -81,3 +84,77 @@ def test_of_what_asks_for_a_gradient_nothing_is_kept() -> None:
     for _ in range(2):
         features.once("sum", lambda: features.require("keypoints").nansum()).backward()
     assert joints.grad is not None
+
+
+def test_features_go_to_a_device_with_all_their_tensors() -> None:
+    features = sample_features(0, 2).having("heat", torch.ones(2, 3))
+    gone = features.to("meta")
+    tensors = features.names() - {"camera", "person"}
+    assert {gone.require(name).device.type for name in tensors} == {"meta"}
+    assert (gone.size, gone.person) == (features.size, features.person)
+    assert torch.equal(gone.require("camera").w2c, features.require("camera").w2c)
+    assert {features.require(name).device.type for name in tensors} == {"cpu"}
+
+
+def test_detached_features_are_the_same_without_gradients() -> None:
+    features = sample_features(0, 2)
+    camera, depth = features.require("camera"), features.require("depth").clone().requires_grad_()
+    camera = replace(camera, w2c=camera.w2c.clone().requires_grad_())
+    features = replace(features, camera=camera, depth=depth)
+    gone = features.detach()
+    assert not gone.require("depth").requires_grad
+    assert not gone.require("camera").w2c.requires_grad
+    assert features.require("depth").requires_grad
+
+
+MISSHAPEN: dict[str, tuple[dict[str, Any], str]] = {
+    "COCO": (
+        {"keypoints": torch.rand(4, 17, 3)},
+        "keypoints must be (B, 14, 3), got (4, 17, 3); cltransfer.skeleton.from_coco makes 14 of COCO's 17",
+    ),
+    "BlazePose": (
+        {"keypoints": torch.rand(4, 33, 3)},
+        "keypoints must be (B, 14, 3), got (4, 33, 3); cltransfer.skeleton.from_blazepose makes 14 of BlazePose's",
+    ),
+    "no batch": (
+        {"depth": torch.rand(9, 16)},
+        "depth must be (B, any, any), got (9, 16); add a batch dimension",
+    ),
+    "channels last": (
+        {"flow": torch.rand(4, 9, 16, 2)},
+        "flow must be (B, 2, any, any), got (4, 9, 16, 2); see the fields of Features",
+    ),
+    "numpy": (
+        {"orientation": np.zeros((4, 3))},
+        "orientation must be a tensor (B, 3), got ndarray; torch.as_tensor makes one",
+    ),
+    "lengths": (
+        {"keypoints": torch.rand(4, 14, 3), "flow": torch.rand(3, 2, 9, 16)},
+        "features must have one number of frames, got 4 in keypoints and 3 in flow",
+    ),
+    "cameras": (
+        {"keypoints": torch.rand(4, 14, 3), "camera": sample_cameras(0, 2)},
+        "features must have one number of frames, got 4 in keypoints and 2 in camera",
+    ),
+    "a plugin's own": (
+        {"extras": {"gaze": torch.rand(4, 2), "heat": torch.rand(5)}},
+        "features must have one number of frames, got 4 in gaze and 5 in heat",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MISSHAPEN)
+def test_a_field_of_another_shape_is_refused_with_what_to_do(case: str) -> None:
+    fields, line = MISSHAPEN[case]
+    with pytest.raises((ValueError, TypeError)) as caught:
+        Features((64, 36), **fields)
+    assert str(caught.value) == line
+
+
+@pytest.mark.parametrize("name", sorted(LOSSES._built_in()))
+def test_a_loss_says_what_it_expected_of_what_it_cannot_compare(name: str) -> None:
+    loss, features = LOSSES.build(name), sample_features(0, 4)
+    with pytest.raises(TypeError, match=r"^expected Features of the reference .*, got Features and Tensor; see clip_"):
+        loss(features, features.require("keypoints"))
+    with pytest.raises(ValueError, match=r"the reference has 2 and the render 4$"):
+        loss(features[:2], features)

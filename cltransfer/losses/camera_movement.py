@@ -11,7 +11,7 @@ from kornia.metrics import aepe
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._affine_flow import AffineFlow, affine_flow_residuals, fit_affine_flow
 
@@ -115,6 +115,7 @@ class CameraMovement:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
+        check_pair(reference, rendered)
         if self.mode == "robust":
             wanted, found = (
                 side.once(("affine flow", self.layered), partial(self._fit, side)) for side in (reference, rendered)

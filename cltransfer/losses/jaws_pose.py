@@ -14,7 +14,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..registry import LOSSES
 
 HEIGHT = 224  # [px] of the maps; their width follows the frame's shape
@@ -113,6 +113,7 @@ class JawsPose:
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,); NaN where the reference shows no joint or the render has no person."""
+        check_pair(reference, rendered)
         size = (round(HEIGHT * reference.size[0] / reference.size[1]), HEIGHT)
         wanted, found = _on_maps(reference, size), _on_maps(rendered, size)
         kappa = sharpness(wanted, size)

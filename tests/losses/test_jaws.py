@@ -39,11 +39,11 @@ def small_maps(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def joints(seed: int, count: int = 14) -> Features:
-    """A frame whose joints may be out of it, or hardly be seen."""
+    """Frames of ``count`` joints in all, which may be out of them, or hardly be seen."""
     random = torch.Generator().manual_seed(seed)
     scale = torch.tensor([1.2 * WIDTH, 1.2 * HEIGHT, 1.0])
     places = (torch.rand(1, count, 3, generator=random) * scale).double()
-    return Features((WIDTH, HEIGHT), keypoints=places)
+    return Features((WIDTH, HEIGHT), keypoints=places.view(-1, 14, 3))
 
 
 class TestQuirkyPose(LossCase):
@@ -57,7 +57,7 @@ class TestQuirkyFlow(LossCase):
 @pytest.mark.parametrize("quirks", [False, True])
 @pytest.mark.parametrize("seed", range(2))
 def test_pose_is_the_published_formula(small_maps: None, seed: int, quirks: bool) -> None:
-    reference, rendered = joints(2 * seed, 5), joints(2 * seed + 1, 5)
+    reference, rendered = joints(2 * seed), joints(2 * seed + 1)
     lists = [f.keypoints[0].tolist() for f in (reference, rendered)]
     expected = literal.pose(*lists, WIDTH, HEIGHT, SPREAD, TEMPERATURE, quirks)
     got = JawsPose(quirks=quirks)(reference, rendered)
