@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..files import content_hash
 from ..onnx import model_content
 from ..registry import code_of
+from ..scene_source import split_scene
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 
@@ -33,8 +34,9 @@ def digest(source: str | None) -> str:
     path = Path(source)
     if path.exists():
         return _content(path)
-    if "@" in source:
-        scene, _, trajectory = source.rpartition("@")
+    split = split_scene(source)
+    if split is not None:
+        scene, trajectory = split
         person = Path(trajectory).with_name(SUBJECT)  # as it is read
         return "@".join([digest(scene), digest(trajectory), *([_content(person)] if person.is_file() else [])])
     if source.startswith("builtin:"):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..errors import CltransferError
+from ..scene_source import split_scene
 from ..scenes.builtin import read_name
 from ..scenes.load import BUILTIN
 from ..shots import own_setup
@@ -48,9 +49,9 @@ def _check_scene(source: str) -> None:
 
 def _check_reference(source: str) -> None:
     digest(source)
-    scene, at, _ = source.rpartition("@")
-    if at:
-        _check_scene(scene)
+    split = split_scene(source)
+    if split is not None:
+        _check_scene(split[0])
     elif source.startswith(BUILTIN):
         own_setup(source.removeprefix(BUILTIN))
 

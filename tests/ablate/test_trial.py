@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from cltransfer.ablate.content import _content
+from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.trial import trials
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
@@ -79,6 +81,26 @@ def test_another_person_beside_a_trajectory_is_another_trial(
         seen.append(keys("builtin:courtyard"))
     assert not set(seen[0]) & set(seen[1])
     assert not set(seen[1]) & set(seen[2])
+
+
+def test_a_drawn_reference_is_a_trial_wherever_the_ablation_lies(tmp_path: Path) -> None:
+    (tmp_path / "a@b").mkdir()
+    (tmp_path / "a@b" / "sweep.yaml").write_text("references: ['drawn:pan']\nbase: {frames: 2}\nrows: {full: {}}\n")
+    sweep = read_sweep(str(tmp_path / "a@b" / "sweep.yaml"))
+    check_sources(sweep)
+    (trial,) = trials(sweep, draw_references(sweep, tmp_path / "a@b" / "out"))
+    assert trial.reference == f"builtin:plaza-0@{tmp_path / 'a@b' / 'out' / 'references' / 'pan-0.json'}"
+
+
+def test_a_case_is_shown_without_its_folders_whatever_they_are_called(tmp_path: Path) -> None:
+    (tmp_path / "a@b").mkdir()
+    for name in ("s.ply", "t.json", "clip.mp4"):
+        (tmp_path / "a@b" / name).write_text("{}")
+    references = ["a@b/s.ply@a@b/t.json", "builtin:plaza@a@b/t.json", "a@b/clip.mp4"]
+    (tmp_path / "sweep.yaml").write_text(f"references: {references}\nrows: {{full: {{}}}}\n")
+    sweep = read_sweep(str(tmp_path / "sweep.yaml"))
+    check_sources(sweep)
+    assert [t.case.reference for t in trials(sweep, {})] == ["s.ply@t.json", "builtin:plaza@t.json", "clip.mp4"]
 
 
 def test_no_two_cases_have_one_name(tmp_path: Path) -> None:
