@@ -19,7 +19,7 @@ from .. import __version__
 from ..config_options import RunConfig
 from ..errors import CltransferError
 from ..scene_source import split_scene
-from .content import digest, parts_content
+from .content import digests, parts_content
 from .sweep import SceneConfig, Sweep
 
 
@@ -133,7 +133,7 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
     Raises:
         InputError: a file is missing.
     """
-    found = []
+    found, digest = [], digests()
     for scene, reference, case in _cases(sweep):
         source = drawn.get((reference, case.seed), reference)
         for row in sweep.rows:
