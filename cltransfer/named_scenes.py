@@ -8,6 +8,7 @@ from pathlib import Path
 from .errors import InputError
 from .files import cache_dir, read_json, write_json
 from .run_files import require_done
+from .scene_source import split_scene
 from .scenes import Scene
 from .scenes.lifted import load_person
 from .scenes.load import load_scene
@@ -32,13 +33,13 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
         InputError: a file is missing or damaged, or of a run that was not finished.
         UsageError: there is no such built-in shot.
     """
-    if source.startswith("builtin:") and "@" not in source:
+    split = split_scene(source)
+    if split is None:
         from .shots import builtin_reference
 
         size = (side, round(side * REFERENCE_ASPECT[1] / REFERENCE_ASPECT[0]))
         return builtin_reference(source.removeprefix("builtin:"), size, frames or REFERENCE_FRAMES)
-    scene_name, _, path_name = source.rpartition("@")
-    path = Path(path_name)
+    scene_name, path = split[0], Path(split[1])
     require_done(path.parent)
     trajectory = Trajectory.load(path)
     scene = load_scene(scene_name)

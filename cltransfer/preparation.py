@@ -29,7 +29,7 @@ from .onnx import model_content
 from .plan import Family
 from .progress import Progress
 from .readback import check_result
-from .reference import Reading, Reference, is_scene, read_reference
+from .reference import Reading, Reference, read_reference
 from .registry import code_of
 from .run_files import DONE
 from .scenes import Scene
@@ -143,7 +143,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     clock.lap("scene")
     lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors)
     alignment = None
-    if needs_scene(parts) and (family == "image" or not is_scene(inputs.reference)):
+    if needs_scene(parts, inputs.reference, family):
         scene = lift(scene)  # what the reference's depth means is read off it
         parts, alignment = align_parts(parts, scene)
         clock.lap("depth alignment")

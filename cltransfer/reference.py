@@ -24,6 +24,7 @@ from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import read_frames
 from .run_files import kept_frames
+from .scene_source import split_scene
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
     Args:
         source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it and ``#fps=N`` for how
             fast its images play (:class:`cltransfer.clip_source.ClipSource`), a feature file (.safetensors),
-            ``builtin:SHOT``, or ``SCENE@TRAJECTORY``.
+            ``builtin:SHOT``, or ``SCENE@TRAJECTORY.json`` (:func:`cltransfer.scene_source.split_scene`).
         parts: the config's components.
         reading: frames, size, extractors.
         progress: called with a step, frames done, frames in all.
@@ -96,7 +97,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
 
 def is_scene(source: str) -> bool:
     """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
-    return source.startswith("builtin:") or ("@" in source and source.endswith(".json"))
+    return source.startswith("builtin:") or split_scene(source) is not None
 
 
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:

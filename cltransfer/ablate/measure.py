@@ -12,6 +12,7 @@ from torch import Tensor
 from ..camera import fitted_size, resized
 from ..components import Components
 from ..config_options import RunConfig
+from ..depth_alignment import align_parts, needs_scene
 from ..driver.stage import Stage
 from ..features import Features
 from ..objective import Objective
@@ -75,15 +76,20 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     """
     parts = Components(config.build_one("renderer"), metrics.build("extractors"), metrics.build("losses"))
     family: Family = "scene" if metrics.extract.inner == "geometric" else "image"
+    scene = result.scene
+    if needs_scene(parts, reference, family):
+        scene = lifted_scene(scene, parts.renderer, parts.extractors)
+        parts, _ = align_parts(parts, scene)
     read = read_reference(reference, parts, Reading(config.frames, metrics.output_side, family))
     cameras, size = result.trajectory.camera, fitted_size(read.features.size, metrics.output_side)
     same = cameras.size == size
     cameras = cameras if same else resized(cameras, size)
     if read.family == "image" and metrics.extract.verify:
-        image = result.image if same else render_frames(result.scene, parts, cameras)
-        features = render_features(image, cameras, result.scene.subject, parts.plan("image"))
+        image = result.image if same else render_frames(scene, parts, cameras)
+        features = render_features(image, cameras, scene.subject, parts.plan("image"))
     else:
-        scene = lifted_scene(result.scene, parts.renderer, parts.extractors) if family == "scene" else result.scene
+        if family == "scene":
+            scene = lifted_scene(scene, parts.renderer, parts.extractors)
         plan = parts.plan(family, shared=read.features.names())
         features = read_path(Stage(scene, parts.renderer, plan, Objective(parts.losses), cameras.size), cameras)
     return _judged(Objective(parts.losses), read, features, _jerk(result))

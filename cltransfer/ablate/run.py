@@ -80,7 +80,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     Raises:
         UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
-        ResourceError: the cluster cannot be reached.
+        ResourceError: the cluster cannot be reached, or is lost.
     """
     _check_folder(options.out)
     for row in sweep.rows:

@@ -222,6 +222,22 @@ def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(
     assert sweep.file.scenes[0].scene == os.devnull
 
 
+def test_a_folder_with_an_at_in_its_name_holds_what_any_other_does(
+    written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "a@b"
+    folder.mkdir()
+    for name in ("clip.mp4", "s.ply", "t.json"):
+        (folder / name).touch()
+    expected = [f"{folder}/clip.mp4#t=0,1", f"{folder}/s.ply@{folder}/t.json", f"builtin:plaza@{folder}/t.json"]
+    relative = ["a@b/clip.mp4#t=0,1", "a@b/s.ply@a@b/t.json", "builtin:plaza@a@b/t.json"]
+    assert read_sweep(written(f"{ROWS}references: {relative}\n")).file.references == expected
+    monkeypatch.chdir(folder)
+    inside = ["clip.mp4#t=0,1", "s.ply@t.json", "builtin:plaza@t.json"]
+    for said in (inside, expected):
+        assert read_sweep(written(ROWS), [f"references=[{','.join(map(repr, said))}]"]).file.references == expected
+
+
 def test_a_rows_scene_that_names_none_is_the_sweeps_with_what_the_row_says(written: Written, tmp_path: Path) -> None:
     rows = "rows: {a: {}, b: {scene: {up: [0, 1, 0]}}, c: {scene: {scene: c.ply}}, d: {scene: d.ply}}\n"
     text = rows + "scenes: [{scene: a.ply, subject: person.json}]\n"
