@@ -1,8 +1,7 @@
-"""Who is who along a clip: boxes of all persons joined into tracks by overlap, and the one that is followed."""
+"""The persons of a clip, and the one that is followed."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,9 +9,6 @@ import numpy as np
 
 from .errors import UsageError
 
-OVERLAP = 0.1  # least intersection over union of one person in neighbouring frames
-MAX_GAP = 8  # frames a person may be unseen and still be taken for the same
-ALIKE = 4.0  # factor by which the area of a person may change in one frame
 CROSSING = 0.3  # overlap with another person from which it is not certain who is who
 
 
@@ -101,46 +97,6 @@ class Persons:
         return np.flatnonzero(both)[np.array(over) > CROSSING].tolist() if over else []
 
 
-def join(found: Sequence[np.ndarray]) -> Persons:
-    """Persons of the boxes (P_i, 5) that were found in each of N frames.
-
-    A box belongs to the track it overlaps most, seen at most ``MAX_GAP`` frames ago. A person who is alone in two
-    neighbouring frames is the same even without overlap, which is noted as a jump.
-    """
-    tracks: list[dict[int, np.ndarray]] = []
-    jumps: list[list[int]] = []
-    lost: list[list[int]] = []
-    for i, boxes in enumerate(found):
-        recent = [t for t, track in enumerate(tracks) if i - max(track) <= MAX_GAP]
-        pairs = _paired(np.array([tracks[t][max(tracks[t])] for t in recent]).reshape(-1, 5), boxes)
-        jumped = False
-        if not pairs and len(boxes) == 1 and i > 0 and len(found[i - 1]) == 1:
-            before = next(t for t in recent if i - 1 in tracks[t])
-            ratio = boxes[0, 2:4].prod() / found[i - 1][0, 2:4].prod()
-            if 1 / ALIKE < ratio < ALIKE:
-                pairs, jumped = {0: recent.index(before)}, True
-        gone = [t for k, t in enumerate(recent) if k not in pairs.values() and i - 1 in tracks[t]]
-        for t, b in itertools.product(gone, pairs):
-            if overlap(tracks[t][i - 1][None], boxes[b][None]).item() > 0:
-                lost[t].append(i)
-                lost[recent[pairs[b]]].append(i)
-        for b, box in enumerate(boxes):
-            if b not in pairs:
-                tracks.append({})
-                jumps.append([])
-                lost.append([])
-            track = recent[pairs[b]] if b in pairs else len(tracks) - 1
-            tracks[track][i] = box
-            if jumped:
-                jumps[track].append(i)
-    size = [sum(box[2] * box[3] * box[4] for box in track.values()) for track in tracks]
-    order = sorted(range(len(tracks)), key=lambda t: -size[t])
-    joined = np.full((len(tracks), len(found), 5), np.nan)
-    for row, t in enumerate(order):
-        joined[row, list(tracks[t])] = list(tracks[t].values())
-    return Persons(joined, tuple(tuple(jumps[t]) for t in order), tuple(tuple(lost[t]) for t in order))
-
-
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Intersection over union (P, Q) in [0, 1] of boxes (P, 4 or more) and (Q, 4 or more) as x, y, width, height."""
     a, b = first[:, None], second[None]
@@ -148,17 +104,6 @@ def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     high = np.minimum(a[..., :2] + a[..., 2:4], b[..., :2] + b[..., 2:4])
     shared = (high - low).clip(0).prod(-1)
     return shared / np.maximum(a[..., 2:4].prod(-1) + b[..., 2:4].prod(-1) - shared, 1e-9)
-
-
-def _paired(tracks: np.ndarray, boxes: np.ndarray) -> dict[int, int]:
-    """Track of each box that has one, so that the overlaps add up to the most."""
-    from scipy.optimize import linear_sum_assignment
-
-    if len(tracks) == 0 or len(boxes) == 0:
-        return {}
-    shared = overlap(tracks, boxes)
-    rows, columns = linear_sum_assignment(-shared)
-    return {int(b): int(t) for t, b in zip(rows, columns) if shared[t, b] >= OVERLAP}
 
 
 def _listed(frames: Sequence[int]) -> str:

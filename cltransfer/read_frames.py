@@ -14,8 +14,9 @@ from .camera import Camera
 from .errors import UsageError
 from .features import Features
 from .graph import CHUNK, run_clip
+from .join_persons import join
 from .memory import require_free
-from .persons import Who, join
+from .persons import Who
 from .plan import Plan
 from .progress import Progress, silent
 from .scenes.find_people import Found, boxes_of
