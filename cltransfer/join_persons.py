@@ -13,7 +13,10 @@ from .persons import Persons, overlap
 RATE = 24.0  # frames a second of a clip without times
 OVERLAP = 0.1  # least intersection over union of one person with where it was going
 HIDDEN = 0.3  # overlap by which one who was seen in the last frame goes before one who was not
-MAX_GAP = 8  # frames a person may be unseen and still be taken for the same
+MAX_GAP = 1.0  # [s] a person may be unseen and still be taken for the same, or one frame if that is longer
+LONGEST = 5.0  # [s] the same of one who was alone and comes back alone
+SOON = 0.35  # [s] after which who was not seen must be as large as before
+SIMILAR = 2.5  # factor by which the area of such a person may differ
 ALIKE = 4.0  # factor by which the area of a person may change in one frame
 WINDOW = 0.5  # [s] over which a person's velocity is taken
 FEWEST = 3  # boxes that it is taken of at least, where the frames are far apart
@@ -30,12 +33,13 @@ class Track:
 
     Args:
         seen: box (5,) by frame, in order.
-        jumps, lost: see :class:`Persons`.
+        jumps, lost, back: see :class:`Persons`.
     """
 
     seen: dict[int, np.ndarray] = field(default_factory=dict)
     jumps: list[int] = field(default_factory=list)
     lost: list[int] = field(default_factory=list)
+    back: list[int] = field(default_factory=list)
 
     @property
     def last(self) -> int:
@@ -57,6 +61,12 @@ class Track:
                 end = smooth
         end[:2] += speed * min(times[i] - times[self.last], AHEAD * since[-1])
         return boxes[0] + np.linspace(0, 1, WAY)[:, None] * (end - boxes[0])
+
+    def may_be(self, i: int, times: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+        """Which of ``boxes`` (B, 5) in frame ``i`` are as large as they need to be after that time, (B,) bool."""
+        if self.last == i - 1 or times[i] - times[self.last] <= SOON:
+            return np.ones(len(boxes), bool)
+        return np.abs(np.log(boxes[:, 2:4].prod(1) / self.seen[self.last][2:4].prod())) < np.log(SIMILAR)
 
     def _lately(self, times: np.ndarray) -> list[int]:
         """The frames that tell where it goes, the last one first."""
@@ -85,8 +95,8 @@ def join(found: Sequence[np.ndarray], times: np.ndarray | None = None) -> Person
     """Persons of the boxes (P_i, 5) that were found in each of N frames.
 
     A box belongs to the track that it overlaps most where that was going, or on the way there, seen at most
-    ``MAX_GAP`` frames ago. A person who is alone in two neighbouring frames is the same even without overlap, which is
-    noted as a jump.
+    ``MAX_GAP`` ago. A person who is alone in two neighbouring frames is the same even without overlap, which is noted
+    as a jump, and so is one who is alone before and after ``LONGEST`` without anybody, if place and size fit.
 
     Args:
         found: as x, y, width, height [px], score.
@@ -95,11 +105,14 @@ def join(found: Sequence[np.ndarray], times: np.ndarray | None = None) -> Person
     times = np.arange(len(found)) / RATE if times is None else times
     tracks: list[Track] = []
     for i, boxes in enumerate(found):
-        recent = [track for track in tracks if i - track.last <= MAX_GAP]
+        recent = [track for track in tracks if i - track.last <= 2 or times[i] - times[track.last] <= MAX_GAP]
         pairs = _paired(recent, boxes, i, times)
         if not pairs and (alone := _alone(recent, found, i)):
             pairs = {0: alone}
             alone.jumps.append(i)
+        if not pairs and (back := _back(tracks, found, i, times)):
+            pairs = {0: back}
+            back.back.append(i)
         _note_lost(recent, pairs, boxes, i)
         for b, box in enumerate(boxes):
             if b not in pairs:
@@ -114,6 +127,7 @@ def _paired(tracks: list[Track], boxes: np.ndarray, i: int, times: np.ndarray) -
         return {}
     ways = np.concatenate([track.way(i, times) for track in tracks])
     shared = overlap(ways, boxes).reshape(len(tracks), WAY, len(boxes))
+    shared *= np.stack([track.may_be(i, times, boxes) for track in tracks])[:, None]
     hidden = np.array([track.last < i - 1 for track in tracks])
     pairs = _most(shared[:, -1], hidden)
     left = shared.max(1)
@@ -137,6 +151,16 @@ def _alone(recent: list[Track], found: Sequence[np.ndarray], i: int) -> Track | 
     return next(track for track in recent if track.last == i - 1) if 1 / ALIKE < ratio < ALIKE else None
 
 
+def _back(tracks: list[Track], found: Sequence[np.ndarray], i: int, times: np.ndarray) -> Track | None:
+    """Whoever was alone before nobody was seen, if one alone in frame ``i`` can be the same."""
+    last = max((track.last for track in tracks), default=i)
+    if len(found[i]) != 1 or len(found[last]) != 1 or not MAX_GAP < times[i] - times[last] <= LONGEST:
+        return None
+    track = next(track for track in tracks if track.last == last)
+    fits = track.may_be(i, times, found[i]).all() and overlap(track.way(i, times), found[i]).max() >= OVERLAP
+    return track if fits else None
+
+
 def _note_lost(recent: list[Track], pairs: dict[int, Track], boxes: np.ndarray, i: int) -> None:
     """Note in which tracks one of two who touch is not seen any more from frame ``i``."""
     gone = [track for track in recent if track.last == i - 1 and track not in pairs.values()]
@@ -152,4 +176,5 @@ def _persons(tracks: list[Track], count: int) -> Persons:
     boxes = np.full((len(order), count, 5), np.nan)
     for row, track in zip(boxes, order):
         row[list(track.seen)] = list(track.seen.values())
-    return Persons(boxes, tuple(tuple(track.jumps) for track in order), tuple(tuple(track.lost) for track in order))
+    jumps, lost, back = (tuple(tuple(getattr(t, name)) for t in order) for name in ("jumps", "lost", "back"))
+    return Persons(boxes, jumps, lost, back)

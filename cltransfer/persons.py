@@ -40,11 +40,13 @@ class Persons:
             NaN where it is not seen.
         jumps: frames in which the person's box does not overlap the one before, by person.
         lost: frames in which one of two who touch is not seen any more, by person: the other may be the one who is.
+        back: frames in which a person who was alone is seen again after long, by person.
     """
 
     boxes: np.ndarray  # (P, N, 5)
     jumps: tuple[tuple[int, ...], ...]
     lost: tuple[tuple[int, ...], ...]
+    back: tuple[tuple[int, ...], ...]
 
     def follow(self, who: Who) -> tuple[np.ndarray, tuple[str, ...]]:
         """Boxes (N, 5) of one person, and what a reader should know.
@@ -71,6 +73,10 @@ class Persons:
             flags.append(f"persons overlap in frames {_listed(crossed)}: who is who is not certain")
         if self.jumps[chosen]:
             flags.append(f"the person jumps in frames {_listed(self.jumps[chosen])}: it may be another")
+        if self.back[chosen]:
+            flags.append(
+                f"after long the person is seen again in frames {_listed(self.back[chosen])}: it may be another"
+            )
         return self.boxes[chosen], tuple(flags)
 
     def at(self, spot: Spot) -> int:

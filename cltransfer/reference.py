@@ -116,7 +116,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         features, read = stored.features, tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
-        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
+        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress, clip.times)
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
         if file.size <= LIMIT:  # a larger one is read anew by every run
             file.save(cached)
