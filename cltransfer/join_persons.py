@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .persons import Persons, overlap
+from .persons import BRIEF, Persons, overlap
 
 RATE = 24.0  # frames a second of a clip without times
 OVERLAP = 0.1  # least intersection over union of one person with where it was going
@@ -18,6 +18,8 @@ LONGEST = 5.0  # [s] the same of one who was alone and comes back alone
 SOON = 0.35  # [s] after which who was not seen must be as large as before
 SIMILAR = 2.5  # factor by which the area of such a person may differ
 ALIKE = 4.0  # factor by which the area of a person may change in one frame
+REACH = 4.0  # heights a second that a person may move in the picture and be found again without overlap
+CLEAR = 2.0  # factor by which anybody else must be farther from there
 WINDOW = 0.5  # [s] over which a person's velocity is taken
 FEWEST = 3  # boxes that it is taken of at least, where the frames are far apart
 MOST = 9  # boxes that it is taken of at most: 36 pairs
@@ -66,7 +68,16 @@ class Track:
         """Which of ``boxes`` (B, 5) in frame ``i`` are as large as they need to be after that time, (B,) bool."""
         if self.last == i - 1 or times[i] - times[self.last] <= SOON:
             return np.ones(len(boxes), bool)
+        return self.alike(boxes)
+
+    def alike(self, boxes: np.ndarray) -> np.ndarray:
+        """Which of ``boxes`` (B, 5) are about as large as it was last, (B,) bool."""
         return np.abs(np.log(boxes[:, 2:4].prod(1) / self.seen[self.last][2:4].prod())) < np.log(SIMILAR)
+
+    @property
+    def weight(self) -> float:
+        """Score times area over all frames [px^2]."""
+        return sum(float(box[2:5].prod()) for box in self.seen.values())
 
     def _lately(self, times: np.ndarray) -> list[int]:
         """The frames that tell where it goes, the last one first."""
@@ -95,8 +106,9 @@ def join(found: Sequence[np.ndarray], times: np.ndarray | None = None) -> Person
     """Persons of the boxes (P_i, 5) that were found in each of N frames.
 
     A box belongs to the track that it overlaps most where that was going, or on the way there, seen at most
-    ``MAX_GAP`` ago. A person who is alone in two neighbouring frames is the same even without overlap, which is noted
-    as a jump, and so is one who is alone before and after ``LONGEST`` without anybody, if place and size fit.
+    ``MAX_GAP`` ago. What is left goes to the track nearest by, where that is clear and it is about as large, which is
+    noted as a jump. A person who is alone in two neighbouring frames is the same at any distance, which is a jump too,
+    and so is one who is alone before and after ``LONGEST`` without anybody, if place and size fit.
 
     Args:
         found: as x, y, width, height [px], score.
@@ -107,6 +119,10 @@ def join(found: Sequence[np.ndarray], times: np.ndarray | None = None) -> Person
     for i, boxes in enumerate(found):
         recent = [track for track in tracks if i - track.last <= 2 or times[i] - times[track.last] <= MAX_GAP]
         pairs = _paired(recent, boxes, i, times)
+        near = _near(recent, pairs, boxes, i, times)
+        pairs |= near
+        for track in near.values():
+            track.jumps.append(i)
         if not pairs and (alone := _alone(recent, found, i)):
             pairs = {0: alone}
             alone.jumps.append(i)
@@ -143,6 +159,33 @@ def _most(shared: np.ndarray, hidden: np.ndarray) -> dict[int, int]:
     return {int(b): int(t) for t, b in zip(rows, columns) if shared[t, b] >= OVERLAP}
 
 
+def _near(
+    recent: list[Track], pairs: dict[int, Track], boxes: np.ndarray, i: int, times: np.ndarray
+) -> dict[int, Track]:
+    """Track of each box without one that is clearly nearest to where somebody, missed once at most, was or went.
+
+    Frames that were thinned may lie more than a person's width apart.
+    """
+    tracks = [track for track in recent if track.last >= i - 2 and track not in pairs.values()]
+    free = [b for b in range(len(boxes)) if b not in pairs]
+    if not tracks or not free:
+        return {}
+    centres = boxes[free, :2] + boxes[free, 2:4] / 2
+    far = np.full((len(tracks), len(free)), np.inf)
+    for row, track in zip(far, tracks):
+        ends = track.way(i, times)[[0, -1]]
+        distance = np.linalg.norm((ends[:, :2] + ends[:, 2:4] / 2)[:, None] - centres, axis=-1).min(0)
+        reach = REACH * (times[i] - times[track.last]) * ends[0, 2:4].max()
+        fits = (distance <= reach) & track.alike(boxes[free])
+        row[fits] = distance[fits]
+    clear = {}
+    for t, b in np.argwhere(np.isfinite(far)):
+        rivals = np.concatenate([np.delete(far[t], b), np.delete(far[:, b], t)])
+        if (rivals >= CLEAR * far[t, b]).all():
+            clear[free[b]] = tracks[t]
+    return clear
+
+
 def _alone(recent: list[Track], found: Sequence[np.ndarray], i: int) -> Track | None:
     """Whoever was alone in the last frame, if one is alone in frame ``i`` and about as large."""
     if i == 0 or len(found[i]) != 1 or len(found[i - 1]) != 1:
@@ -170,11 +213,32 @@ def _note_lost(recent: list[Track], pairs: dict[int, Track], boxes: np.ndarray, 
             pairs[b].lost.append(i)
 
 
+def _gathered(tracks: list[Track], count: int) -> Track | None:
+    """The largest of each frame who are in tracks of up to ``BRIEF`` frames, where they are more than any one track.
+
+    A large person who could not be followed must not give way to a small one who could. None where they are seen in no
+    more than half of ``count`` frames.
+    """
+    largest: dict[int, np.ndarray] = {}
+    for track in tracks:
+        for frame, box in track.seen.items():
+            if len(track.seen) <= BRIEF and box[2:5].prod() > largest.get(frame, np.zeros(5))[2:5].prod():
+                largest[frame] = box
+    whole = Track(dict(sorted(largest.items())))
+    more = all(whole.weight > track.weight for track in tracks)
+    return whole if more and len(largest) > max(BRIEF, count / 2) else None
+
+
 def _persons(tracks: list[Track], count: int) -> Persons:
     """Finished tracks of ``count`` frames, the largest first."""
-    order = sorted(tracks, key=lambda track: -sum(box[2] * box[3] * box[4] for box in track.seen.values()))
+    whole = _gathered(tracks, count)
+    if whole is not None:
+        for track in tracks:
+            track.seen = {frame: box for frame, box in track.seen.items() if box is not whole.seen.get(frame)}
+        tracks = [whole, *(track for track in tracks if track.seen)]
+    order = sorted(tracks, key=lambda track: -track.weight)
     boxes = np.full((len(order), count, 5), np.nan)
     for row, track in zip(boxes, order):
         row[list(track.seen)] = list(track.seen.values())
     jumps, lost, back = (tuple(tuple(getattr(t, name)) for t in order) for name in ("jumps", "lost", "back"))
-    return Persons(boxes, jumps, lost, back)
+    return Persons(boxes, jumps, lost, back, whole is not None)

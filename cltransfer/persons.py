@@ -9,6 +9,9 @@ import numpy as np
 
 from .errors import UsageError
 
+BRIEF = 2  # frames of a track, up to which nobody was followed
+FEW = 8  # of a list, shown
+MORE = "more frames=, or #t=START,END"  # of the clip
 CROSSING = 0.3  # overlap with another person from which it is not certain who is who
 
 
@@ -41,12 +44,15 @@ class Persons:
         jumps: frames in which the person's box does not overlap the one before, by person.
         lost: frames in which one of two who touch is not seen any more, by person: the other may be the one who is.
         back: frames in which a person who was alone is seen again after long, by person.
+        gathered: whether the largest person is only the largest of each frame, because nobody so large could be
+            followed.
     """
 
     boxes: np.ndarray  # (P, N, 5)
     jumps: tuple[tuple[int, ...], ...]
     lost: tuple[tuple[int, ...], ...]
     back: tuple[tuple[int, ...], ...]
+    gathered: bool = False
 
     def follow(self, who: Who) -> tuple[np.ndarray, tuple[str, ...]]:
         """Boxes (N, 5) of one person, and what a reader should know.
@@ -65,8 +71,13 @@ class Persons:
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
         if count > 1:
-            others = ", ".join(f"{i} in {n} frames" for i, n in enumerate(seen.sum(1).tolist()) if i != chosen)
+            rest = [f"{i} in {n} frames" for i, n in enumerate(seen.sum(1).tolist()) if i != chosen]
+            others = ", ".join(rest[:FEW]) + f" and {len(rest) - FEW} more" * (len(rest) > FEW)
             flags.append(f"person {chosen} is followed, seen in {seen[chosen].sum()} frames; also seen: {others}")
+        if self.gathered and chosen == 0:
+            flags.append(f"the largest person could not be followed: the largest of each frame is taken ({MORE})")
+        elif unclear := self._unclear(chosen):
+            flags.append(f"somebody as large whom nothing follows is in frames {_listed(unclear)} ({MORE})")
         crossed = [i for other in range(count) if other != chosen for i in self._crossings(chosen, other)]
         crossed += self.lost[chosen]
         if crossed:
@@ -95,6 +106,14 @@ class Persons:
             raise UsageError("", "#person", where, f"seen there: {known or 'nobody'}")
         return int(np.where(over, width * height, np.inf).argmin())
 
+    def _unclear(self, chosen: int) -> list[int]:
+        """Frames without ``chosen`` but with one about as large who is seen briefly only; none where they are few."""
+        seen = np.isfinite(self.boxes[..., 0])
+        area = self.boxes[..., 2] * self.boxes[..., 3]
+        brief = area[seen.sum(1) <= BRIEF] > np.nanmedian(area[chosen]) / 2  # NaN is not
+        frames = np.flatnonzero(brief.any(0) & ~seen[chosen]).tolist()
+        return frames if len(frames) > max(BRIEF, len(seen[0]) / 10) else []
+
     def _crossings(self, first: int, second: int) -> list[int]:
         both = np.isfinite(self.boxes[[first, second], :, 0]).all(0)
         over = [
@@ -119,4 +138,4 @@ def _listed(frames: Sequence[int]) -> str:
     '1, 3, 4'
     """
     known = sorted(set(frames))
-    return ", ".join(map(str, known[:8])) + (f" and {len(known) - 8} more" if len(known) > 8 else "")
+    return ", ".join(map(str, known[:FEW])) + f" and {len(known) - FEW} more" * (len(known) > FEW)

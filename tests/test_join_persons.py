@@ -101,3 +101,42 @@ def test_where_a_person_goes_is_told_by_time() -> None:
     one = standing(100 * uneven, count=11)
     other = standing(150 - 100 * uneven, count=11)
     assert whose(seen(one, other), uneven) == [{0}, {1}]
+
+
+THINNED = np.arange(24) * 10 / 23
+
+
+@pytest.mark.parametrize("step", [15, 26, 30, 40])
+def test_one_who_walks_more_than_a_width_between_thinned_frames_is_followed(step: float) -> None:
+    lead, extra = standing(step * np.arange(24.0), count=24), standing(415, 36, 24)
+    found = seen(lead, extra)
+    found[12] = found[12][1:]  # missed once
+    assert whose(found, THINNED) == [{0}, {1}]
+    told = join(found, THINNED).follow(None)[1]
+    assert any("jumps in frames 1:" in flag for flag in told) == (step > 15)
+
+
+def test_who_is_as_near_to_two_is_neither() -> None:
+    lead, other = standing(40 * np.arange(2.0), count=2), standing(80 + 40 * np.arange(2.0), count=2)
+    assert len(join(seen(lead, other), THINNED[:2]).boxes) == 4  # from 0 and 80 to 40 and 120
+
+
+def test_a_large_one_who_cannot_be_followed_does_not_give_way_to_a_small_one() -> None:
+    places = np.random.default_rng(3).uniform(0, 3000, 24)
+    lead, extra = standing(places, count=24), standing(-415, 36, 24)
+    found = seen(lead, extra)
+    box, told = join(found, np.arange(24) / 24).follow(None)
+    np.testing.assert_array_equal(box[:, :4], lead)
+    assert told[0] == "person 0 is followed, seen in 24 frames; also seen: 1 in 24 frames"
+    assert any("the largest person could not be followed" in flag for flag in told)
+
+
+def test_one_who_is_lost_in_many_frames_where_others_as_large_come_and_go_is_told() -> None:
+    rng = np.random.default_rng(1)
+    lead, extra = (
+        standing(np.where(np.arange(24) < 16, 50, rng.uniform(1000, 4000, 24)), count=24),
+        standing(-415, 36, 24),
+    )
+    told = join(seen(lead, extra), np.arange(24) / 24).follow(None)[1]
+    assert told[0].endswith("in 1 frames and 1 more")
+    assert any("somebody as large whom nothing follows is in frames 16, 17" in flag for flag in told)
