@@ -19,6 +19,7 @@ from .feature_file import LIMIT, FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash
 from .graph import run_clip
+from .join_persons import RULES
 from .onnx import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
@@ -109,7 +110,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
     digest = content_hash(where.path)
-    asked = [frames, str(where.span), where.fps, where.person]
+    asked = [frames, str(where.span), where.fps, where.person, RULES]
     key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
     cached = cache_dir() / "features" / f"{key}.safetensors"
     if cached.is_file():
@@ -117,7 +118,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         features, read = stored.features, tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
-        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
+        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress, clip.times)
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
         if file.size <= LIMIT:  # a larger one is read anew by every run
             file.save(cached)

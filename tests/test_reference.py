@@ -9,7 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
-from cltransfer import decoding
+from cltransfer import decoding, reference
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.files import cache_dir
@@ -41,3 +41,15 @@ def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
     assert float((then[1:, 1] * now[1:, 1]).median()) < 0  # the other way
     torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
     assert len(list((cache_dir() / "features").iterdir())) == 2  # the third time nothing was read
+
+
+def test_a_reading_by_other_rules_of_who_is_who_is_not_used(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    with monkeypatch.context() as before:
+        before.setattr(reference, "RULES", 1)
+        read_reference(source, parts, Reading())
+    read_reference(source, parts, Reading())
+    assert len(list((cache_dir() / "features").iterdir())) == 2
