@@ -9,9 +9,10 @@ import pytest
 import torch
 from PIL import Image
 
-from cltransfer import decoding
+from cltransfer import decoding, reference
 from cltransfer.components import Components
 from cltransfer.config import load_config
+from cltransfer.features import Features
 from cltransfer.files import cache_dir
 from cltransfer.reference import Reading, read_reference
 
@@ -29,10 +30,24 @@ def mirrored(folder: Path) -> Path:
     return folder
 
 
-def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
-    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def readings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Features]:
+    """What was read of frames so far, with a cache of the test's own."""
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    read, done = reference.read_frames, list[Features]()
+
+    def counted(*given):
+        features, flags = read(*given)
+        done.append(features)
+        return features, flags
+
+    monkeypatch.setattr(reference, "read_frames", counted)
+    return done
+
+
+def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
     with monkeypatch.context() as before:
         before.setattr(decoding, "_MIRRORED", ())  # as they were decoded once
@@ -40,4 +55,5 @@ def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
     now = read_reference(source, parts, Reading()).features.require("flow")
     assert float((then[1:, 1] * now[1:, 1]).median()) < 0  # the other way
     torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
-    assert len(list((cache_dir() / "features").iterdir())) == 2  # the third time nothing was read
+    assert len(readings) == 2  # the third time nothing was read
+    assert len(list((cache_dir() / "features").iterdir())) == 2
