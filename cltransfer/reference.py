@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -24,6 +24,9 @@ from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import read_frames
 from .run_files import kept_frames
+
+if TYPE_CHECKING:
+    from .clip import Clip
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     cached = cache_dir() / "features" / f"{key}.safetensors"
     if cached.is_file():
         stored = FeatureFile.load(cached)
-        features, read = stored.features, tuple(stored.origin.splitlines()[1:])
+        features, read = _with_pixels(stored.features, clip, plan), tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
         features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
@@ -123,6 +126,11 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     flags = (*flags, *read)
     name = asked_for.path.stem
     return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
+
+
+def _with_pixels(features: Features, clip: Clip, plan: Plan) -> Features:
+    """What the cache keeps of a ``clip``, and its pixels where the plan wants them: they are in the clip itself."""
+    return replace(features, image=clip.features().image) if "image" in plan.wanted else features
 
 
 def _pixels(image: Tensor) -> str:

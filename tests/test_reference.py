@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -57,3 +58,22 @@ def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
     torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
     assert len(readings) == 2  # the third time nothing was read
     assert len(list((cache_dir() / "features").iterdir())) == 2
+
+
+@dataclass(frozen=True)
+class OfPixels:
+    """A loss of what else is never kept: it is in the clip itself."""
+
+    requires = ("image",)
+
+
+def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path
+) -> None:
+    parts = Components.build(load_config(overrides=mean_flow))
+    parts = replace(parts, losses={**parts.losses, "of_pixels": OfPixels()})
+    source = str(mirrored(tmp_path / "frames"))
+    first, second = (read_reference(source, parts, Reading()).features for _ in range(2))
+    assert len(readings) == 1
+    assert torch.equal(first.require("image"), second.require("image"))
+    assert first.names() == second.names()
