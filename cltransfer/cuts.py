@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .clip import timed_frames
+from .clip_part import within
 from .clip_source import ClipSource
 from .errors import InputError
 
@@ -54,7 +55,7 @@ def check_one_shot(where: ClipSource) -> None:
         InputError: there is one; the line says where and how to take one shot of the clip.
     """
     times, small = small_pictures(where.path, where.fps)
-    inside = np.flatnonzero((times >= where.span[0]) & (times <= where.span[1]))
+    inside = within(times, where.span)
     if len(inside) == 0:
         return
     cuts = [int(inside[0]) + cut for cut in find_cuts(small[inside])]

@@ -84,6 +84,14 @@ def test_a_place_is_named_in_the_shot_that_shows_it(tmp_path: Path) -> None:
     assert f"{where.path}#t=0.500,0.900 or {where.path}#t=1.000,1.900&person=0.4,0.6,0.5;" in str(caught.value)
 
 
+def test_the_check_for_cuts_sees_every_frame_that_is_read(tmp_path: Path) -> None:
+    times = torch.arange(20).double() / 24
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]), times)
+    assert len(open_clip(replace(where, span=(0.0, 0.375)))[0]) == 10
+    with pytest.raises(InputError, match=r"frame 10: a cut at 0\.417 s"):
+        open_clip(replace(where, span=(0.0, 0.4166)))  # 10/24 but for rounding: the next shot's first frame is read
+
+
 def test_shots_of_one_frame_are_not_offered(tmp_path: Path) -> None:
     where = saved(tmp_path / "a.mkv", torch.cat([scenery(0, 1), scenery(1, 1)]))
     with pytest.raises(InputError, match=r"\(no cut\? #cuts=keep\)"):
