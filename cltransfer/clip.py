@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .clip_part import ClipPart, evenly, files_of, find_part, images_of
+from .clip_part import ClipPart, evenly, files_of, find_part, images_of, nearest
 from .decoding import Frame, decode
 from .errors import InputError, ResourceError
 from .features import Features
@@ -182,4 +182,4 @@ def pair_by_time(times: Tensor, other: Tensor) -> Tensor:
     if times[0] > other[-1] or other[0] > times[-1]:
         spans = " and ".join(f"{float(t[0]):.3f} to {float(t[-1]):.3f} s" for t in (times, other))
         raise InputError("", "times", f"the clips share no moment: {spans}")
-    return (times[None, :] - other[:, None]).abs().argmin(dim=1)
+    return torch.from_numpy(nearest(times.numpy(), other.numpy()))

@@ -111,11 +111,19 @@ def evenly(shown: Tensor, wanted: int | None) -> Tensor:
         return torch.arange(count)
     times = shown.numpy()
     even = np.linspace(times[0], times[-1], wanted)
-    after = np.searchsorted(times, even).clip(1, count - 1)
-    nearest = np.where(even - times[after - 1] <= times[after] - even, after - 1, after)
     order = np.arange(wanted)
-    distinct = np.maximum.accumulate(nearest - order) + order  # pushed on where two would be the same
+    distinct = np.maximum.accumulate(nearest(times, even) - order) + order  # pushed on where two would be the same
     return torch.from_numpy(np.minimum(distinct, count - wanted + order))
+
+
+def nearest(times: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Index (M,) of the nearest of ``times`` (N,), increasing, for each of ``moments`` (M,), the earlier of two.
+
+    No matrix of all distances is made: two clips of a quarter of an hour would need gigabytes.
+    """
+    after = np.searchsorted(times, moments).clip(max=len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(moments - times[before] <= times[after] - moments, before, after)
 
 
 def _video_frames(path: Path, wanted: set[int]) -> Iterator[Frame]:
