@@ -144,7 +144,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
 def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None:
     lossless = path.suffix.lower() == ".mkv"
     interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
-    with av.open(str(path), "w") as container:
+    with av.open(str(path.absolute()), "w") as container:
         stream = container.add_stream(
             "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)
         )

@@ -112,7 +112,7 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
     demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
-    source = _image_source(path) if demuxer else str(path)
+    source = _image_source(path) if demuxer else str(path.absolute())  # "10:30.mp4" would name a protocol, 10
     try:
         with av.open(source, "r", format=demuxer, options=_OPTIONS) as container:
             yield container, _video_stream(path, container)
@@ -129,7 +129,7 @@ def _image_source(path: Path) -> str | io.BytesIO:
     # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
     if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
-    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path)
+    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path.absolute())
 
 
 def _without_exif(data: bytes) -> bytes:

@@ -356,6 +356,38 @@ def test_playlists_with_the_name_of_a_video_open_nothing(tmp_path):
     refused(damaged(tmp_path / "concat.mp4", f"ffconcat version 1.0\nfile {real.name}\n".encode()), "video")
 
 
+@pytest.mark.parametrize("name", ["10:30.mp4", "take:2.mkv", "file:a.mp4", "concat:a.mp4", "%03d.mp4"])
+def test_a_name_is_never_taken_for_a_protocol(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    write_video(name, smooth(), torch.arange(5).double(), lossless=name.endswith("mkv"))
+    assert len(read_clip(name)) == len(read_clip(tmp_path / name)) == 5
+
+
+@pytest.mark.parametrize("name", ["shots:1", "file:", "img%d"])
+def test_a_folder_is_never_taken_for_a_protocol(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path(name).mkdir()
+    for i in range(2):
+        cv2.imwrite(str(tmp_path / name / f"{i}.png"), smooth(1)[0].permute(1, 2, 0).numpy())
+    assert len(read_clip(name)) == 2
+
+
+def test_other_protocols_stay_closed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_video("a.mp4", smooth(), torch.arange(5).double())
+    for name in (
+        f"file:{tmp_path}/a.mp4",
+        "http://127.0.0.1:9/a.mp4",
+        "concat:a.mp4",
+        "subfile,,start,0,end,9,,:a.mp4",
+    ):
+        with pytest.raises(InputError, match="no such file"):
+            read_clip(name)
+    (tmp_path / "b.mp4").write_text("ffconcat version 1.0\nfile 'a.mp4'\n")
+    with pytest.raises(InputError, match="cannot be decoded"):
+        read_clip("b.mp4")
+
+
 def test_more_frames_than_memory_allows_are_refused(tmp_path):
     path = tmp_path / "a.mkv"
     write_video(path, torch.zeros(2001, 3, 2, 2, dtype=torch.uint8), torch.arange(2001).double() / 24, lossless=True)
