@@ -250,6 +250,24 @@ def test_pixels_that_are_not_square_are_made_square(tmp_path):
     assert clip.source_size == clip.size == (128, 48)
 
 
+@pytest.mark.parametrize("name", ["0.jpg", "0.png"])
+def test_a_resolution_of_print_is_no_shape_of_pixels(tmp_path, name):
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / name, dpi=(300, 72))
+    assert read_clip(tmp_path).source_size == (64, 48)
+
+
+@pytest.mark.parametrize(("name", "codec", "pix_fmt"), [("0.jpg", "mjpeg", "yuvj420p"), ("0.png", "png", "rgb24")])
+def test_images_of_a_video_whose_pixels_are_not_square_are_made_square(tmp_path, name, codec, pix_fmt):
+    with av.open(str(tmp_path / name), "w", format="image2", options={"update": "1"}) as container:
+        stream = container.add_stream(codec, rate=24)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, pix_fmt
+        stream.codec_context.sample_aspect_ratio = 2
+        frame = av.VideoFrame.from_ndarray(smooth(1)[0].permute(1, 2, 0).contiguous().numpy(), format="rgb24")
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert read_clip(tmp_path).source_size == (128, 48)
+
+
 @pytest.mark.parametrize("pix_fmt", ["yuv420p", "yuv420p10le", "yuv444p", "gray"])
 def test_any_pixel_format_is_read(tmp_path, pix_fmt):
     image = smooth(size=(66, 50))
