@@ -12,8 +12,7 @@ from torch import Tensor
 
 from .errors import InputError
 from .features import Features
-from .files import atomic
-from .tensor_file import HEADER_LIMIT, check_tensor_file
+from .tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
@@ -44,13 +43,10 @@ class FeatureFile:
 
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""
-        from safetensors.torch import save_file
-
         origin = self.origin.encode(errors="backslashreplace").decode()  # a file's name may be no UTF-8
         meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": origin}
         meta["reasons"] = json.dumps(dict(self.features.reasons))
-        with atomic(path) as temporary:
-            save_file(self._tensors(), temporary, metadata=meta)
+        save_tensors(path, self._tensors(), meta)
 
     def _tensors(self) -> dict[str, Tensor]:
         stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}

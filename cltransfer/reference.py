@@ -17,7 +17,7 @@ from .components import SCENE_SOURCE, Components
 from .errors import InputError
 from .feature_file import LIMIT, FeatureFile
 from .features import Features
-from .files import cache_dir, content_hash
+from .files import cache_dir, content_hash, into_cache
 from .graph import run_clip
 from .onnx import reading
 from .plan import Family, Plan
@@ -122,7 +122,8 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
         if file.size <= LIMIT:  # a larger one is read anew by every run
-            file.save(cached)
+            with into_cache(cached, "the next run reads the clip anew"):
+                file.save(cached)
     flags = (*flags, *read)
     name = asked_for.path.stem
     return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,6 +59,37 @@ def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
     torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
     assert len(readings) == 2  # the third time nothing was read
     assert len(list((cache_dir() / "features").iterdir())) == 2
+
+
+def test_a_cache_that_cannot_be_written_loses_no_reading(
+    mean_flow: tuple[str, ...],
+    readings: list[Features],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "file"))
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    assert read_reference(source, parts, Reading()).features is readings[0]
+    (line,) = caplog.messages
+    assert line.endswith("Not a directory: the next run reads the clip anew")
+
+
+def test_a_full_disk_loses_no_reading(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, usual[1]))  # [bytes] of any file: the rest of it fails
+    try:
+        got = read_reference(source, parts, Reading())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert got.features is readings[0]
+    (line,) = caplog.messages
+    assert line.endswith(": the next run reads the clip anew")
+    assert list((cache_dir() / "features").iterdir()) == []
 
 
 @dataclass(frozen=True)
