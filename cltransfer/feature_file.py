@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .features import Features
+from .features import Features, OfThisRun
 from .tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.features.1"
@@ -40,6 +40,11 @@ class FeatureFile:
     def size(self) -> int:
         """Bytes that it takes on disk, or a little more."""
         return HEADER_LIMIT + sum(tensor.nbytes for tensor in self._tensors().values())
+
+    @property
+    def lasts(self) -> bool:
+        """Whether another run would read the same of the clip."""
+        return not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
 
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""

@@ -15,6 +15,10 @@ from .subject import Subject
 T = TypeVar("T")
 
 
+class OfThisRun(str):
+    """A reason that is not the clip's: another run may tell what this one could not, so it is kept in no cache."""
+
+
 @dataclass(frozen=True)
 class Features:
     """What B frames show. Pixels are (x, y); the centre of the top-left pixel is (0.5, 0.5).
@@ -42,7 +46,8 @@ class Features:
         camera: who looks, where known (a renderer knows, a clip does not).
         person: who stands in the scene, where known.
         extras: plugins' own features, each with batch first.
-        reasons: why a feature is not there, by name, where an extractor looked and could not tell.
+        reasons: why a feature is not there, by name, where an extractor looked and could not tell; see
+            :class:`OfThisRun`.
     """
 
     size: tuple[int, int]

@@ -121,7 +121,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         plan.load_networks()
         features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
-        if file.size <= LIMIT:  # a larger one is read anew by every run
+        if file.size <= LIMIT and file.lasts:  # others are read anew by every run
             with into_cache(cached, "the next run reads the clip anew"):
                 file.save(cached)
     flags = (*flags, *read)

@@ -14,7 +14,7 @@ from PIL import Image
 from cltransfer import decoding, reference
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.features import Features
+from cltransfer.features import Features, OfThisRun
 from cltransfer.files import cache_dir
 from cltransfer.reference import Reading, read_reference
 
@@ -90,6 +90,27 @@ def test_a_full_disk_loses_no_reading(
     (line,) = caplog.messages
     assert line.endswith(": the next run reads the clip anew")
     assert list((cache_dir() / "features").iterdir()) == []
+
+
+@pytest.mark.parametrize(("reason", "times"), [("it stands still", 1), (OfThisRun("time ran out"), 2)])
+def test_what_another_run_may_tell_is_not_kept(
+    reason: str,
+    times: int,
+    mean_flow: tuple[str, ...],
+    readings: list[Features],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lacking(*given):
+        features, flags = read(*given)
+        return replace(features, reasons={"depth": reason}), flags
+
+    read = reference.read_frames
+    monkeypatch.setattr(reference, "read_frames", lacking)
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    for _ in range(2):
+        assert read_reference(source, parts, Reading()).features.reasons == {"depth": reason}
+    assert len(readings) == times
 
 
 @dataclass(frozen=True)
