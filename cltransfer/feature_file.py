@@ -43,8 +43,9 @@ class FeatureFile:
 
     @property
     def lasts(self) -> bool:
-        """Whether another run would read the same of the clip."""
-        return not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
+        """Whether another run finds all of it here, but the pixels, and nothing that it may tell better itself."""
+        lost = self.features.names() - {*STORED, *self.features.extras, "image"}
+        return not lost and not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
 
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""

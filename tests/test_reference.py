@@ -113,6 +113,21 @@ def test_what_another_run_may_tell_is_not_kept(
     assert len(readings) == times
 
 
+def test_what_the_cache_cannot_hold_is_read_anew(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def labelled(*given):
+        features, flags = read(*given)
+        return replace(features, label=torch.zeros(3, 36, 64)), flags
+
+    read = reference.read_frames
+    monkeypatch.setattr(reference, "read_frames", labelled)
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    for _ in range(2):
+        assert read_reference(source, parts, Reading()).features.has("label")
+    assert len(readings) == 2
+
+
 @dataclass(frozen=True)
 class OfPixels:
     """A loss of what else is never kept: it is in the clip itself."""
