@@ -11,9 +11,8 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .features import SHAPES, Features
-from .files import atomic
-from .tensor_file import HEADER_LIMIT, check_tensor_file
+from .features import SHAPES, Features, OfThisRun
+from .tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
@@ -42,15 +41,18 @@ class FeatureFile:
         """Bytes that it takes on disk, or a little more."""
         return HEADER_LIMIT + sum(tensor.nbytes for tensor in self._tensors().values())
 
+    @property
+    def lasts(self) -> bool:
+        """Whether another run finds all of it here, but the pixels, and nothing that it may tell better itself."""
+        lost = self.features.names() - {*STORED, *self.features.extras, "image"}
+        return not lost and not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
+
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""
-        from safetensors.torch import save_file
-
         origin = self.origin.encode(errors="backslashreplace").decode()  # a file's name may be no UTF-8
         meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": origin}
         meta["reasons"] = json.dumps(dict(self.features.reasons))
-        with atomic(path) as temporary:
-            save_file(self._tensors(), temporary, metadata=meta)
+        save_tensors(path, self._tensors(), meta)
 
     def _tensors(self) -> dict[str, Tensor]:
         stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}

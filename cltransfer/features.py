@@ -30,6 +30,10 @@ SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be a
 _FIXED = [(name, 1 + len(shape), tuple(want for want in shape if want is not None)) for name, shape in SHAPES.items()]
 
 
+class OfThisRun(str):
+    """A reason that is not the clip's: another run may tell what this one could not, so it is kept in no cache."""
+
+
 @dataclass(frozen=True)
 class Features:
     """What B frames show. Pixels are (x, y); the centre of the top-left pixel is (0.5, 0.5).
@@ -57,7 +61,8 @@ class Features:
         camera: who looks, where known (a renderer knows, a clip does not).
         person: who stands in the scene, where known.
         extras: plugins' own features, each with batch first.
-        reasons: why a feature is not there, by name, where an extractor looked and could not tell.
+        reasons: why a feature is not there, by name, where an extractor looked and could not tell; see
+            :class:`OfThisRun`.
 
     Raises:
         ValueError: a field has another shape, or another number of frames than the others.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 from .errors import InputError
-from .files import cache_dir, read_json, write_json
+from .files import cache_dir, into_cache, read_json, write_json
 from .run_files import require_done
 from .scene_source import split_scene
 from .scenes import Scene
@@ -16,8 +15,6 @@ from .trajectory import Trajectory
 
 REFERENCE_ASPECT = (16, 9)
 REFERENCE_FRAMES = 24
-
-_log = logging.getLogger("cltransfer")
 
 
 def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Scene, Trajectory]:
@@ -59,16 +56,11 @@ def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajector
 
 
 def remember(digest: str, source: str) -> None:
-    """Note where a scene of this content was found, so that a run folder need not name a path.
-
-    Where the cache cannot be written that is told and no more: it only spares a later ``render`` an option.
-    """
+    """Note where a scene of this content was found, so that a run folder need not name a path."""
     where = source if source.startswith("builtin:") else str(Path(source).resolve())
     note = cache_dir() / "scenes" / f"{digest}.json"
-    try:
+    with into_cache(note, f"a later render needs --scene {where}"):
         write_json(note, {"path": where})
-    except OSError as error:
-        _log.warning("%s: %s: a later render needs --scene %s", note, error.strerror or error, where)
 
 
 def recall(digest: str) -> str:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -17,7 +17,7 @@ from .components import SCENE_SOURCE, Components
 from .errors import InputError
 from .feature_file import LIMIT, FeatureFile
 from .features import Features
-from .files import cache_dir, content_hash
+from .files import cache_dir, content_hash, into_cache
 from .graph import run_clip
 from .join_persons import RULES
 from .onnx import reading
@@ -26,6 +26,9 @@ from .progress import Progress, silent
 from .read_frames import read_frames
 from .run_files import kept_frames
 from .scene_source import split_scene
+
+if TYPE_CHECKING:
+    from .clip import Clip
 
 
 @dataclass(frozen=True)
@@ -115,16 +118,22 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     cached = cache_dir() / "features" / f"{key}.safetensors"
     if cached.is_file():
         stored = FeatureFile.load(cached)
-        features, read = stored.features, tuple(stored.origin.splitlines()[1:])
+        features, read = _with_pixels(stored.features, clip, plan), tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
         features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress, clip.times)
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
-        if file.size <= LIMIT:  # a larger one is read anew by every run
-            file.save(cached)
+        if file.size <= LIMIT and file.lasts:  # others are read anew by every run
+            with into_cache(cached, "the next run reads the clip anew"):
+                file.save(cached)
     flags = (*flags, *read)
     name = asked_for.path.stem
     return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
+
+
+def _with_pixels(features: Features, clip: Clip, plan: Plan) -> Features:
+    """What the cache keeps of a ``clip``, and its pixels where the plan wants them: they are in the clip itself."""
+    return replace(features, image=clip.features().image) if "image" in plan.wanted else features
 
 
 def _pixels(image: Tensor) -> str:
