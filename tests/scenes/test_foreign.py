@@ -18,6 +18,7 @@ from cltransfer.declared import SCENE_SUFFIXES
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.registry import RENDERERS
+from cltransfer.renderers._request import renderer_of
 from cltransfer.scenes import Scene
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.geometry import Geometry, lacking
@@ -200,3 +201,14 @@ def test_what_we_read_ourselves_is_a_geometry() -> None:
     mesh = Mesh.plain(torch.rand(3, 3), torch.tensor([[0, 1, 2]]))
     ours: list[Geometry] = [synthetic_room(20), mesh]  # mypy holds them against the protocol
     assert [lacking(geometry, RENDERERS.names()) for geometry in ours] == ["", ""]
+
+
+def test_a_scene_is_drawn_by_what_has_read_it_whatever_the_config_is_about(file: Path) -> None:
+    register("points", lambda path: RIGHT)
+    points, splats = RENDERERS.build("points"), RENDERERS.build("gaussian_splats")
+    ours, theirs = load_scene("builtin:plaza"), load_scene(file)
+    for scene, renderer in ((ours, splats), (theirs, points)):
+        assert [renderer_of(scene, configured) for configured in (points, splats)] == [renderer, renderer]
+    another = Drawer()  # of our splats, as it reads nothing
+    assert renderer_of(ours, another) is another
+    assert renderer_of(theirs, another) == points
