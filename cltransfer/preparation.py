@@ -184,6 +184,7 @@ def _header(
     """What the answers of a run depend on."""
     networks = {name: model_content(e.model) for name, e in parts.extractors.items() if hasattr(e, "model")}
     named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
+    named["the scene"] = scene.geometry
     code = {name: code_of(part) for name, part in named.items()}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},

@@ -155,9 +155,9 @@ class Registry(Generic[T]):
 def code_of(component: object) -> str:
     """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
 
-    Empty for what comes with cltransfer. Hidden files and folders are none of it.
+    ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
     """
-    module = type(component).__module__
+    module = (component if isinstance(component, type) else type(component)).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
     if module.partition(".")[0] == "cltransfer" or file is None:
         return ""

@@ -11,17 +11,20 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.ablate.content import _content, digest
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, simplify_file
 from cltransfer.declared import SCENE_SUFFIXES
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.features import Features
+from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers._request import renderer_of
 from cltransfer.scenes import Scene
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.geometry import Geometry, lacking
+from cltransfer.scenes.lifted import cached_lift
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.mesh import Mesh
 from cltransfer.scenes.simplify import working_set
@@ -212,3 +215,35 @@ def test_a_scene_is_drawn_by_what_has_read_it_whatever_the_config_is_about(file:
     another = Drawer()  # of our splats, as it reads nothing
     assert renderer_of(ours, another) is another
     assert renderer_of(theirs, another) == points
+
+
+READER = """
+from dataclasses import dataclass, replace
+import torch
+from cltransfer import RENDERERS
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    renderer, means, label = "dots", torch.zeros(4, 3), torch.zeros(4)
+    __len__ = lambda self: 4
+    with_label = lambda self, label: self
+
+@RENDERERS.register("dots")
+@dataclass(frozen=True)
+class Drawer:
+    option: int
+    provides, suffixes, render = ("image",), (".dots",), print
+    read = staticmethod(lambda path: Dots())
+"""
+
+
+def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path: Path) -> None:
+    (tmp_path / "stage.dots").write_bytes(b"")
+    seen = set()
+    for change in ("", "# it reads other primitives now\n"):
+        (tmp_path / "dots.py").write_text(READER + change)
+        allow([tmp_path / "dots.py"])
+        _content.cache_clear()
+        seen |= {str(cached_lift(load_scene(tmp_path / "stage.dots"), {})), digest(str(tmp_path / "stage.dots"))}
+        del RENDERERS._classes["dots"]
+    assert len(seen) == 4
