@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -31,6 +31,8 @@ from cltransfer.scenes.simplify import working_set
 from cltransfer.scenes.splats import Splats
 from cltransfer.testing import sample_cameras
 
+pytestmark = pytest.mark.usefixtures("forgotten_renderers")
+
 
 @dataclass(frozen=True, eq=False)
 class Points:
@@ -58,15 +60,6 @@ class Drawer:
 
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         raise NotImplementedError
-
-
-@pytest.fixture(autouse=True)
-def forgotten() -> Iterator[None]:
-    """What a test registers is forgotten after it."""
-    before = RENDERERS.registered()
-    yield
-    for name in RENDERERS.registered().keys() - before.keys():
-        del RENDERERS._classes[name]
 
 
 def register(name: str, give: Callable[[Path], Any], suffix: str = ".pts") -> None:
