@@ -98,7 +98,7 @@ def _geometry(path: Path) -> Any:
     if suffix in FOREIGN_SPLATS:
         raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
     known = ", ".join((*SCENE_SUFFIXES, *own_suffixes()))
-    hint = f"expected {known} or builtin:NAME; a plugin that reads others is let in by --allow-plugin"
+    hint = f"expected {known} or builtin:NAME; others by a plugin, in verbs with --allow-plugin"
     raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", hint)
 
 
