@@ -92,6 +92,10 @@ class Registry(Generic[T]):
         """Every known name, built-in or registered, sorted."""
         return sorted(self._built_in() | self._classes.keys())
 
+    def registered(self) -> dict[str, type[T]]:
+        """Classes by name whose modules are imported, those of all allowed plugins among them."""
+        return dict(self._classes)
+
     def get(self, name: str) -> type[T]:
         """The class called ``name``.
 
@@ -105,8 +109,8 @@ class Registry(Generic[T]):
         return self._classes[name]
 
     def name_of(self, component: object) -> str:
-        """The name of the class of ``component``; empty where that is not registered."""
-        return next((name for name, cls in self._classes.items() if cls is type(component)), "")
+        """The name of ``component``, or of its class; empty where neither is registered."""
+        return next((name for name, cls in self._classes.items() if cls in (component, type(component))), "")
 
     def holds(self, module: str) -> bool:
         """Whether a class is registered that is of ``module``, or of one in it."""
@@ -154,9 +158,9 @@ class Registry(Generic[T]):
 def code_of(component: object) -> str:
     """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
 
-    Empty for what comes with cltransfer. Hidden files and folders are none of it.
+    ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
     """
-    module = type(component).__module__
+    module = (component if isinstance(component, type) else type(component)).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
     if module.partition(".")[0] == "cltransfer" or file is None:
         return ""

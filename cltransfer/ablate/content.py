@@ -12,6 +12,7 @@ from ..files import content_hash
 from ..onnx import model_content
 from ..registry import code_of
 from ..scene_source import split_scene
+from ..scenes.foreign import reader_of
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 
@@ -25,11 +26,12 @@ def parts_content(config: RunConfig) -> list[list[str]]:
 
 
 def _content(path: Path) -> str:
-    """SHA-256 of a file or folder and of the files that go with it: parts of a scene, labels of a person."""
+    """SHA-256 of a file or folder and of what goes with it: parts of a scene, labels of a person, a plugin's reader."""
     if path.suffix.lower() in MADE_OF_FILES:
         return load_scene(path).digest
-    labels = path.with_name(LABELS)
-    return content_hash(path) + (content_hash(labels) if path.name == SUBJECT and labels.is_file() else "")
+    labels, reader = path.with_name(LABELS), reader_of(path)
+    beside = content_hash(labels) if path.name == SUBJECT and labels.is_file() else ""
+    return content_hash(path) + beside + ("" if reader is None else code_of(reader))
 
 
 def digest(source: str | None, content: Callable[[Path], str] = _content) -> str:

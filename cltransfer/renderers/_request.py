@@ -68,11 +68,13 @@ def check_device(backend: str, device: str) -> None:
 def renderer_of(scene: Scene, configured: Any) -> Any:
     """What draws a scene that the config is not about, as the one a reference was shot in.
 
-    It is ``configured``, unless that is one of ours and draws another geometry: then the one of ours that draws it,
-    with its defaults.
+    It is ``configured``, unless that draws another geometry: one of ours, or a plugin's that reads scene files of its
+    own. Then it is the one of ours that draws it, and of what a plugin has read that plugin's; with its defaults.
     """
-    draws = getattr(scene.geometry, "renderer", "")
-    ours = [RENDERERS.get(name) for name in ("gaussian_splats", "nerf_grid", "mesh")]
-    if not draws or type(configured) not in ours or type(configured) is RENDERERS.get(draws):
+    draws, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
+    if not draws or RENDERERS.name_of(configured) == draws:
         return configured
-    return RENDERERS.build(draws)
+    bound = RENDERERS.name_of(configured) in ours or hasattr(configured, "suffixes")
+    if draws in ours:
+        return RENDERERS.build(draws) if bound else configured
+    return RENDERERS.build(draws) if draws in RENDERERS.registered() else configured
