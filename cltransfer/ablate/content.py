@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
+from typing import Any
 
 from ..config_options import SECTIONS, RunConfig
 from ..errors import InputError
 from ..files import content_hash
-from ..onnx import model_content
+from ..onnx import files_content, model_content, own_model
 from ..registry import code_of
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
@@ -16,10 +17,10 @@ from ..scenes.load import load_scene
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
-def parts_content(config: RunConfig) -> list[list[str]]:
-    """Code of the plugins and content of the networks that a config names."""
+def parts_content(config: RunConfig) -> list[list[Any]]:
+    """Code of the plugins and content of the networks and files that a config names."""
     built = [part for section in SECTIONS for part in config.build(section).values()]
-    return [[code_of(part), model_content(part.model) if hasattr(part, "model") else ""] for part in built]
+    return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
 
 
 def digest(source: str | None) -> str:
