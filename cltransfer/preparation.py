@@ -26,7 +26,7 @@ from .driver.starts import Starting, Starts
 from .errors import UsageError
 from .features import Features
 from .objective import Objective
-from .onnx import model_content
+from .onnx import files_content, model_content, own_model
 from .plan import Family
 from .progress import Progress
 from .readback import check_result
@@ -191,7 +191,7 @@ def _header(
     inputs: Inputs, config: RunConfig, parts: Components, search: Any, scene: Scene, reference: Reference
 ) -> dict[str, Any]:
     """What the answers of a run depend on."""
-    networks = {name: model_content(e.model) for name, e in parts.extractors.items() if hasattr(e, "model")}
+    networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
     named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
     named["the scene"] = scene.geometry
     code = {name: code_of(part) for name, part in named.items()}
@@ -202,7 +202,8 @@ def _header(
         "reference": reference.digest,
         "part of the reference": Path(inputs.reference).name.partition("#")[2],
         "init": inputs.init,
-        **{f"network of {name}": content for name, content in networks.items()},
+        **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
+        **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
         **{f"code of {name}": content for name, content in code.items() if content},
         "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
         "threads": thread_count(),

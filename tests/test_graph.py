@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import pytest
 import torch
@@ -84,6 +85,25 @@ def test_two_providers_are_ambiguous_even_where_one_runs_for_another_feature() -
     with pytest.raises(UsageError, match="pose and mask both provide 'subject'"):
         plan({"box", "subject"}, both)
     assert [s.name for s in plan({"box"}, both).steps] == ["pose"]
+
+
+class OfTorch(Making):
+    """A plugin's extractor with a network of torch."""
+
+    @cached_property
+    def network(self) -> torch.nn.Module:
+        if not self.uses:
+            raise FileNotFoundError("w.pt")
+        return torch.nn.Sequential(torch.nn.Flatten())
+
+
+def test_the_network_of_a_plugin_is_whatever_it_is_and_loaded_before_any_frame_is_read() -> None:
+    loaded = OfTorch(("gaze",), uses=("depth",))
+    plan({"gaze"}, {"net": loaded}).load_networks()
+    assert "network" in vars(loaded)
+    line = "extractor net: expected gaze, it raised FileNotFoundError: w.pt "
+    with pytest.raises(ModelError, match=f"^{line}"):
+        plan({"gaze"}, {"net": OfTorch(("gaze",))}).load_networks()
 
 
 def test_a_circle_is_named() -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ..config_options import SECTIONS, RunConfig
 from ..errors import InputError
 from ..files import content_hash
-from ..onnx import model_content
+from ..onnx import files_content, model_content, own_model
 from ..registry import code_of
 from ..scene_source import split_scene
 from ..scenes.foreign import reader_of
@@ -19,10 +20,10 @@ from ..scenes.load import load_scene
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
-def parts_content(config: RunConfig) -> list[list[str]]:
-    """Code of the plugins and content of the networks that a config names."""
+def parts_content(config: RunConfig) -> list[list[Any]]:
+    """Code of the plugins and content of the networks and files that a config names."""
     built = [part for section in SECTIONS for part in config.build(section).values()]
-    return [[code_of(part), model_content(part.model) if hasattr(part, "model") else ""] for part in built]
+    return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
 
 
 def _content(path: Path) -> str:

@@ -22,7 +22,7 @@ from .sweep import Row, SceneConfig, Sweep, SweepFile
 DRAWN = "drawn:"
 BUILTIN = ("builtin:", DRAWN)
 KEYS = tuple(f.name for f in fields(SweepFile))
-MEASURES = ("preset", "output_side", "extract", "extractors", "losses")  # what a result is measured by
+MEASURES = ("preset", "output_side", "extract", "renderer", "extractors", "losses")  # what a result is measured by
 MEASURES_EXTRACT = ("inner", "verify")  # and of extract
 COMMAND_LINE_KEYS = ("scenes", "references", "seeds", "metrics")
 

@@ -35,7 +35,7 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
 
 
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
-    """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``.
+    """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``, with who looks and who is there.
 
     Raises:
         ModelError: it raised something of its own, or did not give that; the line names it.
@@ -47,6 +47,10 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
         raise ModelError("", who, f"{expected}, got {type(drawn).__name__}", "return Features from render")
     if lacking := [name for name in sorted(buffers) if not drawn.has(name)]:
         raise ModelError("", who, f"{expected}, got no {', '.join(lacking)}")
+    beside = ("camera",) if scene.subject is None else ("camera", "person")
+    if lacking := [name for name in beside if not drawn.has(name)]:
+        hint = "return Features(..., camera=cameras, person=scene.subject)"
+        raise ModelError("", who, f"expected {' and '.join(beside)} beside the buffers, got no {lacking[0]}", hint)
     width, height = cameras.size
     for name in sorted(buffers & MAPS):
         shape, got = (len(cameras), *([3] * (name == "image")), height, width), tuple(drawn.require(name).shape)

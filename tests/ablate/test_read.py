@@ -24,7 +24,7 @@ def written(tmp_path: Path) -> Written:
     return write
 
 
-MEASURED = "preset, output_side, extract, extractors, losses; say others in base or rows"
+MEASURED = "preset, output_side, extract, renderer, extractors, losses; say others in base or rows"
 ROWS = "rows: {full: {}, none: {losses: {framing: null}}}\n"
 
 
@@ -61,6 +61,14 @@ def test_rows_lie_over_the_base_over_the_preset_and_the_command_line_over_all(wr
     assert (second.frames, second.steps) == (7, 3)
     assert set(first.losses) - set(second.losses) == {"framing"}
     assert set(sweep.metrics.losses) == set(first.losses)  # what a row leaves out is measured
+
+
+def test_every_row_is_measured_by_the_renderer_of_the_base_or_of_the_metrics(written: Written) -> None:
+    rows = "rows: {a: {}, b: {renderer: {nerf_grid: {}}}}\n"
+    for base, renderer in (("", "gaussian_splats"), ("base: {renderer: {mesh: {}}}\n", "mesh")):
+        assert list(read_sweep(written(base + rows)).metrics.renderer) == [renderer]
+    sweep = read_sweep(written(rows + "metrics: {renderer: {gaussian_splats: {antialiased: false}}}\n"))
+    assert sweep.metrics.renderer == {"gaussian_splats": {"antialiased": False}}
 
 
 def test_the_command_line_lies_over_the_files_metrics_key_by_key(written: Written) -> None:

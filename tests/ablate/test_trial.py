@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,9 @@ from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.trial import trials
 from cltransfer.files import content_hash
+from cltransfer.features import Features
 from cltransfer.plugins import allow
-from cltransfer.registry import LOSSES
+from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.scenes.lifted import SUBJECT
 
 PLUGIN = Path(__file__).parents[2] / "plugins" / "rule_of_thirds.py"
@@ -91,6 +93,27 @@ def test_a_plugin_that_was_edited_is_another_trial(
         (tmp_path / "rule_of_thirds.py").write_text(PLUGIN.read_text() + comment)
         allow([tmp_path / "rule_of_thirds.py"])
         seen.append(keys("builtin:courtyard", "losses: {rule_of_thirds: {}}"))
+    assert not set(seen[0]) & set(seen[1])
+
+
+@dataclass(frozen=True)
+class Weighted:
+    weights: str
+    requires, provides, family = ("image",), ("emb",), "image"
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        return now.having("emb", now.require("image").mean((1, 2, 3)))
+
+
+def test_other_weights_of_a_plugin_are_another_trial(
+    keys: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(EXTRACTORS._classes, "weighted", Weighted)
+    monkeypatch.setattr(f"{__name__}.SWEEP", SWEEP.replace("{depth_onnx", "{weighted: {weights: w.pt}, depth_onnx"))
+    seen = []
+    for content in ("1", "100"):
+        (tmp_path / "w.pt").write_text(content)
+        seen.append(keys("builtin:courtyard"))
     assert not set(seen[0]) & set(seen[1])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import pytest
@@ -82,9 +82,21 @@ def test_a_buffer_that_was_asked_for_and_is_not_given_is_named() -> None:
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image", "depth"}))
 
 
+def test_who_looks_and_who_is_there_are_asked_for_by_name() -> None:
+    scene, path = builtin_scene("courtyard"), builtin_reference("static", SIZE, 1)[1]
+    image = Features(SIZE, image=torch.zeros(1, 3, 18, 32))
+    hint = re.escape("(return Features(..., camera=cameras, person=scene.subject))")
+    with pytest.raises(ModelError, match=f"^renderer Odd: expected camera and person .*got no camera {hint}$"):
+        drawn_by(Odd(lambda cameras: image), scene, path.camera, frozenset({"image"}))
+    seen = Odd(lambda cameras: replace(image, camera=cameras))
+    with pytest.raises(ModelError, match="got no person"):
+        drawn_by(seen, scene, path.camera, frozenset({"image"}))
+    assert drawn_by(seen, replace(scene, subject=None), path.camera, frozenset({"image"})).has("image")
+
+
 @pytest.mark.parametrize("shape", [(1, 3, 18, 32), (2, 3, 7, 7)], ids=["too few", "too small"])
 def test_views_of_another_number_or_size_are_named(shape: tuple[int, ...]) -> None:
-    _, path = builtin_reference("static", SIZE, 2)
-    odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(shape)))
+    scene, path = builtin_reference("static", SIZE, 2)
+    odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(shape), camera=cameras, person=scene.subject))
     with pytest.raises(ModelError, match=r"^renderer Odd: expected image of shape \(2, 3, 18, 32\), got "):
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image"}))
