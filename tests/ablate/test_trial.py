@@ -12,8 +12,8 @@ from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.trial import trials
-from cltransfer.files import content_hash
 from cltransfer.features import Features
+from cltransfer.files import content_hash
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.scenes.lifted import SUBJECT

@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.ablate.content import _content, digest
+from cltransfer.ablate.content import digest
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, simplify_file
@@ -236,7 +236,6 @@ def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path:
     for change in ("", "# it reads other primitives now\n"):
         (tmp_path / "dots.py").write_text(READER + change)
         allow([tmp_path / "dots.py"])
-        _content.cache_clear()
         seen |= {str(cached_lift(load_scene(tmp_path / "stage.dots"), {})), digest(str(tmp_path / "stage.dots"))}
         del RENDERERS._classes["dots"]
     assert len(seen) == 4
