@@ -78,12 +78,13 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     """
     parts = Components.build(metrics)
     family: Family = "scene" if metrics.extract.inner == "geometric" else "image"
-    scene = result.scene
+    scene, drawn_by = result.scene, renderer_of(result.scene, parts.renderer)
     if needs_scene(parts, reference, family):
-        scene = lifted_scene(scene, parts.renderer, parts.extractors)
-        parts, _ = align_parts(parts, scene)
+        scene = lifted_scene(scene, drawn_by, parts.extractors)
+        aligned, _ = align_parts(replace(parts, renderer=drawn_by), scene)
+        parts = replace(aligned, renderer=parts.renderer)
     read = read_reference(reference, parts, Reading(config.frames, metrics.output_side, family))
-    parts = replace(parts, renderer=renderer_of(result.scene, parts.renderer))
+    parts = replace(parts, renderer=drawn_by)
     cameras, size = result.trajectory.camera, fitted_size(read.features.size, metrics.output_side)
     same = cameras.size == size and parts.renderer == result.renderer
     cameras = cameras if cameras.size == size else resized(cameras, size)
