@@ -128,17 +128,17 @@ def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tin
 
 
 def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
-    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+    fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path
 ) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / DONE).unlink()
     kept = (run / JOURNAL).read_bytes()
     same = ("transfer", "-c", run / "config.yaml", "-q", "--out", run)
-    refused = command(*same)
+    refused = fresh(*same)
     assert refused.code == 2
     assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
     assert (run / JOURNAL).read_bytes() == kept
-    assert command(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
+    assert fresh(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
     assert (run / DONE).is_file()
 
 
