@@ -6,7 +6,13 @@ Public names are loaded on first use, so that ``cltransfer --help`` does not wai
 from __future__ import annotations
 
 import importlib
-from typing import Any
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # or a type checker takes them for the modules of the same names
+    from .evaluate import evaluate as evaluate
+    from .transfer import transfer as transfer
 
 __version__ = "0.1.0"
 
@@ -17,7 +23,11 @@ _HOME = {
     "Subject": "subject",
     "Scene": "scenes",
     "load_config": "config",
+    "Components": "components",
+    "clip_features": "read_frames",
+    "camera_language_metrics": "metrics",
     "transfer": "transfer",
+    "Inputs": "transfer",
     "evaluate": "evaluate",
     "LOSSES": "registry",
     "EXTRACTORS": "registry",
@@ -28,7 +38,22 @@ _HOME = {
 __all__ = ["__version__", *_HOME]
 
 
+class _Package(ModuleType):
+    """The package: what a module defines under its own name, ``transfer`` for one, is that and not the module."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (_HOME.get(name) == name and isinstance(value, ModuleType)):  # importing a module binds it to its name
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'cltransfer' has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

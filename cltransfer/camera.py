@@ -6,8 +6,10 @@ centre of the first pixel is 0.5 and ``x / W`` in [0, 1] is exact.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import SupportsIndex
 
 import torch
 from kornia.geometry.camera import project_points, unproject_points
@@ -44,11 +46,11 @@ class Camera:
     def __len__(self) -> int:
         return len(self.w2c)
 
-    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> Camera:
+    def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | Tensor) -> Camera:
         """Cameras of ``index``; an integer keeps a batch of one."""
-        if isinstance(index, int):
-            index = [index]
-        return replace(self, w2c=self.w2c[index], K=self.K[index])
+        rows = batch_index(index)
+        several = [rows] if isinstance(rows, int) else rows
+        return replace(self, w2c=self.w2c[several], K=self.K[several])
 
     @property
     def c2w(self) -> Tensor:
@@ -118,11 +120,23 @@ class Camera:
         forward = torch.nn.functional.normalize(target - eye, dim=-1)
         right = torch.nn.functional.normalize(torch.linalg.cross(forward, up.double().expand_as(eye)), dim=-1)
         down = torch.linalg.cross(forward, right)
+        rotation = torch.stack([right, down, forward], dim=1)
         w2c = torch.eye(4, dtype=torch.float64).repeat(len(eye), 1, 1)
-        w2c[:, :3, :3] = torch.stack([right, down, forward], dim=1)
-        w2c[:, :3, 3] = -(w2c[:, :3, :3] @ eye[..., None])[..., 0]
+        w2c[:, :3, :3] = rotation
+        w2c[:, :3, 3] = -(rotation @ eye[..., None])[..., 0]
         fov = torch.as_tensor(vertical_fov, dtype=torch.float64).expand(len(eye))
         return cls(w2c, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
+
+
+def batch_index(index: SupportsIndex | slice | Sequence[int] | Tensor) -> int | slice | Tensor:
+    """``index`` so that torch takes it along the first axis alone: an integer of any kind, or several of them."""
+    if isinstance(index, slice) or (isinstance(index, Tensor) and index.dim() > 0):
+        return index
+    try:
+        return operator.index(index)  # type: ignore[arg-type]  # a sequence has none
+    except TypeError:
+        several = list(index)  # type: ignore[arg-type]
+        return torch.as_tensor(several, dtype=None if several else torch.long)
 
 
 def intrinsics(focal: Tensor, size: tuple[int, int]) -> Tensor:
@@ -162,5 +176,11 @@ def in_one_frame(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) ->
     A view that is narrower or lower than the frame is in its middle, and sees what is beside it too.
     """
     frame = (max(width for width, _ in sizes), max(height for _, height in sizes))
-    focals = [camera.focal * height / camera.size[1] for camera, (_, height) in zip(cameras, sizes)]
-    return concatenate([Camera(camera.w2c, intrinsics(f, frame), frame) for camera, f in zip(cameras, focals)])
+    return concatenate([_padded(camera.at_size(size), frame) for camera, size in zip(cameras, sizes)])
+
+
+def _padded(camera: Camera, frame: tuple[int, int]) -> Camera:
+    """The same cameras, with as much more to see on either side as makes them ``frame`` [px] large."""
+    K = camera.K.clone()
+    K[:, :2, 2] += K.new_tensor([frame[0] - camera.size[0], frame[1] - camera.size[1]]) / 2
+    return replace(camera, K=K, size=frame)

@@ -50,8 +50,10 @@ def pluginsshow(
         "requires": sorted(getattr(cls, "requires", ())),
         "provides": sorted(getattr(cls, "provides", ())),
         "options": options,
+        "reads": sorted(getattr(cls, "suffixes", ())),
     }
     lines = [f"{section}.{name}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
     lines += [f"provides: {', '.join(values['provides'])}"] if values["provides"] else []
+    lines += [f"reads: {', '.join(values['reads'])}"] if values["reads"] else []
     lines += [f"  {key} = {value}" for key, value in options.items()]
     show(values, "\n".join(lines), as_json)

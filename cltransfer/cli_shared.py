@@ -55,6 +55,8 @@ def unused_plugins(names: list[str] | None, settings: Any) -> list[str]:
     notes = []
     for name, settled in zip(names or [], settle(names or [])):
         given = [(section, part) for section, all_ in SECTIONS.items() for part in all_.given_by(settled)]
+        if any(hasattr(SECTIONS[section].get(part), "suffixes") for section, part in given):
+            continue  # it may have read the scene of a reference
         if given and not any(part in getattr(settings, section) for section, part in given):
             known = ", ".join(f"{section}.{part}={{}}" for section, part in given)
             notes.append(f"plugin {name} is allowed, but none of its components is in use ({known})")

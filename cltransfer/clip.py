@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .clip_part import ClipPart, evenly, files_of, find_part, images_of
+from .clip_part import ClipPart, evenly, files_of, find_part, images_of, nearest
 from .decoding import Frame, decode
 from .errors import InputError, ResourceError
 from .features import Features
@@ -144,7 +144,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
 def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None:
     lossless = path.suffix.lower() == ".mkv"
     interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
-    with av.open(str(path), "w") as container:
+    with av.open(str(path.absolute()), "w") as container:
         stream = container.add_stream(
             "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)
         )
@@ -182,4 +182,4 @@ def pair_by_time(times: Tensor, other: Tensor) -> Tensor:
     if times[0] > other[-1] or other[0] > times[-1]:
         spans = " and ".join(f"{float(t[0]):.3f} to {float(t[-1]):.3f} s" for t in (times, other))
         raise InputError("", "times", f"the clips share no moment: {spans}")
-    return (times[None, :] - other[:, None]).abs().argmin(dim=1)
+    return torch.from_numpy(nearest(times.numpy(), other.numpy()))

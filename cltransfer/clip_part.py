@@ -73,12 +73,17 @@ def find_part(path: Path, span: tuple[float, float], fps: float | None) -> ClipP
     files = files_of(path, fps)
     times = folder_times(path, files, fps) if files else np.array([frame.time for frame in decode(path)])
     times = times - times[0]
-    inside = np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
+    inside = within(times, span)
     if len(inside) == 0:
         when = f"between {span[0]:g} and {span[1]:g} s" if span[1] < math.inf else f"from {span[0]:g} s on"
         raise InputError(path, "t", f"no frame {when}: the clip ends at {times[-1]:.3f} s")
-    within = tuple(files[i] for i in inside) if files else ()
-    return ClipPart(path, within, torch.from_numpy(inside), torch.from_numpy(times[inside]))
+    shown = tuple(files[i] for i in inside) if files else ()
+    return ClipPart(path, shown, torch.from_numpy(inside), torch.from_numpy(times[inside]))
+
+
+def within(times: np.ndarray, span: tuple[float, float]) -> np.ndarray:
+    """Which of the frames at ``times`` (N,) [s] a span [s] names, (M,); a time may miss its ends by :data:`_TICK`."""
+    return np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
 
 
 def files_of(path: Path, fps: float | None) -> list[Path]:
@@ -106,11 +111,19 @@ def evenly(shown: Tensor, wanted: int | None) -> Tensor:
         return torch.arange(count)
     times = shown.numpy()
     even = np.linspace(times[0], times[-1], wanted)
-    after = np.searchsorted(times, even).clip(1, count - 1)
-    nearest = np.where(even - times[after - 1] <= times[after] - even, after - 1, after)
     order = np.arange(wanted)
-    distinct = np.maximum.accumulate(nearest - order) + order  # pushed on where two would be the same
+    distinct = np.maximum.accumulate(nearest(times, even) - order) + order  # pushed on where two would be the same
     return torch.from_numpy(np.minimum(distinct, count - wanted + order))
+
+
+def nearest(times: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Index (M,) of the nearest of ``times`` (N,), increasing, for each of ``moments`` (M,), the earlier of two.
+
+    No matrix of all distances is made: two clips of a quarter of an hour would need gigabytes.
+    """
+    after = np.searchsorted(times, moments).clip(max=len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(moments - times[before] <= times[after] - moments, before, after)
 
 
 def _video_frames(path: Path, wanted: set[int]) -> Iterator[Frame]:

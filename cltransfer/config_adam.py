@@ -17,9 +17,10 @@ class AdamConfig:
         rate: learning rate, in the units of x; it decays to 0.8 of itself along the frame.
         strokes: both moves pose by all losses, then the lens by the losses of the flow alone (JAWS); one moves all.
         weighting: fixed takes the losses' own weights; gradnorm balances their gradients while the pose moves.
-        quirks: as the published code of JAWS has it: both strokes at one rate from the second iteration on, and the
-            totals of both strokes compete for the frame's best; otherwise pose at 1.2 and lens at 0.5 of the rate, and
-            whole totals compete.
+        quirks: as the published code of JAWS has it: both strokes at one rate from the second iteration on, the totals
+            of both strokes compete for the frame's best, and gradnorm balances a loss that starts at 0, which silences
+            the others once it leaves 0; otherwise pose at 1.2 and lens at 0.5 of the rate, whole totals compete, and
+            such a loss is left out of the balance.
         difference: step of the differences, in the units of x.
     """
 

@@ -13,9 +13,7 @@ from torch import Tensor
 from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .files import atomic, read_json
-from .renderers.gaussian_splats import GaussianSplats
-from .renderers.kernels.splats import make_view
-from .scenes.bake import bake_grid, bake_splats
+from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
 from .scenes.lifted import LABELS, SUBJECT
 from .scenes.load import load_scene
@@ -23,7 +21,7 @@ from .scenes.mesh import Mesh
 from .scenes.nerf_grid import write_grid
 from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
-from .scenes.simplify import importance, merged, subset
+from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
@@ -112,12 +110,7 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
     splats: Splats = (without_floaters(scene) if options.floaters == "drop" else scene).geometry
     solid = len(splats)
     if cameras is not None and options.prune > 0:
-        settings = GaussianSplats().settings
-        matrices = zip(cameras.w2c.numpy(), cameras.K.numpy())
-        splats = subset(
-            splats,
-            importance(splats, [make_view(w2c, K, cameras.size, settings) for w2c, K in matrices]) >= options.prune,
-        )
+        splats = subset(splats, importance(splats, weighing_views(splats, cameras)) >= options.prune)
     pruned = len(splats)
     if cameras is not None and options.k > 0 and pruned:
         splats = merged(splats, cameras, options.k)
@@ -139,7 +132,7 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
 
     Raises:
         UsageError: the scene is not a mesh.
-        InputError: it cannot be read.
+        InputError: it cannot be read, or has no area.
         ResourceError: what is to be made of it takes more memory than is free.
     """
     scene = load_scene(source)
@@ -147,6 +140,8 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
         kind = type(scene.geometry).__name__
         raise UsageError(source, "scene", f"expected a mesh, got {kind}", "only meshes can be baked")
     mesh: Mesh = scene.geometry
+    if not surface_area(mesh) > 0:
+        raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
         file, count, label = out / f"{scene.name}.ply", len(splats), splats.label

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -14,6 +15,17 @@ from typing import Any
 from .errors import ModelError
 
 FAMILIES = ("image", "scene", "both")
+SCENE_SUFFIXES = (
+    ".ply",
+    ".splat",
+    ".spz",
+    ".safetensors",
+    ".glb",
+    ".gltf",
+    ".obj",
+    ".yaml",
+    ".yml",
+)  # of what we read ourselves
 _ABSENT = object()
 
 
@@ -111,6 +123,20 @@ def _family(value: Any) -> bool:
     return value in FAMILIES
 
 
+def _suffixes(value: Any) -> bool:
+    if not (isinstance(value, tuple | list) and value and all(isinstance(suffix, str) for suffix in value)):
+        return False
+    return all(re.fullmatch(r"\.[a-z0-9_]+", suffix) and suffix not in SCENE_SUFFIXES for suffix in value)
+
+
+def _of_the_class(value: Any) -> bool:
+    return isinstance(value, staticmethod | classmethod)
+
+
+def _reads(cls: type[Any]) -> bool:
+    return hasattr(cls, "suffixes")
+
+
 def _whole_clip(cls: type[Any]) -> bool:
     return bool(getattr(cls, "whole_clip", False))
 
@@ -142,7 +168,15 @@ EXTRACTOR = (
 RENDERER = (
     Declared("provides", "the names of its buffers, at least one", 'provides = frozenset({"image"})', _some_names),
     Declared("render", "what cameras see", "def render(self, scene, cameras, buffers)"),
-)
+    Declared(
+        "suffixes", f"a tuple of suffixes in small letters, none of {', '.join(SCENE_SUFFIXES)}",
+        'suffixes = (".mine",)', _suffixes, when=_reads,
+    ),
+    Declared(
+        "read", "a static or class method that reads a file of its suffixes", "@staticmethod def read(path)",
+        _of_the_class, when=_reads,
+    ),
+)  # fmt: skip
 SEARCH = (
     Declared("dimensions", "the length of x, 1 or more", "dimensions = 7", _count),
     Declared("needs_subject", "True or False", "needs_subject = True", _flag),

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import struct
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +18,7 @@ from av.stream import Disposition
 from av.video.stream import VideoStream
 
 from .errors import InputError
+from .image_header import exif_orientation, states_aspect
 from .threads import thread_count
 
 PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160
@@ -28,7 +26,6 @@ SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 2
 IMAGE_BYTE_LIMIT = 2**28
 IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
 
-_ORIENTATION = 0x0112  # of EXIF
 _MIRRORED = (2, 4, 5, 7)
 _TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -40,8 +37,6 @@ _OPTIONS = {
     "max_pixels": str(PIXEL_LIMIT),
     "err_detect": "explode",
 }
-
-_log = logging.getLogger("cltransfer")
 
 
 @dataclass(frozen=True)
@@ -112,7 +107,7 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
     demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
-    source = _image_source(path) if demuxer else str(path)
+    source = _image_source(path) if demuxer else str(path.absolute())  # "10:30.mp4" would name a protocol, 10
     try:
         with av.open(source, "r", format=demuxer, options=_OPTIONS) as container:
             yield container, _video_stream(path, container)
@@ -129,7 +124,7 @@ def _image_source(path: Path) -> str | io.BytesIO:
     # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
     if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
-    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path)
+    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path.absolute())
 
 
 def _without_exif(data: bytes) -> bytes:
@@ -173,17 +168,24 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, ex
     if raw.time is None:
         raise InputError(path, field, "has no presentation time", "re-encode it")
     turns, mirrored = _upright(path, field, raw, exif)
-    size = (max(1, round(raw.width * float(stream.sample_aspect_ratio or 1))), raw.height)
+    size = (max(1, round(raw.width * _aspect(path, stream))), raw.height)
     upright = size if turns % 2 == 0 else size[::-1]
     _check_size(path, field, upright)
     return Frame(raw, upright, raw.time, turns, mirrored)
+
+
+def _aspect(path: Path, stream: VideoStream) -> float:
+    """Width of a pixel over its height."""
+    aspect = float(stream.sample_aspect_ratio or 1)
+    print_only = aspect != 1 and path.suffix.lower() in IMAGE_DEMUXERS and not states_aspect(path)
+    return 1.0 if print_only else aspect
 
 
 def _upright(path: Path, field: str, raw: av.VideoFrame, exif: bool) -> tuple[int, bool]:
     """Quarter turns to the left that the file asks for, and whether the rows are reversed before."""
     if path.suffix.lower() in IMAGE_DEMUXERS:
         # the decoder reads nothing of an EXIF that is damaged anywhere
-        orientation = _exif_orientation(path) if exif else 1
+        orientation = exif_orientation(path) if exif else 1
         return _TURNS.get(orientation, 0), orientation in _MIRRORED
     if raw.rotation % 90:
         raise InputError(path, field, f"expected a rotation tag of quarter turns, got {raw.rotation} degrees")
@@ -200,30 +202,6 @@ def _mirrored(raw: av.VideoFrame) -> bool:
         return False
     a, b, _, c, d, *_ = struct.unpack("=9i", bytes(matrix))
     return bool(a * d < b * c)
-
-
-def _exif_orientation(path: Path) -> int:
-    """Orientation that the EXIF of an image file states; 1, as stored, where it states none or cannot be read."""
-    from PIL import Image
-
-    exif = Image.Exif()
-    unread = (OSError, ValueError, TypeError, SyntaxError, struct.error, Image.DecompressionBombError)
-    with warnings.catch_warnings(), contextlib.suppress(*unread):
-        # what matters is told below, once a folder; a thread may leave this filter behind, so it is of Pillow alone
-        warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")
-        with Image.open(path, formats=("JPEG", "PNG")) as image:
-            exif.load(image.info.get("exif", b""))
-        stated = exif.get(_ORIENTATION, 1)
-        if isinstance(stated, int) or stated in range(1, 9):
-            return int(stated)
-    _tell_unread(path.parent)
-    return 1
-
-
-@cache
-def _tell_unread(folder: Path) -> None:
-    """Tell of an image that is shown as any viewer shows it; once a folder, which may hold a thousand of them."""
-    _log.warning("%s: EXIF that cannot be read in an image: it is shown as it is stored, and so are others", folder)
 
 
 def _check_complete(path: Path, container: InputContainer, stream: VideoStream, count: int, end: float) -> None:

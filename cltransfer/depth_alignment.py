@@ -16,6 +16,8 @@ from .config_options import RunConfig
 from .errors import InputError, UsageError
 from .extractors._disparity import Align, aligned, fit_affine
 from .extractors.depth_onnx import DepthOnnx
+from .plan import Family
+from .reference import is_scene
 from .renderers._request import drawn_by, renderer_of
 from .scenes import Scene
 from .scenes.lifted import lifted_scene
@@ -164,7 +166,11 @@ def align_parts(parts: Components, scene: Scene, views: int = VIEWS) -> tuple[Co
     return replace(parts, extractors={**parts.extractors, DEPTH: extractor}), found
 
 
-def needs_scene(parts: Components) -> bool:
-    """Whether the shift of ``parts``' depth network is to be read off the scene."""
+def needs_scene(parts: Components, reference: str, family: Family) -> bool:
+    """Whether the shift of ``parts``' depth network is to be read off the scene.
+
+    It is where the network reads anything: a ``reference`` that is a clip, or scenes read by extractors of the image
+    ``family``.
+    """
     network = parts.extractors.get(DEPTH)
-    return network is not None and network.unaligned
+    return network is not None and network.unaligned and (family == "image" or not is_scene(reference))

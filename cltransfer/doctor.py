@@ -37,6 +37,7 @@ def examine() -> list[Finding]:
     found = [Finding("cltransfer", True, f"{__version__}, Python {platform.python_version()}, {platform.machine()}")]
     found += [_package(name) for name in PACKAGES]
     found += [_try("threads", _threads), _try("video codecs", _codecs), _try("cache", _cache)]
+    found += [_try("compiled kernels", _kernels, needed=False)]
     found += [*_try_all("networks", _models), _try("networks run on", _providers)]
     found += [_try("CUDA", _cuda, needed=False), _try("self-test", _self_test)]
     return found
@@ -91,6 +92,17 @@ def _cache() -> str:
     with tempfile.NamedTemporaryFile(dir=folder):
         free = shutil.disk_usage(folder).free / 2**30
     return f"{folder}, {free:.0f} GiB free"
+
+
+def _kernels() -> str:
+    from .renderers.kernels.compiled import folder
+
+    place = folder()
+    if place is None:
+        raise RuntimeError(
+            "not kept: each start compiles them anew; set NUMBA_CACHE_DIR to a folder that can be written"
+        )
+    return str(place)
 
 
 def _models() -> list[Finding]:

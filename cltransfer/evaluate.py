@@ -54,13 +54,14 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     taught, made, times = both.reference.image, both.render.image, both.shown
     check_maps(taught, made)
     whom, who = asked.who(both.original, both.reference.size), found.who(times, both.render.size)
-    features, read = read_frames(taught, plan, whom, progress)
+    features, read = read_frames(taught, plan, whom, progress, both.original)
     if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):
         raise InputError(reference, "person", f"none found in {len(times)} frames")
-    rendered, seen = read_frames(made, plan, who, progress)
+    rendered, seen = read_frames(made, plan, who, progress, times)
     alike = plan.hiding(features.reasons.keys() ^ rendered.reasons.keys())
     if alike != plan:
-        features, rendered = read_frames(taught, alike, whom, progress)[0], read_frames(made, alike, who, progress)[0]
+        features = read_frames(taught, alike, whom, progress, both.original)[0]
+        rendered = read_frames(made, alike, who, progress, times)[0]
     rendered = in_time(rendered, both.original.diff(), times.diff())
     objective = Objective(parts.losses)
     scores = score(objective, features, rendered, plan.missing)

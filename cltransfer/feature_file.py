@@ -11,9 +11,8 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .features import Features
-from .files import atomic
-from .tensor_file import HEADER_LIMIT, check_tensor_file
+from .features import SHAPES, Features, OfThisRun
+from .tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
@@ -42,15 +41,18 @@ class FeatureFile:
         """Bytes that it takes on disk, or a little more."""
         return HEADER_LIMIT + sum(tensor.nbytes for tensor in self._tensors().values())
 
+    @property
+    def lasts(self) -> bool:
+        """Whether another run finds all of it here, but the pixels, and nothing that it may tell better itself."""
+        lost = self.features.names() - {*STORED, *self.features.extras, "image"}
+        return not lost and not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
+
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all."""
-        from safetensors.torch import save_file
-
         origin = self.origin.encode(errors="backslashreplace").decode()  # a file's name may be no UTF-8
         meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": origin}
         meta["reasons"] = json.dumps(dict(self.features.reasons))
-        with atomic(path) as temporary:
-            save_file(self._tensors(), temporary, metadata=meta)
+        save_tensors(path, self._tensors(), meta)
 
     def _tensors(self) -> dict[str, Tensor]:
         stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}
@@ -104,7 +106,7 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
         if value.dim() == 0 or len(value) != count:
             got = "a single value" if value.dim() == 0 else len(value)
             raise InputError(path, name, f"expected {count} frames, got {got}")
-        shape = _SHAPES.get(name)
+        shape = SHAPES.get(name)
         if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
     own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
@@ -154,18 +156,6 @@ def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:
     if not isinstance(told, dict) or not all(isinstance(reason, str) for reason in told.values()):
         raise InputError(path, "reasons", "expected reasons by feature")
     return told
-
-
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "keypoints": (14, 3),
-    "box": (5,),
-    "subject": (None, None),
-    "layers": (3, None, None),
-    "depth": (None, None),
-    "flow": (2, None, None),
-    "flow_confidence": (None, None),
-    "orientation": (3,),
-}
 
 
 def _fits(got: torch.Size, shape: tuple[int | None, ...]) -> bool:

@@ -4,15 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeVar
+from typing import Any, SupportsIndex, TypeVar
 
 import torch
 from torch import Tensor
 
-from .camera import Camera, concatenate
+from .camera import Camera, batch_index, concatenate
 from .subject import Subject
 
 T = TypeVar("T")
+SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be anything
+    "image": (3, None, None),
+    "alpha": (None, None),
+    "label": (None, None),
+    "depth": (None, None),
+    "expected_depth": (None, None),
+    "keypoints": (14, 3),
+    "box": (5,),
+    "subject": (None, None),
+    "layers": (3, None, None),
+    "flow": (2, None, None),
+    "flow_confidence": (None, None),
+    "orientation": (3,),
+}
+_FIXED = [(name, 1 + len(shape), tuple(want for want in shape if want is not None)) for name, shape in SHAPES.items()]
+
+
+class OfThisRun(str):
+    """A reason that is not the clip's: another run may tell what this one could not, so it is kept in no cache."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +61,12 @@ class Features:
         camera: who looks, where known (a renderer knows, a clip does not).
         person: who stands in the scene, where known.
         extras: plugins' own features, each with batch first.
-        reasons: why a feature is not there, by name, where an extractor looked and could not tell.
+        reasons: why a feature is not there, by name, where an extractor looked and could not tell; see
+            :class:`OfThisRun`.
+
+    Raises:
+        ValueError: a field has another shape, or another number of frames than the others.
+        TypeError: one that should be a tensor is none.
     """
 
     size: tuple[int, int]
@@ -64,17 +88,39 @@ class Features:
     reasons: Mapping[str, str] = field(default_factory=dict)
     _known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
+    def __post_init__(self) -> None:
+        own, first, count = self.__dict__, "", -1
+        for name, dimensions, fixed in _FIXED:  # 7 us of 10 with all there; every evaluation makes some
+            if (value := own[name]) is None:
+                continue
+            shape: tuple[int, ...] = getattr(value, "shape", ())
+            if len(shape) != dimensions or shape[1 : 1 + len(fixed)] != fixed or not isinstance(value, Tensor):
+                raise _misshapen(name, value)
+            if count < 0:
+                first, count = name, shape[0]
+            elif shape[0] != count:
+                raise _unequal(first, count, name, shape[0])
+        for name, value in (("camera", self.camera), *self.extras.items()):
+            if count < 0 and value is not None:
+                first, count = name, len(value)
+            elif value is not None and len(value) != count:
+                raise _unequal(first, count, name, len(value))
+
     def __len__(self) -> int:
-        for value in self._batched().values():
+        for name in (*SHAPES, "camera"):
+            if (value := getattr(self, name)) is not None:
+                return len(value)
+        for value in self.extras.values():
             return len(value)
         raise ValueError("features are empty: no field is set")
 
-    def __getitem__(self, index: int | slice | Sequence[int]) -> Features:
+    def __getitem__(self, index: SupportsIndex | slice | Sequence[int]) -> Features:
         """Frames of ``index``; an integer keeps a batch of one, the same object each time."""
-        if not isinstance(index, int):
-            return self._map(lambda value: value[index])
-        one = slice(index, index + 1 or None)
-        return self.once(("frame", index), lambda: self._map(lambda value: value[one]))
+        rows = batch_index(index)
+        if not isinstance(rows, int):
+            return self._map(lambda value: value[rows])
+        one = slice(rows, rows + 1 or None)
+        return self.once(("frame", rows), lambda: self._map(lambda value: value[one]))
 
     def once(self, key: Hashable, compute: Callable[[], T]) -> T:
         """What ``compute`` makes of these features, kept by ``key``: one reference is compared with many batches.
@@ -122,6 +168,20 @@ class Features:
         blank: dict[str, Any] = {n: None for n in self.names() - keep if n not in self.extras}
         return replace(self, **blank, extras={n: v for n, v in self.extras.items() if n in keep})
 
+    def to(self, device: torch.device | str) -> Features:
+        """The same on ``device``; cameras and the person stay on the CPU, where they are reckoned with in float64."""
+        return self._map(lambda value: value.to(device) if isinstance(value, Tensor) else value)
+
+    def detach(self) -> Features:
+        """The same without gradients."""
+
+        def without(value: Any) -> Any:
+            if isinstance(value, Camera):
+                return replace(value, w2c=value.w2c.detach(), K=value.K.detach())
+            return value.detach()
+
+        return self._map(without)
+
     def _batched(self) -> dict[str, Any]:
         own = {n: getattr(self, n) for n in NAMES if n != "person" and getattr(self, n) is not None}
         return {**own, **self.extras}
@@ -148,6 +208,40 @@ class Features:
 
 
 NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))
+
+
+def _misshapen(name: str, value: object) -> Exception:
+    """What is wrong with a field that is not of its shape, and what to do."""
+    wanted = ", ".join(["B", *("any" if want is None else str(want) for want in SHAPES[name])])
+    if not isinstance(value, Tensor):
+        return TypeError(f"{name} must be a tensor ({wanted}), got {type(value).__name__}; torch.as_tensor makes one")
+    hint = "see the fields of Features"
+    if value.ndim == len(SHAPES[name]):
+        hint = "add a batch dimension"
+    elif name == "keypoints" and value.shape[-2:-1] == (17,):
+        hint = "cltransfer.skeleton.from_coco makes 14 of COCO's 17"
+    elif name == "keypoints" and value.shape[-2:-1] in ((33,), (39,)):
+        hint = "cltransfer.skeleton.from_blazepose makes 14 of BlazePose's"
+    return ValueError(f"{name} must be ({wanted}), got {tuple(value.shape)}; {hint}")
+
+
+def _unequal(first: str, count: int, name: str, other: int) -> ValueError:
+    return ValueError(f"features must have one number of frames, got {count} in {first} and {other} in {name}")
+
+
+def check_pair(reference: object, rendered: object) -> None:
+    """Refuse what a loss cannot compare.
+
+    Raises:
+        TypeError: a side is no :class:`Features`.
+        ValueError: the reference has neither 1 nor as many frames as the render.
+    """
+    if not (isinstance(reference, Features) and isinstance(rendered, Features)):
+        came = f"{type(reference).__name__} and {type(rendered).__name__}"
+        raise TypeError(f"expected Features of the reference and of the render, got {came}; see clip_features")
+    if len(reference) not in (1, len(rendered)):
+        counts = f"the reference has {len(reference)} and the render {len(rendered)}"
+        raise ValueError(f"expected as many frames of both, or 1 of the reference: {counts}")
 
 
 def nobody(features: Features) -> Tensor:

@@ -8,6 +8,7 @@ import csv
 import hashlib
 import io
 import json
+import logging
 import os
 import stat
 from collections.abc import Iterable, Iterator
@@ -19,6 +20,8 @@ from .errors import InputError, UsageError
 JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
 FORMULA = ("=", "+", "-", "@", "\t", "\n")  # how a cell may begin that a spreadsheet works out instead of showing it
 YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
+
+_log = logging.getLogger("cltransfer")
 
 
 @contextlib.contextmanager
@@ -209,3 +212,12 @@ def cache_dir() -> Path:
     if named:
         return Path(named)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltransfer"
+
+
+@contextlib.contextmanager
+def into_cache(path: Path, cost: str) -> Iterator[None]:
+    """The block writes ``path`` of the cache; if it cannot, that is told with what it will ``cost``, and no more."""
+    try:
+        yield
+    except OSError as error:
+        _log.warning("%s: %s: %s", path, error.strerror or error, cost)

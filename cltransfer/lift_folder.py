@@ -15,7 +15,7 @@ from .renderers._request import drawn_by
 from .report.contact_sheet import write_contact_sheet
 from .scenes.find_people import SIZE
 from .scenes.lift import Lift, LiftOptions
-from .scenes.lifted import LABELS, SUBJECT, cached_lift, lift_scene, save_lift, summary
+from .scenes.lifted import LABELS, SUBJECT, cache_lift, cached_lift, lift_scene, save_lift, summary
 from .scenes.load import load_scene
 from .trajectory import Trajectory
 
@@ -58,7 +58,7 @@ def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: C
     image = drawn_by(parts.renderer, scene, found.cameras, frozenset({"image"})).require("image")
     write_contact_sheet(folder / SHEET, image, found)
     if not wanted.view and wanted.views == LiftOptions.views and not wanted.person:
-        save_lift(cached_lift(scene, parts.extractors).parent, found)
+        cache_lift(cached_lift(scene, parts.extractors).parent, found)
     remember(scene.digest, wanted.scene)
     return found
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from .errors import ResourceError, UsageError
 
 VARIABLE = "CLTRANSFER_MEMORY"
+LITTLE = 2**26  # bytes that are taken without asking: a look at what is free takes 0.1 ms
 _CGROUP = Path("/sys/fs/cgroup")
 
 
@@ -48,6 +49,14 @@ def require_free(need: int, where: str | Path, what: str, hint: str) -> None:
     if free is not None and need > free:
         reason = f"{what} need {need / 2**20:.0f} MB, {free / 2**20:.0f} MB are free"
         raise ResourceError(where, "memory", reason, f"raise the limit of the system or of {VARIABLE}, or {hint}")
+
+
+def affordable(workers: int, each: int) -> int:
+    """How many of ``workers`` there is memory for at once where each takes ``each`` bytes; one at least."""
+    if workers * each <= LITTLE:
+        return workers
+    free = free_bytes()
+    return workers if free is None else max(1, min(workers, free // each))
 
 
 def _of_machine() -> list[int]:

@@ -3,9 +3,10 @@
 >>> from cltransfer.testing import sample_features
 >>> metrics = camera_language_metrics()
 >>> features = sample_features(0, 4)
->>> metrics.update(features, features)
->>> {name: float(value) for name, value in metrics.compute().items()}["shot_size"]
-0.0
+>>> metrics.update(reference=features, rendered=features)
+>>> values = {name: float(value) for name, value in metrics.compute().items()}
+>>> values["total"], values["shot_size"], values["shot_size_coverage"]
+(0.0, 0.0, 1.0)
 """
 
 from __future__ import annotations
@@ -19,39 +20,40 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
-from .features import Features
+from .features import Features, check_pair
+from .objective import Objective
 from .registry import LOSSES
+from .scores import frame_totals
 
 PAPER = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 
 
-class LossMetric(Metric):
-    """Mean raw value of a loss over the frames that have one, with its coverage.
+class FrameMetric(Metric):
+    """Mean of one value a frame over the frames that have one, with its coverage.
 
     Args:
-        name: of the loss in the registry, ``shot_size`` for one.
-        options: of the loss.
+        prefix: of the names of the states: by what is measured, or a collection would take two metrics that are equal
+            once for one.
         kwargs: of :class:`torchmetrics.Metric`.
     """
 
     higher_is_better = False
     full_state_update = False
     is_differentiable = False
+    plot_lower_bound = 0.0
 
-    def __init__(self, name: str, options: Mapping[str, Any] | None = None, **kwargs: Any) -> None:
+    def __init__(self, prefix: str, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.name, self.loss = name, LOSSES.build(name, options)
-        # by name and options, or a collection would take two losses with equal values for one
-        self._prefix = "_".join([name, *([_digest(options)] if options else [])])
+        self._prefix = prefix
         for state in ("total", "defined", "frames"):
-            self.add_state(f"{self._prefix}_{state}", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+            self.add_state(f"{prefix}_{state}", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
         self._covered = (0, 0)  # when it was computed last
 
     def update(self, reference: Features | Tensor, rendered: Features | None = None) -> None:
         """Add N frames.
 
         Args:
-            reference: of 1 or N frames; or, without ``rendered``, raw values (N,) of the loss, NaN where undefined:
+            reference: of 1 or N frames; or, without ``rendered``, its values (N,), NaN where undefined:
                 a :class:`torchmetrics.wrappers.BootStrapper` draws again from tensors, and cannot from features.
             rendered: of N frames.
 
@@ -69,19 +71,8 @@ class LossMetric(Metric):
         self._add("frames", torch.tensor(len(values)))
 
     def values(self, reference: Features, rendered: Features | None) -> Tensor:
-        """Raw values of the loss, (N,); NaN where a side lacks what the loss needs.
-
-        Raises:
-            ValueError: there is nothing rendered, or the reference has neither 1 nor as many frames.
-        """
-        if rendered is None:
-            raise ValueError("expected features of both sides, or a tensor of values")
-        if len(reference) not in (1, len(rendered)):
-            counts = f"the reference has {len(reference)} and the render {len(rendered)}"
-            raise ValueError(f"expected as many frames of both, or 1 of the reference: {counts}")
-        if not all(side.has(name) for side in (reference, rendered) for name in self.loss.requires):
-            return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
-        return self.loss(reference, rendered)
+        """One value a frame, (N,); NaN where there is none."""
+        raise NotImplementedError
 
     def compute(self) -> Tensor:
         """Mean over the defined frames of all processes, (); NaN where there is none."""
@@ -97,11 +88,98 @@ class LossMetric(Metric):
         self.compute()
         return self._covered
 
+    def plot(self, val: Any = None, ax: Any = None) -> Any:
+        """Figure and axes of what was computed, as of any torchmetric."""
+        return self._plot(val, ax)
+
     def _state(self, state: str) -> Tensor:
         return getattr(self, f"{self._prefix}_{state}")
 
     def _add(self, state: str, value: Tensor) -> None:
         setattr(self, f"{self._prefix}_{state}", self._state(state) + value.to(self._state(state)))
+
+
+class LossMetric(FrameMetric):
+    """Mean raw value of a loss over the frames that have one, with its coverage.
+
+    Losing the person in a bad frame makes it smaller: select by :class:`TotalMetric`.
+
+    Args:
+        name: of the loss in the registry, ``shot_size`` for one.
+        options: of the loss.
+        kwargs: of :class:`torchmetrics.Metric`.
+    """
+
+    def __init__(self, name: str, options: Mapping[str, Any] | None = None, **kwargs: Any) -> None:
+        super().__init__(_prefix(name, options), **kwargs)
+        self.name, self.loss = name, LOSSES.build(name, options)
+
+    def values(self, reference: Features, rendered: Features | None) -> Tensor:
+        """Raw values of the loss, (N,); NaN where a side lacks what the loss needs.
+
+        Raises:
+            ValueError: there is nothing rendered, or the reference has neither 1 nor as many frames.
+        """
+        return _values(self.loss, *_checked(reference, rendered))
+
+
+class CoverageMetric(LossMetric):
+    """Share of the frames, in [0, 1], that have a value of a loss; arguments as of :class:`LossMetric`."""
+
+    higher_is_better = True
+    plot_upper_bound = 1.0
+
+    def compute(self) -> Tensor:
+        """Share of the frames of all processes, (); NaN where there is none."""
+        super().compute()
+        return self._state("defined") / self._state("frames")
+
+
+class TotalMetric(FrameMetric):
+    """Mean total of Eq. 15 as ``evaluate`` prints it: what only the render lacks costs its penalty.
+
+    Args:
+        losses: their options by name.
+        kwargs: of :class:`torchmetrics.Metric`.
+    """
+
+    def __init__(self, losses: Mapping[str, Mapping[str, Any]], **kwargs: Any) -> None:
+        super().__init__(_prefix("total", losses), **kwargs)
+        self.objective = Objective({name: LOSSES.build(name, options) for name, options in losses.items()})
+
+    def values(self, reference: Features, rendered: Features | None) -> Tensor:
+        """Totals (N,); NaN where the reference has no term at all.
+
+        Raises:
+            ValueError: as of :meth:`LossMetric.values`.
+        """
+        reference, rendered = _checked(reference, rendered)
+        return frame_totals(
+            self.objective, self._terms(reference, rendered), self._terms(reference, reference).isfinite()
+        )
+
+    def _terms(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw terms (N, L); on the CPU, where the objective's weights are."""
+        losses = self.objective.losses.values()
+        return torch.stack([_values(loss, reference, rendered).double().cpu() for loss in losses], dim=1)
+
+
+def _checked(reference: Features, rendered: Features | None) -> tuple[Features, Features]:
+    if rendered is None:
+        raise ValueError("expected features of both sides, or a tensor of values")
+    check_pair(reference, rendered)
+    return reference, rendered
+
+
+def _values(loss: Any, reference: Features, rendered: Features) -> Tensor:
+    if not all(side.has(name) for side in (reference, rendered) for name in loss.requires):
+        return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
+    values: Tensor = loss(reference, rendered)
+    return values
+
+
+def _prefix(name: str, options: Mapping[str, Any] | None) -> str:
+    return "_".join([name, *([_digest(options)] if options else [])])
 
 
 def _digest(options: Mapping[str, Any]) -> str:
@@ -110,6 +188,13 @@ def _digest(options: Mapping[str, Any]) -> str:
 
 
 def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | None = None) -> MetricCollection:
-    """A collection of loss metrics by name; ``losses`` are their options by name, None is the paper's five."""
+    """A collection by name: the mean and the ``_coverage`` of each loss, and the ``total``.
+
+    Args:
+        losses: their options by name; None is the paper's five.
+    """
     chosen: Mapping[str, Mapping[str, Any]] = {name: {} for name in PAPER} if losses is None else losses
-    return MetricCollection({name: LossMetric(name, options) for name, options in chosen.items()})
+    metrics: dict[str, Metric | MetricCollection] = {"total": TotalMetric(chosen)}
+    metrics |= {name: LossMetric(name, options) for name, options in chosen.items()}
+    metrics |= {f"{name}_coverage": CoverageMetric(name, options) for name, options in chosen.items()}
+    return MetricCollection(metrics, compute_groups=[["total"], *([name, f"{name}_coverage"] for name in chosen)])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 from .errors import InputError
-from .files import cache_dir, read_json, write_json
+from .files import cache_dir, into_cache, read_json, write_json
 from .run_files import require_done
+from .scene_source import split_scene
 from .scenes import Scene
 from .scenes.lifted import load_person
 from .scenes.load import load_scene
@@ -15,8 +15,6 @@ from .trajectory import Trajectory
 
 REFERENCE_ASPECT = (16, 9)
 REFERENCE_FRAMES = 24
-
-_log = logging.getLogger("cltransfer")
 
 
 def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Scene, Trajectory]:
@@ -32,13 +30,13 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
         InputError: a file is missing or damaged, or of a run that was not finished.
         UsageError: there is no such built-in shot.
     """
-    if source.startswith("builtin:") and "@" not in source:
+    split = split_scene(source)
+    if split is None:
         from .shots import builtin_reference
 
         size = (side, round(side * REFERENCE_ASPECT[1] / REFERENCE_ASPECT[0]))
         return builtin_reference(source.removeprefix("builtin:"), size, frames or REFERENCE_FRAMES)
-    scene_name, _, path_name = source.rpartition("@")
-    path = Path(path_name)
+    scene_name, path = split[0], Path(split[1])
     require_done(path.parent)
     trajectory = Trajectory.load(path)
     scene = load_scene(scene_name)
@@ -58,16 +56,11 @@ def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajector
 
 
 def remember(digest: str, source: str) -> None:
-    """Note where a scene of this content was found, so that a run folder need not name a path.
-
-    Where the cache cannot be written that is told and no more: it only spares a later ``render`` an option.
-    """
+    """Note where a scene of this content was found, so that a run folder need not name a path."""
     where = source if source.startswith("builtin:") else str(Path(source).resolve())
     note = cache_dir() / "scenes" / f"{digest}.json"
-    try:
+    with into_cache(note, f"a later render needs --scene {where}"):
         write_json(note, {"path": where})
-    except OSError as error:
-        _log.warning("%s: %s: a later render needs --scene %s", note, error.strerror or error, where)
 
 
 def recall(digest: str) -> str:

@@ -28,7 +28,13 @@ def smaller_near(renderer: Any, distance: float) -> str:
     above = f"{RENDERERS.section}.{name}." if name else ""
     if FADE not in _distances(renderer):
         return f"{above}{NEAR}={_short(distance)}"
-    return f"{above}{NEAR}={_short(SHARE * distance)} {above}{FADE}={_short((1 - SHARE) * distance)}"
+    near, fade = near_plane(distance)
+    return f"{above}{NEAR}={_short(near)} {above}{FADE}={_short(fade)}"
+
+
+def near_plane(distance: float) -> tuple[float, float]:
+    """Near plane and fade behind it by which all is drawn whole from ``distance`` on, all in scene units."""
+    return SHARE * distance, (1 - SHARE) * distance
 
 
 def _distances(renderer: Any) -> dict[str, float]:

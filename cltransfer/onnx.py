@@ -6,8 +6,8 @@ import functools
 import hashlib
 import os
 import shlex
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,9 +66,45 @@ def find_model(name: str) -> Path:
 
 
 def reading(extractor: Any) -> dict[str, Any]:
-    """What an extractor's answers depend on: its options, its network's content, and its code where it is a plugin."""
-    network = {"sha256": model_content(extractor.model)} if hasattr(extractor, "model") else {}
-    return {**asdict(extractor), **network, "code": code_of(extractor)}
+    """What an extractor's answers depend on: its options, what its files hold, and its code where it is a plugin."""
+    model, files = own_model(extractor), files_content(extractor)
+    network = {} if model is None else {"sha256": model_content(model)}
+    return {**asdict(extractor), **network, **({"files": files} if files else {}), "code": code_of(extractor)}
+
+
+def own_model(component: Any) -> str | None:
+    """The network that a component names in its option ``model``, None where it has no such option."""
+    named = {field.name for field in fields(component)}
+    return component.model if "model" in named and isinstance(component.model, str) else None
+
+
+def files_content(component: Any) -> dict[str, str]:
+    """SHA-256 of every file that a plugin's options name, by its name; a folder counts where it is named with a slash.
+
+    What comes with cltransfer names its one file as :func:`own_model`.
+    """
+    if type(component).__module__.partition(".")[0] == "cltransfer":
+        return {}
+    found = {}
+    options = [getattr(component, field.name) for field in fields(component)]
+    for name in sorted(set(_texts(options))):
+        for place in dict.fromkeys([Path(name), *model_places(name)]):
+            if os.path.isfile(place):  # no error of a text that can be no path
+                found[str(place)] = _content(place, place.stat().st_mtime_ns, place.stat().st_size)
+            elif Path(name).name != name and os.path.isdir(place):
+                found[str(place)] = content_hash(place)
+    return found
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Every text in an option, whatever holds it."""
+    if isinstance(value, str | Path):
+        yield str(value)
+    elif isinstance(value, Mapping):
+        yield from _texts(list(value.values()))
+    elif isinstance(value, Sequence):
+        for item in value:
+            yield from _texts(item)
 
 
 def model_content(name: str) -> str:

@@ -1,8 +1,7 @@
-"""Who is who along a clip: boxes of all persons joined into tracks by overlap, and the one that is followed."""
+"""The persons of a clip, and the one that is followed."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,9 +9,9 @@ import numpy as np
 
 from .errors import UsageError
 
-OVERLAP = 0.1  # least intersection over union of one person in neighbouring frames
-MAX_GAP = 8  # frames a person may be unseen and still be taken for the same
-ALIKE = 4.0  # factor by which the area of a person may change in one frame
+BRIEF = 2  # frames of a track, up to which nobody was followed
+FEW = 8  # of a list, shown
+MORE = "more frames=, or #t=START,END"  # of the clip
 CROSSING = 0.3  # overlap with another person from which it is not certain who is who
 
 
@@ -44,11 +43,16 @@ class Persons:
             NaN where it is not seen.
         jumps: frames in which the person's box does not overlap the one before, by person.
         lost: frames in which one of two who touch is not seen any more, by person: the other may be the one who is.
+        back: frames in which a person who was alone is seen again after long, by person.
+        gathered: whether the largest person is only the largest of each frame, because nobody so large could be
+            followed.
     """
 
     boxes: np.ndarray  # (P, N, 5)
     jumps: tuple[tuple[int, ...], ...]
     lost: tuple[tuple[int, ...], ...]
+    back: tuple[tuple[int, ...], ...]
+    gathered: bool = False
 
     def follow(self, who: Who) -> tuple[np.ndarray, tuple[str, ...]]:
         """Boxes (N, 5) of one person, and what a reader should know.
@@ -67,14 +71,23 @@ class Persons:
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
         if count > 1:
-            others = ", ".join(f"{i} in {n} frames" for i, n in enumerate(seen.sum(1).tolist()) if i != chosen)
+            rest = [f"{i} in {n} frames" for i, n in enumerate(seen.sum(1).tolist()) if i != chosen]
+            others = ", ".join(rest[:FEW]) + f" and {len(rest) - FEW} more" * (len(rest) > FEW)
             flags.append(f"person {chosen} is followed, seen in {seen[chosen].sum()} frames; also seen: {others}")
+        if self.gathered and chosen == 0:
+            flags.append(f"the largest person could not be followed: the largest of each frame is taken ({MORE})")
+        elif unclear := self._unclear(chosen):
+            flags.append(f"somebody as large whom nothing follows is in frames {_listed(unclear)} ({MORE})")
         crossed = [i for other in range(count) if other != chosen for i in self._crossings(chosen, other)]
         crossed += self.lost[chosen]
         if crossed:
             flags.append(f"persons overlap in frames {_listed(crossed)}: who is who is not certain")
         if self.jumps[chosen]:
             flags.append(f"the person jumps in frames {_listed(self.jumps[chosen])}: it may be another")
+        if self.back[chosen]:
+            flags.append(
+                f"after long the person is seen again in frames {_listed(self.back[chosen])}: it may be another"
+            )
         return self.boxes[chosen], tuple(flags)
 
     def at(self, spot: Spot) -> int:
@@ -93,52 +106,20 @@ class Persons:
             raise UsageError("", "#person", where, f"seen there: {known or 'nobody'}")
         return int(np.where(over, width * height, np.inf).argmin())
 
+    def _unclear(self, chosen: int) -> list[int]:
+        """Frames without ``chosen`` but with one about as large who is seen briefly only; none where they are few."""
+        seen = np.isfinite(self.boxes[..., 0])
+        area = self.boxes[..., 2] * self.boxes[..., 3]
+        brief = area[seen.sum(1) <= BRIEF] > np.nanmedian(area[chosen]) / 2  # NaN is not
+        frames = np.flatnonzero(brief.any(0) & ~seen[chosen]).tolist()
+        return frames if len(frames) > max(BRIEF, len(seen[0]) / 10) else []
+
     def _crossings(self, first: int, second: int) -> list[int]:
         both = np.isfinite(self.boxes[[first, second], :, 0]).all(0)
         over = [
             overlap(self.boxes[first, i : i + 1], self.boxes[second, i : i + 1])[0, 0] for i in np.flatnonzero(both)
         ]
         return np.flatnonzero(both)[np.array(over) > CROSSING].tolist() if over else []
-
-
-def join(found: Sequence[np.ndarray]) -> Persons:
-    """Persons of the boxes (P_i, 5) that were found in each of N frames.
-
-    A box belongs to the track it overlaps most, seen at most ``MAX_GAP`` frames ago. A person who is alone in two
-    neighbouring frames is the same even without overlap, which is noted as a jump.
-    """
-    tracks: list[dict[int, np.ndarray]] = []
-    jumps: list[list[int]] = []
-    lost: list[list[int]] = []
-    for i, boxes in enumerate(found):
-        recent = [t for t, track in enumerate(tracks) if i - max(track) <= MAX_GAP]
-        pairs = _paired(np.array([tracks[t][max(tracks[t])] for t in recent]).reshape(-1, 5), boxes)
-        jumped = False
-        if not pairs and len(boxes) == 1 and i > 0 and len(found[i - 1]) == 1:
-            before = next(t for t in recent if i - 1 in tracks[t])
-            ratio = boxes[0, 2:4].prod() / found[i - 1][0, 2:4].prod()
-            if 1 / ALIKE < ratio < ALIKE:
-                pairs, jumped = {0: recent.index(before)}, True
-        gone = [t for k, t in enumerate(recent) if k not in pairs.values() and i - 1 in tracks[t]]
-        for t, b in itertools.product(gone, pairs):
-            if overlap(tracks[t][i - 1][None], boxes[b][None]).item() > 0:
-                lost[t].append(i)
-                lost[recent[pairs[b]]].append(i)
-        for b, box in enumerate(boxes):
-            if b not in pairs:
-                tracks.append({})
-                jumps.append([])
-                lost.append([])
-            track = recent[pairs[b]] if b in pairs else len(tracks) - 1
-            tracks[track][i] = box
-            if jumped:
-                jumps[track].append(i)
-    size = [sum(box[2] * box[3] * box[4] for box in track.values()) for track in tracks]
-    order = sorted(range(len(tracks)), key=lambda t: -size[t])
-    joined = np.full((len(tracks), len(found), 5), np.nan)
-    for row, t in enumerate(order):
-        joined[row, list(tracks[t])] = list(tracks[t].values())
-    return Persons(joined, tuple(tuple(jumps[t]) for t in order), tuple(tuple(lost[t]) for t in order))
 
 
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -150,17 +131,6 @@ def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return shared / np.maximum(a[..., 2:4].prod(-1) + b[..., 2:4].prod(-1) - shared, 1e-9)
 
 
-def _paired(tracks: np.ndarray, boxes: np.ndarray) -> dict[int, int]:
-    """Track of each box that has one, so that the overlaps add up to the most."""
-    from scipy.optimize import linear_sum_assignment
-
-    if len(tracks) == 0 or len(boxes) == 0:
-        return {}
-    shared = overlap(tracks, boxes)
-    rows, columns = linear_sum_assignment(-shared)
-    return {int(b): int(t) for t, b in zip(rows, columns) if shared[t, b] >= OVERLAP}
-
-
 def _listed(frames: Sequence[int]) -> str:
     """Frame numbers, the first few.
 
@@ -168,4 +138,4 @@ def _listed(frames: Sequence[int]) -> str:
     '1, 3, 4'
     """
     known = sorted(set(frames))
-    return ", ".join(map(str, known[:8])) + (f" and {len(known) - 8} more" if len(known) > 8 else "")
+    return ", ".join(map(str, known[:FEW])) + f" and {len(known) - FEW} more" * (len(known) > FEW)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from .errors import ModelError, UsageError, named
 from .features import Features
+from .onnx import Network
 
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})
@@ -99,12 +100,13 @@ class Plan:
         """Load every network now, so that a missing one is told before any frame is read or rendered.
 
         Raises:
-            ModelError: a network is missing or refused.
+            ModelError: a network is missing or refused, or a plugin's raises something of its own.
         """
         for step in self.steps:
-            network = getattr(step.extractor, "network", None)
-            if network is not None:
-                _ = network.session
+            with step.named:
+                network = getattr(step.extractor, "network", None)
+                if isinstance(network, Network):  # anybody else's is loaded by now
+                    _ = network.session
 
     @property
     def reads_whole_clip(self) -> bool:

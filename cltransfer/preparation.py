@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import time
 from dataclasses import asdict, dataclass, replace
@@ -25,15 +26,16 @@ from .driver.starts import Starting, Starts
 from .errors import UsageError
 from .features import Features
 from .objective import Objective
-from .onnx import model_content
+from .onnx import files_content, model_content, own_model
 from .plan import Family
 from .progress import Progress
 from .readback import check_result
-from .reference import Reading, Reference, is_scene, read_reference
+from .reference import Reading, Reference, read_reference
 from .registry import code_of
 from .run_files import DONE
 from .scenes import Scene
 from .scenes.floaters import without_floaters
+from .scenes.foreign import check_geometry
 from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
 from .threads import default_count, set_threads, thread_count
@@ -45,14 +47,14 @@ class Inputs:
     """What a transfer is given beside its config.
 
     Args:
-        scene: a scene file or ``builtin:NAME``.
+        scene: a scene file, ``builtin:NAME``, or from Python a scene, whose digest stands for it in caches and journal.
         reference: see :func:`cltransfer.reference.read_reference`.
         init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
         subject: a subject.json; None lifts the scene, or takes the lift from the cache.
-        up: the scene's up; None takes the format's usual one.
+        up: the scene's up; None takes the format's usual one, or the scene's own.
     """
 
-    scene: str
+    scene: str | Scene
     reference: str
     init: str = "auto"
     subject: Path | None = None
@@ -143,7 +145,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     clock.lap("scene")
     lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors)
     alignment = None
-    if needs_scene(parts) and (family == "image" or not is_scene(inputs.reference)):
+    if needs_scene(parts, inputs.reference, family):
         scene = lift(scene)  # what the reference's depth means is read off it
         parts, alignment = align_parts(parts, scene)
         clock.lap("depth alignment")
@@ -189,8 +191,9 @@ def _header(
     inputs: Inputs, config: RunConfig, parts: Components, search: Any, scene: Scene, reference: Reference
 ) -> dict[str, Any]:
     """What the answers of a run depend on."""
-    networks = {name: model_content(e.model) for name, e in parts.extractors.items() if hasattr(e, "model")}
+    networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
     named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
+    named["the scene"] = scene.geometry
     code = {name: code_of(part) for name, part in named.items()}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
@@ -199,7 +202,8 @@ def _header(
         "reference": reference.digest,
         "part of the reference": Path(inputs.reference).name.partition("#")[2],
         "init": inputs.init,
-        **{f"network of {name}": content for name, content in networks.items()},
+        **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
+        **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
         **{f"code of {name}": content for name, content in code.items() if content},
         "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
         "threads": thread_count(),
@@ -217,6 +221,27 @@ def noise_floor(objective: Objective, read: Features, wanted: Features) -> float
 
 
 def given_scene(inputs: Inputs) -> Scene:
-    """The scene, with its person where that is given or known."""
-    scene = load_scene(inputs.scene, inputs.up)
+    """The scene, with its person where that is given or known.
+
+    Raises:
+        UsageError: ``up`` is told of a scene that has its own, or a scene has no name or no digest.
+        InputError: a file is missing or damaged.
+        ModelError: what a plugin has made of it is no geometry.
+    """
+    scene = (
+        _checked(inputs.scene, inputs.up) if isinstance(inputs.scene, Scene) else load_scene(inputs.scene, inputs.up)
+    )
     return scene if inputs.subject is None else load_person(scene, inputs.subject)
+
+
+def _checked(scene: Scene, up: tuple[float, float, float] | None) -> Scene:
+    """A scene that somebody's code has made: as :func:`load_scene` would have left it."""
+    if up is not None:
+        raise UsageError(scene.name, "up", "a scene has its own", "leave it out")
+    if not scene.name:
+        raise UsageError("", "scene", "expected a name, got none", 'replace(scene, name="stage")')
+    if not re.fullmatch("[0-9a-f]{64}", scene.digest):
+        hint = "caches and journals know it again by that: hashlib.sha256(what it is made from).hexdigest()"
+        raise UsageError(scene.name, "digest", f"expected a SHA-256 in hex, got {scene.digest!r}", hint)
+    check_geometry(scene.name, "scene", scene.geometry)
+    return scene

@@ -14,8 +14,9 @@ from .camera import Camera
 from .errors import UsageError
 from .features import Features
 from .graph import CHUNK, run_clip
+from .join_persons import join
 from .memory import require_free
-from .persons import Who, join
+from .persons import Who
 from .plan import Plan
 from .progress import Progress, silent
 from .scenes.find_people import Found, boxes_of
@@ -39,14 +40,20 @@ def check_maps(*images: Tensor) -> None:
     require_free(need, "", f"the maps of frames, {what},", HINT)
 
 
-def clip_features(image: Tensor, plan: Plan, progress: Progress = silent) -> Features:
+def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times: Tensor | None = None) -> Features:
     """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's.
+
+    Args:
+        image: the frames.
+        plan: of image extractors.
+        progress: called with a step, frames done, frames in all.
+        times: of the frames, (N,) [s], by which the person is followed; None takes 24 a second.
 
     Raises:
         ValueError: ``image`` is anything else.
     """
     _check_frames(image)
-    return read_frames(image, plan, None, progress)[0]
+    return read_frames(image, plan, None, progress, times)[0]
 
 
 def _check_frames(image: object) -> None:
@@ -75,7 +82,9 @@ def render_features(image: Tensor, cameras: Camera, subject: Subject | None, pla
     return _read(image, plan, lambda boxes: (boxes_of(person, body, cameras, boxes).numpy(), ()), silent)[0]
 
 
-def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent) -> tuple[Features, tuple[str, ...]]:
+def read_frames(
+    image: Tensor, plan: Plan, who: Who, progress: Progress = silent, times: Tensor | None = None
+) -> tuple[Features, tuple[str, ...]]:
     """Features of frames (N, 3, H, W) uint8, and what a reader should know.
 
     Where the plan's detector sees all persons, they are joined along the clip and one is followed.
@@ -85,6 +94,7 @@ def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent
         plan: of image extractors.
         who: whom to follow; None is the largest.
         progress: called with a step, frames done, frames in all.
+        times: of the frames, (N,) [s], increasing; None takes 24 a second.
 
     Raises:
         UsageError: there is no such person.
@@ -92,7 +102,8 @@ def read_frames(image: Tensor, plan: Plan, who: Who, progress: Progress = silent
     """
     if _detector(plan) is None and who not in (None, 0):
         raise UsageError("", "#person", "no extractor tells persons apart", "add extractors.detect_yolox={}")
-    return _read(image, plan, lambda boxes: join(boxes).follow(who), progress)
+    shown = None if times is None else times.double().cpu().numpy()
+    return _read(image, plan, lambda boxes: join(boxes, shown).follow(who), progress)
 
 
 def _detector(plan: Plan) -> Any:

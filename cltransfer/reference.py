@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -17,13 +17,19 @@ from .components import SCENE_SOURCE, Components
 from .errors import InputError
 from .feature_file import LIMIT, FeatureFile
 from .features import Features
-from .files import cache_dir, content_hash
+from .files import cache_dir, content_hash, into_cache
 from .graph import run_clip
+from .join_persons import RULES
 from .onnx import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import read_frames
+from .registry import code_of
 from .run_files import kept_frames
+from .scene_source import split_scene
+
+if TYPE_CHECKING:
+    from .clip import Clip
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
     Args:
         source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it and ``#fps=N`` for how
             fast its images play (:class:`cltransfer.clip_source.ClipSource`), a feature file (.safetensors),
-            ``builtin:SHOT``, or ``SCENE@TRAJECTORY``.
+            ``builtin:SHOT``, or ``SCENE@TRAJECTORY.json`` (:func:`cltransfer.scene_source.split_scene`).
         parts: the config's components.
         reading: frames, size, extractors.
         progress: called with a step, frames done, frames in all.
@@ -96,7 +102,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
 
 def is_scene(source: str) -> bool:
     """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
-    return source.startswith("builtin:") or ("@" in source and source.endswith(".json"))
+    return source.startswith("builtin:") or split_scene(source) is not None
 
 
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
@@ -108,21 +114,27 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
     digest = content_hash(where.path)
-    asked = [frames, str(where.span), where.fps, where.person]
+    asked = [frames, str(where.span), where.fps, where.person, RULES]
     key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
     cached = cache_dir() / "features" / f"{key}.safetensors"
     if cached.is_file():
         stored = FeatureFile.load(cached)
-        features, read = stored.features, tuple(stored.origin.splitlines()[1:])
+        features, read = _with_pixels(stored.features, clip, plan), tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
-        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress)
+        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress, clip.times)
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
-        if file.size <= LIMIT:  # a larger one is read anew by every run
-            file.save(cached)
+        if file.size <= LIMIT and file.lasts:  # others are read anew by every run
+            with into_cache(cached, "the next run reads the clip anew"):
+                file.save(cached)
     flags = (*flags, *read)
     name = asked_for.path.stem
     return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
+
+
+def _with_pixels(features: Features, clip: Clip, plan: Plan) -> Features:
+    """What the cache keeps of a ``clip``, and its pixels where the plan wants them: they are in the clip itself."""
+    return replace(features, image=clip.features().image) if "image" in plan.wanted else features
 
 
 def _pixels(image: Tensor) -> str:
@@ -168,7 +180,7 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         return replace(rendered, image=images[-1].float() / 255)
 
     features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
-    told = [scene.digest, scene.person_digest, path.to_json()]
+    told = [scene.digest, scene.person_digest, path.to_json(), *filter(None, [code_of(scene.geometry)])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
     name = source.removeprefix("builtin:").replace("@", "-")

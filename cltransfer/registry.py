@@ -22,7 +22,8 @@ from .typed import nearest, typed
 
 T = TypeVar("T")
 NAME = re.compile("[a-z][a-z0-9_]*")
-COLUMNS = "total|frames?|time|flags|method|clip|reason|row|trials|failed|jerk|.*_defined"  # beside those of losses
+# columns and metrics beside those of losses
+COLUMNS = "total|frames?|time|flags|method|clip|reason|row|trials|failed|jerk|.*_defined|.*_coverage"
 
 
 class Registry(Generic[T]):
@@ -45,7 +46,7 @@ class Registry(Generic[T]):
         self._classes: dict[str, type[T]] = {}
 
     def register(self, name: str) -> Callable[[type[T]], type[T]]:
-        """Decorate a frozen dataclass to make it component ``name``.
+        """Decorate a frozen dataclass to make it component ``name``; one that is defined again replaces itself.
 
         Raises:
             ModelError: the name is taken or cannot be written in a config, or the class is no frozen dataclass or lacks
@@ -65,7 +66,10 @@ class Registry(Generic[T]):
             foreign = not cls.__module__.startswith("cltransfer.")
             if foreign and name in self._built_in():
                 raise ModelError("", f"{self.kind} {name!r}", "the name is taken; choose another")
-            if (other := self._classes.setdefault(name, cls)) is not cls:
+            other = self._classes.get(name, cls)
+            if (_place(other), other.__qualname__) == (_place(cls), cls.__qualname__):
+                self._classes[name] = cls  # defined again, as a cell of a notebook is that runs twice
+            else:
                 reason = f"the name is taken by {_file_of(other)}; choose another"
                 raise ModelError(_file_of(cls), f"{self.kind} {name!r}", reason)
             return cls
@@ -80,14 +84,17 @@ class Registry(Generic[T]):
         """Names that a plugin has registered: an installed one by its name, a file or a folder by its whole path."""
         place, found = Path(plugin).resolve(), []
         for name, cls in self._classes.items():
-            file = Path(_file_of(cls)).resolve()
-            if not cls.__module__.startswith("cltransfer.") and (name == plugin or file.is_relative_to(place)):
+            if not cls.__module__.startswith("cltransfer.") and (name == plugin or _place(cls).is_relative_to(place)):
                 found.append(name)
         return found
 
     def names(self) -> list[str]:
         """Every known name, built-in or registered, sorted."""
         return sorted(self._built_in() | self._classes.keys())
+
+    def registered(self) -> dict[str, type[T]]:
+        """Classes by name whose modules are imported, those of all allowed plugins among them."""
+        return dict(self._classes)
 
     def get(self, name: str) -> type[T]:
         """The class called ``name``.
@@ -102,8 +109,8 @@ class Registry(Generic[T]):
         return self._classes[name]
 
     def name_of(self, component: object) -> str:
-        """The name of the class of ``component``; empty where that is not registered."""
-        return next((name for name, cls in self._classes.items() if cls is type(component)), "")
+        """The name of ``component``, or of its class; empty where neither is registered."""
+        return next((name for name, cls in self._classes.items() if cls in (component, type(component))), "")
 
     def holds(self, module: str) -> bool:
         """Whether a class is registered that is of ``module``, or of one in it."""
@@ -151,9 +158,9 @@ class Registry(Generic[T]):
 def code_of(component: object) -> str:
     """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
 
-    Empty for what comes with cltransfer. Hidden files and folders are none of it.
+    ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
     """
-    module = type(component).__module__
+    module = (component if isinstance(component, type) else type(component)).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
     if module.partition(".")[0] == "cltransfer" or file is None:
         return ""
@@ -179,6 +186,10 @@ def _package(file: Path) -> Path | None:
 
 def _file_of(cls: type[Any]) -> str:
     return getattr(sys.modules.get(cls.__module__), "__file__", None) or cls.__module__
+
+
+def _place(cls: type[Any]) -> Path:
+    return Path(_file_of(cls)).resolve()
 
 
 def _key(*parts: str) -> str:

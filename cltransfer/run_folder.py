@@ -68,7 +68,8 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     write_metrics(folder, report)
     write_report(folder, report)
     write_text(folder / DONE, "")
-    remember(result.scene.digest, inputs.scene)
+    if isinstance(inputs.scene, str):
+        remember(result.scene.digest, inputs.scene)
     return report
 
 
@@ -111,7 +112,9 @@ def report_data(folder: Path, result: Result, inputs: Inputs, plugins: Sequence[
 
 
 def command_again(folder: Path, inputs: Inputs, plugins: Sequence[str]) -> str:
-    """The shell line that makes the run in ``folder`` again, with the plugins it was allowed."""
+    """The shell line that makes the run in ``folder`` again, with the plugins it was allowed; empty where none can."""
+    if not isinstance(inputs.scene, str):  # a value that Python has made
+        return ""
     command = ["cltransfer", "transfer", inputs.scene, inputs.reference, "--init", inputs.init]
     if inputs.subject is not None:
         command += ["--subject", str(inputs.subject)]

@@ -96,8 +96,12 @@ def tabulate(
             reason = "" if rendered is None else _lacking(loss, rendered, {}, "the render")
             reason = reason or "undefined on every frame of the render"
         terms.append(Term(name, loss.unit, loss.weight, values[:, i], reason))
-    totals = objective.totals(values, defined).masked_fill(~defined.any(1), torch.nan)
-    return Scores(tuple(terms), totals)
+    return Scores(tuple(terms), frame_totals(objective, values, defined))
+
+
+def frame_totals(objective: Objective, values: Tensor, defined: Tensor) -> Tensor:
+    """Totals (N,) of raw terms (N, L); NaN where the reference has none of them ``defined``, (N, L) or (1, L) bool."""
+    return objective.totals(values, defined).masked_fill(~defined.any(1), torch.nan)
 
 
 def _lacking(loss: object, side: Features, missing: Mapping[str, str], whose: str) -> str:

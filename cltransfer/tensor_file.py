@@ -1,11 +1,15 @@
-"""What every safetensors file is looked at for before anything in it is believed."""
+"""Safetensors: written whole or not at all, and what each is looked at for before anything in it is believed."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
+from torch import Tensor
+
 from .errors import InputError
+from .files import atomic
 
 HEADER_LIMIT = 2**20  # bytes
 
@@ -25,3 +29,19 @@ def check_tensor_file(path: Path, limit: int, kind: str) -> None:
         start = stream.read(8)
     if len(start) < 8 or struct.unpack("<Q", start)[0] > min(HEADER_LIMIT, size):
         raise InputError(path, "header", f"not a {kind}")
+
+
+def save_tensors(path: Path, tensors: Mapping[str, Tensor], meta: Mapping[str, str] | None = None) -> None:
+    """Write ``tensors``, whole or not at all.
+
+    Raises:
+        OSError: it cannot be, which safetensors tells by an error of its own.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import save_file
+
+    with atomic(path) as temporary:
+        try:
+            save_file(dict(tensors), temporary, metadata=None if meta is None else dict(meta))
+        except SafetensorError as error:
+            raise OSError(0, str(error), str(path)) from None

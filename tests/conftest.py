@@ -18,7 +18,7 @@ from torch import Tensor
 from cltransfer import threads
 from cltransfer.cli import main
 from cltransfer.features import Features
-from cltransfer.registry import LOSSES
+from cltransfer.registry import LOSSES, RENDERERS
 
 STANDARD = "import asyncio, http.client, unittest.mock, xml.dom.minidom, email.mime.text, multiprocessing.pool"
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -132,6 +132,15 @@ class Mine:
     requires, unit, penalty = ("keypoints",), "frame", 1.0
     __call__ = print
 """
+
+
+@pytest.fixture
+def forgotten_renderers() -> Iterator[None]:
+    """Renderers of plugins that a test registers are forgotten after it."""
+    yield
+    for name, cls in RENDERERS.registered().items():
+        if not cls.__module__.startswith("cltransfer."):
+            del RENDERERS._classes[name]
 
 
 @pytest.fixture

@@ -40,6 +40,18 @@ def test_center_is_where_the_camera_stands() -> None:
     torch.testing.assert_close(camera.c2w[0, :3, 3], camera.center[0])
 
 
+def test_gradients_reach_where_a_camera_looks_from_at_what_and_how_wide() -> None:
+    eye = torch.tensor([[3.0, 1, -4], [2, 0, 5]], dtype=torch.float64, requires_grad=True)
+    target = torch.tensor([[0.0, 0.5, 0], [0.1, 0, 0]], dtype=torch.float64, requires_grad=True)
+    fov = torch.tensor([0.7, 0.9], dtype=torch.float64, requires_grad=True)
+    up, points = torch.tensor([0.0, 0, 1]), torch.tensor([[0.3, 0.2, 0.1], [-0.2, 0.4, 0]])
+
+    def seen(eye: torch.Tensor, target: torch.Tensor, fov: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        return Camera.look_at(eye, target, up, fov, SIZE).project(points)
+
+    assert torch.autograd.gradcheck(seen, (eye, target, fov))
+
+
 def test_a_resized_camera_sees_a_point_at_the_same_place_of_the_frame() -> None:
     camera = looking([3, 1, -4], [0, 0.5, 0], [0, 0, 1])
     point = torch.tensor([[0.3, 0.2, 0.1]])
@@ -87,3 +99,13 @@ def test_a_wide_and_a_high_view_in_one_frame_see_what_they_saw_as_large() -> Non
         torch.testing.assert_close(pixels[index] - 50, (alone[0] - middle) / 2)
         seen = ((alone[0] >= 0) & (alone[0] <= 2 * middle)).all(1)
         assert bool(((pixels[index] >= 0) & (pixels[index] <= 100)).all(1)[seen].all())
+
+
+def test_views_in_one_frame_see_as_much_on_either_side_more_and_all_else_where_it_was() -> None:
+    points = torch.tensor([[-0.7, 0.2, 0.0], [0.4, -0.6, 0.3]])
+    camera = looking([0, 0, -2], [0, 0, 0], [0, -1, 0])
+    K = camera.K * torch.tensor([[1.3], [1.0], [1.0]]) + torch.tensor([[0, 0, -50.0], [0, 0, 20.0], [0, 0, 0]])
+    off = Camera(camera.w2c, K, SIZE)
+    both = in_one_frame([off, looking([0, 0, -2], [0, 0, 0], [0, -1, 0])], [(100, 50), (100, 80)])
+    pixels, _ = both.project(points)
+    torch.testing.assert_close(pixels[0], off.project(points)[0][0] / 2 + pixels.new_tensor([0.0, 15.0]))

@@ -250,6 +250,24 @@ def test_pixels_that_are_not_square_are_made_square(tmp_path):
     assert clip.source_size == clip.size == (128, 48)
 
 
+@pytest.mark.parametrize("name", ["0.jpg", "0.png"])
+def test_a_resolution_of_print_is_no_shape_of_pixels(tmp_path, name):
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / name, dpi=(300, 72))
+    assert read_clip(tmp_path).source_size == (64, 48)
+
+
+@pytest.mark.parametrize(("name", "codec", "pix_fmt"), [("0.jpg", "mjpeg", "yuvj420p"), ("0.png", "png", "rgb24")])
+def test_images_of_a_video_whose_pixels_are_not_square_are_made_square(tmp_path, name, codec, pix_fmt):
+    with av.open(str(tmp_path / name), "w", format="image2", options={"update": "1"}) as container:
+        stream = container.add_stream(codec, rate=24)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, pix_fmt
+        stream.codec_context.sample_aspect_ratio = 2
+        frame = av.VideoFrame.from_ndarray(smooth(1)[0].permute(1, 2, 0).contiguous().numpy(), format="rgb24")
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert read_clip(tmp_path).source_size == (128, 48)
+
+
 @pytest.mark.parametrize("pix_fmt", ["yuv420p", "yuv420p10le", "yuv444p", "gray"])
 def test_any_pixel_format_is_read(tmp_path, pix_fmt):
     image = smooth(size=(66, 50))
@@ -356,6 +374,38 @@ def test_playlists_with_the_name_of_a_video_open_nothing(tmp_path):
     refused(damaged(tmp_path / "concat.mp4", f"ffconcat version 1.0\nfile {real.name}\n".encode()), "video")
 
 
+@pytest.mark.parametrize("name", ["10:30.mp4", "take:2.mkv", "file:a.mp4", "concat:a.mp4", "%03d.mp4"])
+def test_a_name_is_never_taken_for_a_protocol(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    write_video(name, smooth(), torch.arange(5).double(), lossless=name.endswith("mkv"))
+    assert len(read_clip(name)) == len(read_clip(tmp_path / name)) == 5
+
+
+@pytest.mark.parametrize("name", ["shots:1", "file:", "img%d"])
+def test_a_folder_is_never_taken_for_a_protocol(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path(name).mkdir()
+    for i in range(2):
+        cv2.imwrite(str(tmp_path / name / f"{i}.png"), smooth(1)[0].permute(1, 2, 0).numpy())
+    assert len(read_clip(name)) == 2
+
+
+def test_other_protocols_stay_closed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_video("a.mp4", smooth(), torch.arange(5).double())
+    for name in (
+        f"file:{tmp_path}/a.mp4",
+        "http://127.0.0.1:9/a.mp4",
+        "concat:a.mp4",
+        "subfile,,start,0,end,9,,:a.mp4",
+    ):
+        with pytest.raises(InputError, match="no such file"):
+            read_clip(name)
+    (tmp_path / "b.mp4").write_text("ffconcat version 1.0\nfile 'a.mp4'\n")
+    with pytest.raises(InputError, match="cannot be decoded"):
+        read_clip("b.mp4")
+
+
 def test_more_frames_than_memory_allows_are_refused(tmp_path):
     path = tmp_path / "a.mkv"
     write_video(path, torch.zeros(2001, 3, 2, 2, dtype=torch.uint8), torch.arange(2001).double() / 24, lossless=True)
@@ -447,6 +497,21 @@ def test_pair_by_time_finds_the_nearest_frame():
     assert index[::2].tolist() == [0, 1, 2, 3, 4]
     with pytest.raises(InputError, match="no moment"):
         pair_by_time(seconds(0, 1), seconds(2, 3))
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+@pytest.mark.parametrize("steps", [8, 1_000_000])  # in so many places a second: in few, many are as near on either side
+@pytest.mark.parametrize(("count", "other"), [(1, 5), (2, 1), (7, 30), (300, 200)])
+def test_pairs_are_those_of_the_distances_between_all(kind, steps, count, other):
+    g = torch.Generator().manual_seed(count)
+    times, shown = ((torch.randint(0, 9 * steps, (n,), generator=g).unique() / steps).to(kind) for n in (count, other))
+    shown[0], shown[-1] = min(shown[0], times[-1]), max(shown[-1], times[0])  # they share a moment
+    assert torch.equal(pair_by_time(times, shown), (times[None, :] - shown[:, None]).abs().argmin(1))
+
+
+def test_clips_of_hours_are_paired_without_the_distances_between_all():
+    times = torch.arange(200_000).double() / 24
+    assert torch.equal(pair_by_time(times, times + 0.01), torch.arange(200_000))
 
 
 @pytest.mark.needs("video/lp_s20.mp4", "video/intel_asl_walk.mkv", "video/sintel_alley")

@@ -227,3 +227,10 @@ def test_config_errors_need_no_torch() -> None:
 def test_ranges_are_checked_in_python_too() -> None:
     with pytest.raises(UsageError, match="frames"):
         RunConfig(frames=0)
+
+
+def test_how_a_plugin_is_let_in_is_told_on_the_command_line_and_in_python() -> None:
+    with pytest.raises(
+        UsageError, match=r"no such loss \(.*a plugin needs --allow-plugin, in Python cltransfer\.plugins\."
+    ):
+        load_config(overrides=["losses.headroom.weight=1"])

@@ -16,6 +16,7 @@ from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
 from cltransfer.files import JSON_LIMIT
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import write_splats
@@ -110,6 +111,56 @@ def test_no_view_is_cut_to_the_shape_of_another(tmp_path: Path, order: tuple[str
     assert left(*order) >= left("wide")
 
 
+@pytest.mark.parametrize("unit", [2.0**-7, 2.0**7])
+def test_what_is_pruned_does_not_depend_on_the_unit(tmp_path: Path, unit: float) -> None:
+    room, cameras = synthetic_room(5_000), room_cameras(2, (160, 90))
+    counts = []
+    for scale in (1.0, unit):
+        w2c = cameras.w2c.clone()
+        w2c[:, :3, 3] *= scale
+        write_splats(tmp_path / "room.ply", replace(room, means=room.means * scale, scales=room.scales * scale))
+        Trajectory(replace(cameras, w2c=w2c), torch.arange(2).double()).save(tmp_path / "view.json")
+        files = (str(tmp_path / "room.ply"), tmp_path / "few.ply", [str(tmp_path / "view.json")])
+        counts.append(simplify_file(*files, Simplification(k=0, prune=0.005))["after"])
+    assert counts[0] == pytest.approx(counts[1], abs=5)
+    assert counts[0] > 1_000
+
+
+@pytest.mark.parametrize("unit", [0.02, 1.0, 50.0])
+def test_what_hangs_before_the_lens_is_kept_and_hides_nothing(tmp_path: Path, unit: float) -> None:
+    eye = Camera(
+        torch.eye(4).double()[None], torch.tensor([[[80.0, 0, 80], [0, 80, 45], [0, 0, 1]]]).double(), (160, 90)
+    )
+    places = torch.rand(3_000, 3, generator=torch.Generator().manual_seed(0)) - 0.5
+    wall = replace(
+        synthetic_room(3_000), means=unit * (places * torch.tensor([9.0, 5, 0.2]) + torch.tensor([0, 0, 4.0]))
+    )
+    wall = replace(wall, scales=torch.full((3_000, 3), 0.05 * unit))
+    leaf = replace(subset(wall, torch.tensor([0])), means=torch.tensor([[0, 0, 0.05 * unit]]), opacity=torch.ones(1))
+    write_splats(tmp_path / "wall.ply", joined(leaf, wall))
+    write_splats(tmp_path / "bare.ply", wall)
+    Trajectory(eye, torch.tensor([0.0]).double()).save(tmp_path / "view.json")
+
+    def left(name: str) -> int:
+        files = (str(tmp_path / name), tmp_path / "few.ply", [str(tmp_path / "view.json")])
+        return int(simplify_file(*files, Simplification(k=0, prune=0.005))["after"])
+
+    assert left("wall.ply") == left("bare.ply") + 1 > 2_000
+
+
+def test_a_view_with_its_principal_point_aside_keeps_what_it_shows(room: tuple[str, str], tmp_path: Path) -> None:
+    cameras = room_cameras(1, (160, 90))
+    K = cameras.K.clone()
+    K[:, 0, 2] -= 80
+    off = replace(cameras, K=K)
+    Trajectory(off, torch.tensor([0.0], dtype=torch.float64)).save(tmp_path / "off.json")
+    options = Simplification(k=0, prune=0.005)
+    simplify_file(room[0], tmp_path / "few.ply", [str(tmp_path / "off.json")], options)
+    scenes = (load_scene(room[0]), load_scene(str(tmp_path / "few.ply")))
+    whole, few = (GaussianSplats().render(scene, off, frozenset({"alpha"})).require("alpha") for scene in scenes)
+    assert float((whole - few).max()) < 0.2
+
+
 def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="--view: expected at least one"):
         simplify_file(room[0], tmp_path / "few.ply", [], Simplification())
@@ -123,6 +174,13 @@ def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path
     trimesh.creation.box().export(tmp_path / "box.obj")
     with pytest.raises(UsageError, match="expected Gaussian splats, got Mesh"):
         simplify_file(str(tmp_path / "box.obj"), tmp_path / "few.ply", [room[1]], Simplification())
+
+
+@pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])
+def test_a_mesh_without_area_is_said(tmp_path: Path, representation: Any) -> None:
+    (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"line\.obj: faces: expected an area, got 1 faces without one"):
+        bake_to_folder(str(tmp_path / "line.obj"), tmp_path / "out", representation, None)
 
 
 @pytest.mark.parametrize(("name", "value"), [("k", -1.0), ("prune", 2.0), ("side", 0)])

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
 import torch
 
-from cltransfer.testing.samples import sample_features
+from cltransfer import LOSSES
+from cltransfer.features import Features
+from cltransfer.testing.samples import sample_cameras, sample_features
 
 
 def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> None:
@@ -30,6 +37,25 @@ def test_one_frame_is_a_batch_of_one_that_shares_memory() -> None:
         assert torch.equal(frame.require("heat")[0], features.extras["heat"][i])
     assert features[1].require("depth").data_ptr() == features.require("depth")[1].data_ptr()
     assert torch.equal(features[[2, 0]].require("heat"), features.extras["heat"][[2, 0]])
+
+
+@pytest.mark.parametrize("one", [1, -2, np.int64(1), np.int32(-2), torch.tensor(1), np.array(1), True])
+def test_an_integer_of_any_kind_is_a_batch_of_one(one: Any) -> None:
+    features = sample_features(0, 3)
+    frame = features[one]
+    assert frame is features[1 if int(one) == 1 else -2]
+    assert torch.equal(frame.require("depth"), features.require("depth")[1:2])
+    assert torch.equal(features.require("camera")[one].w2c, features.require("camera").w2c[1:2])
+
+
+@pytest.mark.parametrize("several", [(0, 2), [0, 2], range(0, 3, 2), np.array([0, 2]), torch.tensor([0, 2]),
+                                     (np.int64(0), torch.tensor(2)), [True, False, True]])  # fmt: skip
+def test_a_sequence_of_any_kind_is_taken_along_the_batch(several: Any) -> None:
+    features = sample_features(0, 3)
+    for part in (features[several], features.only({"depth", "camera"})[several]):
+        assert torch.equal(part.require("depth"), features.require("depth")[[0, 2]])
+        assert torch.equal(part.require("camera").K, features.require("camera").K[[0, 2]])
+    assert len(features[()]) == len(features.require("camera")[()]) == 0
 
 
 def test_what_is_asked_of_features_is_computed_once_and_not_for_others_made_of_them() -> None:
@@ -58,3 +84,77 @@ def test_of_what_asks_for_a_gradient_nothing_is_kept() -> None:
     for _ in range(2):
         features.once("sum", lambda: features.require("keypoints").nansum()).backward()
     assert joints.grad is not None
+
+
+def test_features_go_to_a_device_with_all_their_tensors() -> None:
+    features = sample_features(0, 2).having("heat", torch.ones(2, 3))
+    gone = features.to("meta")
+    tensors = features.names() - {"camera", "person"}
+    assert {gone.require(name).device.type for name in tensors} == {"meta"}
+    assert (gone.size, gone.person) == (features.size, features.person)
+    assert torch.equal(gone.require("camera").w2c, features.require("camera").w2c)
+    assert {features.require(name).device.type for name in tensors} == {"cpu"}
+
+
+def test_detached_features_are_the_same_without_gradients() -> None:
+    features = sample_features(0, 2)
+    camera, depth = features.require("camera"), features.require("depth").clone().requires_grad_()
+    camera = replace(camera, w2c=camera.w2c.clone().requires_grad_())
+    features = replace(features, camera=camera, depth=depth)
+    gone = features.detach()
+    assert not gone.require("depth").requires_grad
+    assert not gone.require("camera").w2c.requires_grad
+    assert features.require("depth").requires_grad
+
+
+MISSHAPEN: dict[str, tuple[dict[str, Any], str]] = {
+    "COCO": (
+        {"keypoints": torch.rand(4, 17, 3)},
+        "keypoints must be (B, 14, 3), got (4, 17, 3); cltransfer.skeleton.from_coco makes 14 of COCO's 17",
+    ),
+    "BlazePose": (
+        {"keypoints": torch.rand(4, 33, 3)},
+        "keypoints must be (B, 14, 3), got (4, 33, 3); cltransfer.skeleton.from_blazepose makes 14 of BlazePose's",
+    ),
+    "no batch": (
+        {"depth": torch.rand(9, 16)},
+        "depth must be (B, any, any), got (9, 16); add a batch dimension",
+    ),
+    "channels last": (
+        {"flow": torch.rand(4, 9, 16, 2)},
+        "flow must be (B, 2, any, any), got (4, 9, 16, 2); see the fields of Features",
+    ),
+    "numpy": (
+        {"orientation": np.zeros((4, 3))},
+        "orientation must be a tensor (B, 3), got ndarray; torch.as_tensor makes one",
+    ),
+    "lengths": (
+        {"keypoints": torch.rand(4, 14, 3), "flow": torch.rand(3, 2, 9, 16)},
+        "features must have one number of frames, got 4 in keypoints and 3 in flow",
+    ),
+    "cameras": (
+        {"keypoints": torch.rand(4, 14, 3), "camera": sample_cameras(0, 2)},
+        "features must have one number of frames, got 4 in keypoints and 2 in camera",
+    ),
+    "a plugin's own": (
+        {"extras": {"gaze": torch.rand(4, 2), "heat": torch.rand(5)}},
+        "features must have one number of frames, got 4 in gaze and 5 in heat",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MISSHAPEN)
+def test_a_field_of_another_shape_is_refused_with_what_to_do(case: str) -> None:
+    fields, line = MISSHAPEN[case]
+    with pytest.raises((ValueError, TypeError)) as caught:
+        Features((64, 36), **fields)
+    assert str(caught.value) == line
+
+
+@pytest.mark.parametrize("name", sorted(LOSSES._built_in()))
+def test_a_loss_says_what_it_expected_of_what_it_cannot_compare(name: str) -> None:
+    loss, features = LOSSES.build(name), sample_features(0, 4)
+    with pytest.raises(TypeError, match=r"^expected Features of the reference .*, got Features and Tensor; see clip_"):
+        loss(features, features.require("keypoints"))
+    with pytest.raises(ValueError, match=r"the reference has 2 and the render 4$"):
+        loss(features[:2], features)

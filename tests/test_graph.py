@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import pytest
 import torch
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.features import Features
+from cltransfer.features import SHAPES, Features
 from cltransfer.graph import Load, run, run_clip
 from cltransfer.plan import make_plan
+
+
+def shaped(name: str, values: torch.Tensor) -> torch.Tensor:
+    """Feature ``name`` of which every element is the one of ``values`` (N,) of its frame."""
+    shape = [want or 1 for want in SHAPES.get(name, (1,))]
+    return values.reshape(-1, *[1] * len(shape)).expand(-1, *shape)
 
 
 @dataclass(frozen=True)
@@ -31,7 +38,7 @@ class Making:
             assert before is not None
             base = base - before.require("image").flatten(1).mean(1)
         seen = sum(now.has(name) for name in self.uses)
-        made = dict.fromkeys(self.provides, base[:, None] + 100 * seen)
+        made = {n: shaped(n, base + 100 * seen) for n in self.provides}
         own = {n: v for n, v in made.items() if n in Features.__dataclass_fields__}
         return replace(now, **own, extras={**now.extras, **{n: v for n, v in made.items() if n not in own}})
 
@@ -80,6 +87,25 @@ def test_two_providers_are_ambiguous_even_where_one_runs_for_another_feature() -
     assert [s.name for s in plan({"box"}, both).steps] == ["pose"]
 
 
+class OfTorch(Making):
+    """A plugin's extractor with a network of torch."""
+
+    @cached_property
+    def network(self) -> torch.nn.Module:
+        if not self.uses:
+            raise FileNotFoundError("w.pt")
+        return torch.nn.Sequential(torch.nn.Flatten())
+
+
+def test_the_network_of_a_plugin_is_whatever_it_is_and_loaded_before_any_frame_is_read() -> None:
+    loaded = OfTorch(("gaze",), uses=("depth",))
+    plan({"gaze"}, {"net": loaded}).load_networks()
+    assert "network" in vars(loaded)
+    line = "extractor net: expected gaze, it raised FileNotFoundError: w.pt "
+    with pytest.raises(ModelError, match=f"^{line}"):
+        plan({"gaze"}, {"net": OfTorch(("gaze",))}).load_networks()
+
+
 def test_a_circle_is_named() -> None:
     with pytest.raises(UsageError, match="circle: box -> gaze -> box"):
         plan({"box"}, {"a": Making(("box",), ("gaze",)), "b": Making(("gaze",), ("box",))})
@@ -91,7 +117,7 @@ def test_an_optional_input_is_hidden_unless_both_sides_have_it(shared: frozenset
     both = {"a": Making(("box",), uses=("depth",), family="both"), "f": Making(("gaze",), ("depth",), "scene")}
     made = plan({"box", "gaze"}, both, source, family="scene", shared=shared)
     got = run(made, Features((2, 2), image=torch.zeros(1, 3, 2, 2), depth=torch.ones(1, 2, 2)), None)
-    assert float(got.require("box")) == seen
+    assert float(got.require("box")[0, 0]) == seen
     assert got.has("depth")  # hidden from one step, not lost
 
 
@@ -180,7 +206,7 @@ class Whole:
             return replace(found, reasons=dict.fromkeys(self.provides, self.reason))
         mean = torch.stack([load(i, i + 1).image.mean() for i in range(len(found))]).mean()
         boxes = found.require("box")
-        return replace(found, depth=boxes + mean, extras={**found.extras, "trust": boxes})
+        return replace(found, depth=boxes[:, :1, None] + mean, extras={**found.extras, "trust": boxes})
 
 
 def along_clip(whole: Whole, wanted: set[str]) -> Features:
@@ -196,9 +222,9 @@ def along_clip(whole: Whole, wanted: set[str]) -> Features:
 def test_a_step_that_reads_the_whole_clip_has_what_came_before_and_gives_to_what_comes_after() -> None:
     got = along_clip(Whole(), {"layers", "flow", "depth"})
     assert got.names() == {"layers", "flow", "depth", "trust"}  # what it made is kept, it was dear
-    torch.testing.assert_close(got.require("depth")[:, 0], torch.arange(20.0) + 9.5)
+    torch.testing.assert_close(got.require("depth")[:, 0, 0], torch.arange(20.0) + 9.5)
     assert bool((got.require("layers")[:, 0] >= 100).all())  # they saw the depth
-    torch.testing.assert_close(got.require("flow")[1:, 0], torch.ones(19))  # across chunks too
+    torch.testing.assert_close(got.require("flow")[1:, 0, 0, 0], torch.ones(19))  # across chunks too
 
 
 def test_what_a_whole_clip_does_not_tell_is_told_and_so_is_what_needs_it() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from cltransfer import memory
 from cltransfer.errors import ResourceError, UsageError
-from cltransfer.memory import VARIABLE, free_bytes, require_free
+from cltransfer.memory import LITTLE, VARIABLE, affordable, free_bytes, require_free
 
 
 @pytest.fixture
@@ -77,3 +77,12 @@ def test_what_is_more_than_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
         require_free(3 * 2**20, "a.glb", "meshes", "thin them")
     hint = f"raise the limit of the system or of {VARIABLE}, or thin them"
     assert str(caught.value) == f"a.glb: memory: meshes need 3 MB, 1 MB are free ({hint})"
+
+
+@pytest.mark.parametrize(
+    ("free", "workers"), [(None, 8), (9 * LITTLE, 8), (3 * LITTLE + 1, 3), (LITTLE - 1, 1), (0, 1)]
+)
+def test_as_many_work_as_there_is_memory_for(monkeypatch: pytest.MonkeyPatch, free: int | None, workers: int) -> None:
+    monkeypatch.setattr(memory, "free_bytes", lambda: free)
+    assert affordable(8, LITTLE) == workers
+    assert affordable(8, LITTLE // 8) == 8  # too little to ask

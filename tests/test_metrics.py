@@ -1,19 +1,23 @@
 """The losses as torchmetrics: means, coverage, collections, bootstraps, merging."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
-from torchmetrics import MetricCollection
+from torchmetrics import Metric, MetricCollection
 from torchmetrics.wrappers import BootStrapper
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.metrics import PAPER, LossMetric, camera_language_metrics
+from cltransfer.features import Features
+from cltransfer.metrics import PAPER, LossMetric, TotalMetric, camera_language_metrics
+from cltransfer.objective import Objective
 from cltransfer.read_frames import clip_features
 from cltransfer.registry import LOSSES
+from cltransfer.scores import score
 from cltransfer.testing import sample_features, without_person
 
 REFERENCE, RENDERED = sample_features(0, 6), sample_features(1, 6)
@@ -44,7 +48,68 @@ def test_undefined_frames_count_in_the_coverage_only() -> None:
 def test_a_reference_against_itself_is_0_on_every_term() -> None:
     metrics = camera_language_metrics()
     metrics.update(REFERENCE, REFERENCE)
-    assert metrics.compute() == dict.fromkeys(PAPER, 0.0)
+    covered = {f"{name}_coverage": 1.0 for name in PAPER}
+    assert metrics.compute() == {"total": 0.0, **dict.fromkeys(PAPER, 0.0), **covered}
+
+
+def lost(features: Features, frame: int) -> Features:
+    """The same with nobody in ``frame``."""
+    parts = [without_person(features[i]) if i == frame else features[i] for i in range(len(features))]
+    return Features.concatenate(parts)
+
+
+def test_losing_the_person_never_pays_in_the_total_and_shows_in_the_coverage() -> None:
+    framing = LOSSES.build("framing")
+    worst = int(framing(REFERENCE, RENDERED).argmax())
+    kept, gone = camera_language_metrics(), camera_language_metrics()
+    kept.update(reference=REFERENCE, rendered=RENDERED)
+    gone.update(reference=REFERENCE, rendered=lost(RENDERED, worst))
+    before, after = kept.compute(), gone.compute()
+    assert after["framing"] < before["framing"]
+    assert after["total"] > before["total"]
+    assert float(after["framing_coverage"]) == pytest.approx(5 / 6)
+
+
+TOTALS = {
+    "whole": (REFERENCE, RENDERED),
+    "the render has lost the person": (REFERENCE, lost(RENDERED, 2)),
+    "the reference has nobody": (lost(REFERENCE, 3), RENDERED),
+    "no depth": (REFERENCE, replace(RENDERED, depth=None)),
+    "a frame without any term": (
+        replace(lost(REFERENCE, 1), flow=None, depth=None).only({"keypoints", "subject"}),
+        RENDERED,
+    ),
+    "one reference": (REFERENCE[:1], RENDERED),
+}
+
+
+@pytest.mark.parametrize("case", TOTALS)
+def test_the_total_is_that_of_evaluate(case: str) -> None:
+    reference, rendered = TOTALS[case]
+    metrics = camera_language_metrics()
+    metrics.update(reference[: len(reference) // 2 or 1], rendered[:3])
+    metrics.update(reference[len(reference) // 2 :], rendered[3:])
+    scores = score(Objective(Components.build(load_config()).losses), reference, rendered, {})
+    values = metrics.compute()
+    torch.testing.assert_close(float(values["total"]), scores.total, equal_nan=True)
+    for term in scores.terms:
+        assert float(values[f"{term.name}_coverage"]) == pytest.approx(term.defined / 6)
+
+
+def test_a_collection_says_the_same_by_forward_as_by_update() -> None:
+    updated, called = camera_language_metrics(), camera_language_metrics()
+    for frames in (slice(0, 2), slice(2, 6)):
+        updated.update(REFERENCE[frames], lost(RENDERED, 1)[frames])
+        alone = called(REFERENCE[frames], lost(RENDERED, 1)[frames])
+    assert updated.compute() == called.compute()
+    assert float(alone["framing_coverage"]) == 1.0
+
+
+def test_metrics_are_plotted_as_any_torchmetric() -> None:
+    metric = LossMetric("framing")
+    metric.update(REFERENCE, RENDERED)
+    figure, axes = metric.plot()
+    assert figure.axes == [axes]
 
 
 def test_a_collection_keeps_losses_apart_that_were_equal_once() -> None:
@@ -79,8 +144,9 @@ def test_a_bootstrap_draws_frames_again() -> None:
     torch.testing.assert_close(drawn.mean(), values.mean().double(), rtol=0.1, atol=0)
 
 
-def test_states_of_two_processes_add_up() -> None:
-    first, second, both = LossMetric("framing"), LossMetric("framing"), LossMetric("framing")
+@pytest.mark.parametrize("make", [lambda: LossMetric("framing"), lambda: TotalMetric({"framing": {}})])
+def test_states_of_two_processes_add_up(make: Callable[[], Metric]) -> None:
+    first, second, both = make(), make(), make()
     first.update(REFERENCE[:2], RENDERED[:2])
     second.update(REFERENCE[2:], RENDERED[2:])
     both.update(REFERENCE, RENDERED)

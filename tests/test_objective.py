@@ -32,7 +32,7 @@ class Depth(Distance):
 
 
 def boxes(*values: float) -> Features:
-    return Features((8, 8), box=torch.tensor(values)[:, None])
+    return Features((8, 8), box=torch.nn.functional.pad(torch.tensor(values)[:, None], (0, 4)))
 
 
 OBJECTIVE = Objective({"distance": Distance(), "depth": Depth()})

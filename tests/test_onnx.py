@@ -2,6 +2,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,40 @@ def test_what_was_read_by_another_network_of_the_same_name_is_told_apart(tmp_pat
     assert keys[0]["sha256"] == ""
     assert len({key["sha256"] for key in keys}) == 3
     assert keys[0]["model"] == "mine.onnx"
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """A plugin's extractor, whose files stand in options of any name."""
+
+    weights: str = "w.pt"
+    more: tuple[str, ...] = ("x" * 5000, "")
+    model: int = 3
+    folder: str = "./parts"
+
+
+def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "models"))
+    (tmp_path / "models").mkdir()
+    (tmp_path / "parts").mkdir()
+    extractor, places = Weighted(more=("bpe.txt", "x" * 5000, "")), ("w.pt", "bpe.txt", "parts/a", "models/w.pt")
+    keys = [reading(extractor)]
+    for place in places:
+        for content in ("1", "100"):
+            (tmp_path / place).write_text(content)
+            keys.append(reading(extractor))
+    assert all(keys.count(key) == 1 for key in keys)
+    assert reading(extractor) == keys[-1]
+    assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
+
+
+def test_a_file_that_happens_to_bear_the_name_of_an_option_of_ours_is_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ours = DepthOnnx(model="mine.onnx", kind="disparity")
+    before = reading(ours)
+    (tmp_path / ours.output).write_text("of something else")
+    assert reading(ours) == before
 
 
 def test_a_file_of_the_catalogue_has_the_content_it_has_there(tmp_path, monkeypatch):

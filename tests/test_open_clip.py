@@ -84,6 +84,14 @@ def test_a_place_is_named_in_the_shot_that_shows_it(tmp_path: Path) -> None:
     assert f"{where.path}#t=0.500,0.900 or {where.path}#t=1.000,1.900&person=0.4,0.6,0.5;" in str(caught.value)
 
 
+def test_the_check_for_cuts_sees_every_frame_that_is_read(tmp_path: Path) -> None:
+    times = torch.arange(20).double() / 24
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]), times)
+    assert len(open_clip(replace(where, span=(0.0, 0.375)))[0]) == 10
+    with pytest.raises(InputError, match=r"frame 10: a cut at 0\.417 s"):
+        open_clip(replace(where, span=(0.0, 0.4166)))  # 10/24 but for rounding: the next shot's first frame is read
+
+
 def test_shots_of_one_frame_are_not_offered(tmp_path: Path) -> None:
     where = saved(tmp_path / "a.mkv", torch.cat([scenery(0, 1), scenery(1, 1)]))
     with pytest.raises(InputError, match=r"\(no cut\? #cuts=keep\)"):
@@ -99,6 +107,48 @@ def test_a_flash_is_no_cut() -> None:
     frames = scenery(3, 12)
     frames[6] = 255
     assert find_cuts(small(frames)) == []
+
+
+@pytest.mark.parametrize("level", [0, 7, 255])
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 12])
+def test_a_cut_through_pictures_that_show_nothing_is_found(level: int, count: int) -> None:
+    nothing = (level + torch.rand(count, 3, *SIZE[::-1])).clamp(max=255).byte()
+    assert find_cuts(small(torch.cat([scenery(0), nothing, scenery(1)]))) == [10 + count]
+    assert find_cuts(small(torch.cat([scenery(0)[:5], nothing, scenery(0)[5:]]))) == []
+    assert find_cuts(small(torch.cat([nothing, scenery(0), nothing]))) == []
+    assert find_cuts(small(nothing)) == []
+
+
+@pytest.mark.parametrize("to", [0, 255])
+@pytest.mark.parametrize("pause", [1, 4])
+@pytest.mark.parametrize("length", [4, 12, 24])
+def test_a_fade_is_a_cut_where_it_ends_in_another_shot(to: int, pause: int, length: int) -> None:
+    fade = torch.linspace(1, 0, length)[:, None, None, None]
+
+    def faded(frames: Tensor, share: Tensor) -> Tensor:
+        return (to + (frames.float() - to) * share).round().byte()
+
+    def through(first: Tensor, second: Tensor) -> Tensor:
+        nothing = torch.full((pause, 3, *SIZE[::-1]), to, dtype=torch.uint8)
+        ends, begins = faded(first[-length:], fade), faded(second[:length], fade.flip(0))
+        return torch.cat([first[:-length], ends, nothing, begins, second[length:]])
+
+    one, other = scenery(0, 48), scenery(1, 48)
+    (cut,) = find_cuts(small(through(one, other)))
+    assert 48 + pause <= cut < 48 + pause + length / 2
+    assert find_cuts(small(through(one[:24], one[24:]))) == []
+
+
+def test_the_shots_offered_leave_out_the_black_between(tmp_path: Path) -> None:
+    black = torch.zeros(3, 3, *SIZE[::-1], dtype=torch.uint8)
+    where = saved(tmp_path / "a.mkv", torch.cat([black, scenery(0), black, scenery(1), black]))
+    with pytest.raises(InputError, match=r"frame 16: a cut at 1\.600 s") as caught:
+        open_clip(where)
+    assert f"take one: {where.path}#t=0.300,1.200 or {where.path}#t=1.600,2.500; no cut?" in str(caught.value)
+    assert torch.equal(open_clip(replace(where, span=(1.6, 2.5)))[0].image, scenery(1))
+    with pytest.raises(InputError) as caught:
+        open_clip(ClipSource.parse(f"{where.path}#person=0.4,0.6,1"))
+    assert f"{where.path}#t=0.300,1.200&person=0.4,0.6,0.7 or {where.path}#t=1.600,2.500;" in str(caught.value)
 
 
 def test_every_cut_is_found() -> None:

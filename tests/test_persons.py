@@ -8,7 +8,8 @@ from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import all_boxes
-from cltransfer.persons import Spot, join, overlap
+from cltransfer.join_persons import join
+from cltransfer.persons import Spot, overlap
 from cltransfer.read_frames import read_frames
 
 
@@ -71,9 +72,34 @@ def test_one_who_comes_after_an_empty_stretch_is_another() -> None:
     assert np.isfinite(join(frames_of(first, second)).boxes[..., 0]).sum(1).tolist() == [10, 10]
 
 
+@pytest.mark.parametrize("fps", [2.4, 24, 60])
+def test_how_long_one_may_be_unseen_is_told_by_time(fps: float) -> None:
+    lone, count = walk(50, 30 / fps, 240), max(1, int(fps * 0.8))
+    lone[100 : 100 + count] = np.nan
+    box, flags = join(frames_of(lone), np.arange(240) / fps).follow(None)
+    np.testing.assert_array_equal(box, lone)
+    assert flags == ()
+
+
+def test_one_alone_who_is_back_after_long_is_the_same_if_place_and_size_fit_and_told() -> None:
+    times = np.arange(200) / 24
+    lone, shrunk, elsewhere = walk(50, 0.1, 200), walk(50, 0.1, 200), walk(50, 0.1, 200)
+    shrunk[100:, 2:4] *= 0.5
+    elsewhere[100:, 0] += 50
+    for person in (lone, shrunk, elsewhere):
+        person[50:100] = np.nan
+    box, flags = join(frames_of(lone), times).follow(None)
+    np.testing.assert_array_equal(box, lone)
+    assert flags == ("after long the person is seen again in frames 100: it may be another",)
+    assert [len(join(frames_of(person), times).boxes) for person in (shrunk, elsewhere)] == [2, 2]
+    assert len(join(frames_of(lone, walk(400, 0, 200)), times).boxes) == 3  # others are there
+    assert len(join(frames_of(lone), times * 3).boxes) == 2  # too long ago
+
+
 def test_a_crossing_is_told() -> None:
-    persons = join(frames_of(walk(0, 4, 30), walk(116, -4, 30)))
-    assert len(persons.boxes) == 2
+    one, other = walk(0, 4, 30), walk(116, -4, 30)
+    persons = join(frames_of(one, other))
+    np.testing.assert_array_equal(persons.boxes, [one, other])  # each keeps to their own way
     assert any("who is who is not certain" in flag for flag in persons.follow(0)[1])
 
 

@@ -20,3 +20,11 @@ def test_images_are_rounded_to_bytes_channels_last():
     pixels = to_uint8(image)
     assert pixels.shape == (1, 2, 3, 3)
     assert pixels[0, 1, 2].tolist() == [255, 128, 64]
+
+
+def test_what_is_out_of_range_ends_at_black_and_white_and_all_else_is_rounded():
+    image = torch.zeros(1, 3, 1, 4)
+    image[0, 0, 0] = torch.tensor([-0.5, -1e-3, 2.0, 1.001])
+    assert to_uint8(image)[0, 0, :, 0].tolist() == [0, 0, 255, 255]
+    several = torch.rand(2, 3, 5, 7, generator=torch.Generator().manual_seed(0))
+    np.testing.assert_array_equal(to_uint8(several), (several * 255).round().byte().permute(0, 2, 3, 1).numpy())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -69,12 +71,24 @@ def test_a_package_that_failed_is_imported_whole_when_it_is_mended(package: Path
     assert LOSSES.build("mine").weight == 3
 
 
-def test_the_same_file_is_imported_once_a_process(tmp_path: Path, own_loss: str) -> None:
+def test_the_same_file_is_imported_once_a_process_and_again_when_it_was_edited(tmp_path: Path, own_loss: str) -> None:
     (tmp_path / "mine.py").write_text(own_loss)
     first = allow([tmp_path / "mine.py"])
     mine = LOSSES.get("mine")
     assert allow([tmp_path]) == first
     assert LOSSES.get("mine") is mine
     (tmp_path / "mine.py").write_text(f"{own_loss}# edited\n")
-    with pytest.raises(ModelError, match="the name is taken by"):
-        allow([tmp_path / "mine.py"])
+    assert allow([tmp_path / "mine.py"]) == first
+    assert LOSSES.get("mine") is not mine
+
+
+def test_a_file_that_was_imported_is_allowed_too(
+    tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own_imported.py").write_text(own_loss)
+    monkeypatch.syspath_prepend(tmp_path)
+    mine = importlib.import_module("own_imported").Mine
+    assert LOSSES.get("mine") is mine
+    allow([tmp_path / "own_imported.py"])
+    assert LOSSES.get("mine") is not mine
+    del sys.modules["own_imported"]

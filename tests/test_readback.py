@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -45,11 +46,12 @@ class Counting:
         first = sum(self.batches)
         self.batches.append(len(cameras))
         grey = torch.arange(first, first + len(cameras)) / 255
-        return Features(cameras.size, image=grey[:, None, None, None].expand(-1, 3, *cameras.size[::-1]))
+        image = grey[:, None, None, None].expand(-1, 3, *cameras.size[::-1])
+        return Features(cameras.size, image=image, camera=cameras, person=scene.subject)
 
 
 def rendered(count: int, renderer: Counting) -> torch.Tensor:
-    scene: Any = None
+    scene: Any = SimpleNamespace(subject=None)
     return render_frames(scene, Components(renderer, {}, {}), room_cameras(count, (8, 6)))
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -137,7 +140,7 @@ def columns() -> list[str]:
     report = ReportData("pan", zeros, scores, None, None, None, None, torch.zeros(1, 3, 2, 2, dtype=torch.uint8))
     tables = (metrics_csv(report), clips_csv([score]))
     heads = [name for table in tables for name in table.partition("\n")[0].split(",")]
-    heads += ["jerk", "method", *values_table(summarise(["full"], [outcome])).header]
+    heads += ["framing_coverage", "jerk", "method", *values_table(summarise(["full"], [outcome])).header]
     return sorted(set(heads) - {"framing", *COST})
 
 
@@ -162,6 +165,37 @@ def test_two_plugins_of_one_name_are_told_with_their_files(tmp_path: Path, own_l
         allow([tmp_path / "a.py", tmp_path / "b.py"])
     line = f"{tmp_path / 'b.py'}: loss 'mine': the name is taken by {tmp_path / 'a.py'}; choose another"
     assert str(caught.value) == line
+
+
+CELL = (
+    "from dataclasses import dataclass\nfrom cltransfer.registry import LOSSES\n"
+    "@LOSSES.register('mine')\n@dataclass(frozen=True)\nclass Mine:\n    weight: float = {weight}\n"
+    "    requires, unit, penalty = ('keypoints',), 'frame', 1.0\n    __call__ = print\n"
+)
+
+
+def test_a_cell_that_runs_twice_defines_its_loss_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType("a_notebook")
+    monkeypatch.setitem(sys.modules, "a_notebook", module)
+    notebook = vars(module)
+    for weight in (1.0, 2.0):
+        exec(CELL.format(weight=weight), notebook)
+        assert LOSSES.build("mine") == notebook["Mine"](weight)
+    with pytest.raises(ModelError, match="the name is taken by a_notebook; choose another"):
+        exec(CELL.replace("Mine", "Other").format(weight=1.0), notebook)
+    assert LOSSES.get("mine") is notebook["Mine"]
+
+
+def test_a_module_that_is_reloaded_defines_its_loss_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for weight in (1.0, 2.5):
+        (tmp_path / "own_reloaded.py").write_text(CELL.format(weight=weight))
+        importlib.invalidate_caches()
+        module = sys.modules.get("own_reloaded")
+        importlib.reload(module) if module else importlib.import_module("own_reloaded")
+        assert LOSSES.build("mine").weight == weight
+    del sys.modules["own_reloaded"]
 
 
 FAILS = {

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -128,25 +128,28 @@ def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tin
 
 
 def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
-    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+    fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path
 ) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / DONE).unlink()
     kept = (run / JOURNAL).read_bytes()
     same = ("transfer", "-c", run / "config.yaml", "-q", "--out", run)
-    refused = command(*same)
+    refused = fresh(*same)
     assert refused.code == 2
     assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
     assert (run / JOURNAL).read_bytes() == kept
-    assert command(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
+    assert fresh(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
     assert (run / DONE).is_file()
 
 
+@dataclass(frozen=True)
 class Plugin(GaussianSplats):
     """A renderer whose code lies in this file."""
 
+    colours: str = ""
 
-def test_a_journal_is_of_the_code_of_every_plugin() -> None:
+
+def test_a_journal_is_of_the_code_and_the_files_of_every_plugin(tmp_path: Path) -> None:
     config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
     parts, scene = Components.build(config), load_scene("builtin:plaza")
     reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
@@ -154,3 +157,7 @@ def test_a_journal_is_of_the_code_of_every_plugin() -> None:
     plugged = _header(given, config, replace(parts, renderer=Plugin()), SubjectOrbit(), scene, reference)
     assert {key for key in plugged if plugged[key] != ours.get(key)} == {"code of the renderer"}
     assert plugged["code of the renderer"] == content_hash(Path(__file__))
+    (tmp_path / "lut").write_text("red")
+    parts = replace(parts, renderer=Plugin(colours=str(tmp_path / "lut")))
+    with_file = _header(given, config, parts, SubjectOrbit(), scene, reference)
+    assert {key for key in with_file if with_file[key] != plugged.get(key)} == {"files of the renderer"}

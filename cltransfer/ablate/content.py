@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ..config_options import SECTIONS, RunConfig
 from ..errors import InputError
 from ..files import content_hash
-from ..onnx import model_content
+from ..onnx import files_content, model_content, own_model
 from ..registry import code_of
+from ..scene_source import split_scene
+from ..scenes.foreign import reader_of
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
-def parts_content(config: RunConfig) -> list[list[str]]:
-    """Code of the plugins and content of the networks that a config names."""
+def parts_content(config: RunConfig) -> list[list[Any]]:
+    """Code of the plugins and content of the networks and files that a config names."""
     built = [part for section in SECTIONS for part in config.build(section).values()]
-    return [[code_of(part), model_content(part.model) if hasattr(part, "model") else ""] for part in built]
+    return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
 
 
-def digest(source: str | None) -> str:
+def _content(path: Path) -> str:
+    """SHA-256 of a file or folder and of what goes with it: parts of a scene, labels of a person, a plugin's reader."""
+    if path.suffix.lower() in MADE_OF_FILES:
+        return load_scene(path).digest
+    labels, reader = path.with_name(LABELS), reader_of(path)
+    beside = content_hash(labels) if path.name == SUBJECT and labels.is_file() else ""
+    return content_hash(path) + beside + ("" if reader is None else code_of(reader))
+
+
+def digest(source: str | None, content: Callable[[Path], str] = _content) -> str:
     """What identifies a scene or a reference: a built-in name, or the content of its files.
+
+    Args:
+        source: as it is named.
+        content: what identifies a file or folder.
 
     Raises:
         InputError: a file is missing.
@@ -32,24 +49,21 @@ def digest(source: str | None) -> str:
         return str(source)
     path = Path(source)
     if path.exists():
-        return _content(path)
-    if "@" in source:
-        scene, _, trajectory = source.rpartition("@")
-        person = Path(trajectory).with_name(SUBJECT)  # as it is read
-        return "@".join([digest(scene), digest(trajectory), *([_content(person)] if person.is_file() else [])])
+        return content(path)
+    split = split_scene(source)
+    if split is not None:
+        person = Path(split[1]).with_name(SUBJECT)  # as it is read
+        parts = [digest(part, content) for part in split]
+        return "@".join([*parts, content(person)] if person.is_file() else parts)
     if source.startswith("builtin:"):
         return source
     for mark in "#:":  # CLIP#PART, SET:INDEX
         file, there, part = source.rpartition(mark)
         if there and Path(file).exists():
-            return f"{_content(Path(file))}{mark}{part}"
+            return f"{content(Path(file))}{mark}{part}"
     raise InputError(path, "", "no such file")
 
 
-@functools.cache
-def _content(path: Path) -> str:
-    """SHA-256 of a file or folder and of the files that go with it: parts of a scene, labels of a person."""
-    if path.suffix.lower() in MADE_OF_FILES:
-        return load_scene(path).digest
-    labels = path.with_name(LABELS)
-    return content_hash(path) + (content_hash(labels) if path.name == SUBJECT and labels.is_file() else "")
+def digests() -> Callable[[str | None], str]:
+    """:func:`digest` that reads no file twice; for one sweep, as files may be edited before the next."""
+    return functools.partial(digest, content=functools.cache(_content))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -12,6 +12,7 @@ from torch import Tensor
 from ..camera import fitted_size, resized
 from ..components import Components
 from ..config_options import RunConfig
+from ..depth_alignment import align_parts, needs_scene
 from ..driver.stage import Stage
 from ..features import Features
 from ..objective import Objective
@@ -19,6 +20,7 @@ from ..plan import Family
 from ..read_frames import render_features
 from ..readback import read_path, render_frames
 from ..reference import Reading, Reference, read_reference
+from ..renderers._request import renderer_of
 from ..scenes.lifted import lifted_scene
 from ..scores import Scores, score
 from ..trajectory import jerk as path_jerk
@@ -60,30 +62,38 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
 
     As in a transfer, networks read both sides where the reference is a clip and ``extract.verify`` says so. Frames of
     another size are rendered anew for them: those of a smaller result made larger would be blurred, as no row of that
-    size is.
+    size is. What a row's own renderer sees is its matter while it searches: reference and result are drawn by that of
+    ``metrics``, a result in another geometry by the one of ours that draws it.
 
     Args:
         result: of a transfer.
         reference: what it was transferred from.
-        config: of the transfer; its renderer draws the scene again.
-        metrics: losses and extractors, ``output_side``, and by ``extract.inner`` whether geometry or networks read a
-            scene.
+        config: of the transfer.
+        metrics: losses, extractors and renderer, ``output_side``, and by ``extract.inner`` whether geometry or networks
+            read a scene.
 
     Raises:
         InputError: the reference cannot be read by these extractors.
         ResourceError: the frames do not fit in memory.
     """
-    parts = Components(config.build_one("renderer"), metrics.build("extractors"), metrics.build("losses"))
+    parts = Components.build(metrics)
     family: Family = "scene" if metrics.extract.inner == "geometric" else "image"
+    scene, drawn_by = result.scene, renderer_of(result.scene, parts.renderer)
+    if needs_scene(parts, reference, family):
+        scene = lifted_scene(scene, drawn_by, parts.extractors)
+        aligned, _ = align_parts(replace(parts, renderer=drawn_by), scene)
+        parts = replace(aligned, renderer=parts.renderer)
     read = read_reference(reference, parts, Reading(config.frames, metrics.output_side, family))
+    parts = replace(parts, renderer=drawn_by)
     cameras, size = result.trajectory.camera, fitted_size(read.features.size, metrics.output_side)
-    same = cameras.size == size
-    cameras = cameras if same else resized(cameras, size)
+    same = cameras.size == size and parts.renderer == result.renderer
+    cameras = cameras if cameras.size == size else resized(cameras, size)
     if read.family == "image" and metrics.extract.verify:
-        image = result.image if same else render_frames(result.scene, parts, cameras)
-        features = render_features(image, cameras, result.scene.subject, parts.plan("image"))
+        image = result.image if same else render_frames(scene, parts, cameras)
+        features = render_features(image, cameras, scene.subject, parts.plan("image"))
     else:
-        scene = lifted_scene(result.scene, parts.renderer, parts.extractors) if family == "scene" else result.scene
+        if family == "scene":
+            scene = lifted_scene(scene, parts.renderer, parts.extractors)
         plan = parts.plan(family, shared=read.features.names())
         features = read_path(Stage(scene, parts.renderer, plan, Objective(parts.losses), cameras.size), cameras)
     return _judged(Objective(parts.losses), read, features, _jerk(result))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
 
 from ..errors import ResourceError, UsageError
@@ -22,7 +23,7 @@ def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterato
     only shared the pool with it are run again.
 
     Raises:
-        ResourceError: the cluster cannot be reached.
+        ResourceError: the cluster cannot be reached, or is lost.
         UsageError: dask is not installed.
     """
     if engine.backend == "dask":
@@ -70,17 +71,24 @@ def _on_cluster(trials: Sequence[Trial], job: Job, address: str) -> Iterator[Out
         from distributed import Client, KilledWorker, as_completed
     except ImportError:
         raise UsageError("", "engine.backend", "dask is not installed", "pip install 'cltransfer[cluster]'") from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost connection is told once, by us
+    for logger in ("distributed", "distributed.client"):  # a lost connection is told once, by us
+        logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ResourceError(address, "engine.address", f"no scheduler answers: {error}") from None
     with client:
         calls = {client.submit(run_trial, trial, job, pure=False): trial for trial in trials}
-        for future in as_completed(calls, loop=client.loop):
+        for done, future in enumerate(as_completed(calls, loop=client.loop)):
             lost, trial = future.exception(), calls[future]
             if lost is None:
-                yield future.result()
+                try:
+                    outcome = future.result()
+                except (CancelledError, OSError):
+                    reason = f"the scheduler was lost, {len(trials) - done} of {len(trials)} trials are left"
+                    hint = "start it again; the same command goes on from here"
+                    raise ResourceError(address, "engine.address", reason, hint) from None
+                yield outcome
             elif isinstance(lost, KilledWorker):
                 yield _killed(trial)
             else:  # the worker could not even begin, or could not answer

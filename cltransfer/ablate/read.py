@@ -15,13 +15,14 @@ from ..config import COMMAND_LINE, lay_config, layer_of, shipped_configs
 from ..config_layers import Layer, merge, origin, parse_overrides, read_yaml
 from ..config_options import RunConfig
 from ..errors import UsageError
+from ..scene_source import split_scene
 from ..typed import nearest, typed
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
 BUILTIN = ("builtin:", DRAWN)
 KEYS = tuple(f.name for f in fields(SweepFile))
-MEASURES = ("preset", "output_side", "extract", "extractors", "losses")  # what a result is measured by
+MEASURES = ("preset", "output_side", "extract", "renderer", "extractors", "losses")  # what a result is measured by
 MEASURES_EXTRACT = ("inner", "verify")  # and of extract
 COMMAND_LINE_KEYS = ("scenes", "references", "seeds", "metrics")
 
@@ -115,16 +116,16 @@ def _scene(given: Any, where: Any, key: str, fence: Path | None, usual: SceneCon
 
 
 def place(text: str, field: str, where: Any, fence: Path | None) -> str:
-    """A built-in name as it is, a path made absolute; of SCENE@TRAJECTORY both, of CLIP#PART and SET:INDEX the first.
+    """A built-in name as it is, a path made absolute; both of SCENE@TRAJECTORY.json, the first of CLIP#PART, SET:INDEX.
 
     Raises:
         UsageError: it leads out of ``fence``, where there is one.
     """
+    split = split_scene(text, fence or Path())
+    if split is not None:
+        return "@".join(place(part, field, where, fence) for part in split)
     full = ((fence or Path()) / text).resolve()
     if not full.exists():
-        scene, at, path = text.rpartition("@")
-        if at:
-            return f"{place(scene, field, where, fence)}@{place(path, field, where, fence)}"
         if text.startswith(BUILTIN):
             return text
         for mark in "#:":

@@ -80,7 +80,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     Raises:
         UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
-        ResourceError: the cluster cannot be reached.
+        ResourceError: the cluster cannot be reached, or is lost.
     """
     _check_folder(options.out)
     for row in sweep.rows:
@@ -133,6 +133,7 @@ def markdown(ablation: Ablation) -> list[str]:
         f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), all rows measured by the",
         f"same metrics at {ablation.sweep.metrics.output_side} px, lower is better; (a/b): only a of b frames have a",
         "value, where the render alone lacks one it pays the penalty. Failed trials have no value and are counted.",
+        _drawn(ablation.sweep),
         "Seeds of a reference that is not drawn by them are averaged first, and count as one.",
         f"Measured at {', '.join(_commits(ablation))}.",
         "",
@@ -166,6 +167,11 @@ def _head(sweep: Sweep) -> list[str]:
     if sweep.over:
         lines += [f"Over every row, from the command line: {', '.join(f'`{item}`' for item in sweep.over)}.", ""]
     return lines
+
+
+def _drawn(sweep: Sweep) -> str:
+    name = next(iter(sweep.metrics.renderer))
+    return f"What is measured is drawn by {name} in every row, a scene of another geometry by the renderer of that."
 
 
 def _commits(ablation: Ablation) -> list[str]:

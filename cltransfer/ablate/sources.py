@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..errors import CltransferError
+from ..scene_source import split_scene
 from ..scenes.builtin import read_name
 from ..scenes.load import BUILTIN
 from ..shots import own_setup
-from .content import digest
+from .content import digests
 from .read import DRAWN
 from .sweep import SceneConfig, Sweep
 
@@ -21,6 +22,7 @@ def check_sources(sweep: Sweep) -> None:
         UsageError: there is no such built-in scene or shot.
         InputError: a file is missing or damaged.
     """
+    digest = digests()
     for key, scene in _scenes(sweep).items():
         for name, source in (("scene", scene.scene), ("init", scene.init), ("subject", scene.subject)):
             with _under(f"{key}.{name}"):
@@ -30,6 +32,7 @@ def check_sources(sweep: Sweep) -> None:
     for i, reference in enumerate(sweep.file.references):
         if not reference.startswith(DRAWN):
             with _under(f"references[{i}]"):
+                digest(reference)
                 _check_reference(reference)
 
 
@@ -47,10 +50,9 @@ def _check_scene(source: str) -> None:
 
 
 def _check_reference(source: str) -> None:
-    digest(source)
-    scene, at, _ = source.rpartition("@")
-    if at:
-        _check_scene(scene)
+    split = split_scene(source)
+    if split is not None:
+        _check_scene(split[0])
     elif source.startswith(BUILTIN):
         own_setup(source.removeprefix(BUILTIN))
 

@@ -18,7 +18,8 @@ from torch import Tensor
 from .. import __version__
 from ..config_options import RunConfig
 from ..errors import CltransferError
-from .content import digest, parts_content
+from ..scene_source import split_scene
+from .content import digests, parts_content
 from .sweep import SceneConfig, Sweep
 
 
@@ -132,7 +133,7 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
     Raises:
         InputError: a file is missing.
     """
-    found = []
+    found, digest = [], digests()
     for scene, reference, case in _cases(sweep):
         source = drawn.get((reference, case.seed), reference)
         for row in sweep.rows:
@@ -161,7 +162,8 @@ def _shown(sources: Sequence[str]) -> list[str]:
     >>> _shown(["a/clip.mp4", "b/clip.mp4", "a/other.mp4"])
     ['clip.mp4 (1)', 'clip.mp4 (2)', 'other.mp4']
     """
-    names = ["@".join(part if ":" in part else Path(part).name for part in source.split("@")) for source in sources]
+    parts = [split_scene(source) or (source,) for source in sources]
+    names = ["@".join(part if ":" in part else Path(part).name for part in named) for named in parts]
     alike, before = Counter(names), Counter[str]()
     told = []
     for name in names:

@@ -34,7 +34,7 @@ def describe(
     """Describe ``source``.
 
     Args:
-        source: a clip as ``transfer`` takes it, a run folder, or a ``trajectory.json``.
+        source: a reference as ``transfer`` takes it, a run folder, or a ``trajectory.json``.
         config: which extractors read a clip; ``frames`` thins it.
         subject: ``subject.json`` of the person a camera path films; None looks beside the path.
         progress: called with a step, frames done, frames in all.
@@ -50,7 +50,7 @@ def describe(
     require_done(path)
     if (path / "trajectory.json").is_file():
         path = path / "trajectory.json"
-    if path.suffix == ".json" and "@" not in path.name:
+    if path.suffix == ".json" and not is_scene(str(path)):
         return describe_path(path, subject), None
     parts = Components.build(config)
     if not source.endswith(".safetensors"):  # which has its features, whatever the config asks for

@@ -80,7 +80,7 @@ def _descended(problem: Problem, x: Tensor, options: AdamConfig) -> Descent:
     strokes = strokes_of(problem, options.strokes == "two")
     count = options.iterations if problem.before is not None else max(1, options.iterations // 2)
     adams = [Moments(len(stroke.moved)) for stroke in strokes]
-    balance = GradNorm(int(strokes[0].terms.sum())) if options.weighting == "gradnorm" else None
+    balance = GradNorm(int(strokes[0].terms.sum()), options.quirks) if options.weighting == "gradnorm" else None
     best, recorded, total, steps = x, float("inf"), float("inf"), 0
     for iteration in range(count):
         for number, stroke in enumerate(strokes):
@@ -153,24 +153,30 @@ class Moments:
 class GradNorm:
     """Weights of K terms that keep their gradients alike, faster for terms that have decreased less.
 
-    They start at 1, add up to K and stay above :data:`LEAST_WEIGHT`. As long as a term that was 0 at the start is 0
-    no ratio is defined and nothing moves, as in JAWS.
+    They start at 1, add up to K and stay above :data:`LEAST_WEIGHT`. A term that is 0 at its first step, such as one
+    that the reference lacks, has no ratio: it keeps the weight 1 and the others are balanced without it.
+
+    Args:
+        count: K.
+        quirks: it is balanced too, as in the published code of JAWS: nothing moves as long as it is 0, and once it is
+            not, its ratio is infinite and the weights of all others sink to the least.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, quirks: bool = False) -> None:
         self.weights = torch.ones(count, dtype=torch.float64)
+        self.quirks = quirks
         self.first: Tensor | None = None
 
     def update(self, values: Tensor, slopes: Tensor) -> Tensor:
         """The next weights (K,), of the terms (K,) and their derivatives (K, M)."""
         self.first = values if self.first is None else self.first
-        ratio = values / self.first
-        norms = slopes.norm(dim=1)
-        weighted = self.weights * norms
+        balanced = torch.ones_like(self.first, dtype=torch.bool) if self.quirks else self.first > 0
+        ratio, norms, weights = (x[balanced] for x in (values / self.first, slopes.norm(dim=1), self.weights))
+        weighted = weights * norms
         target = weighted.mean() * (ratio / ratio.mean()) ** BALANCE
         change = torch.sign(weighted - target) * norms / norms.mean()
-        moved = (self.weights - BALANCE_RATE * change.nan_to_num(0)).clamp_min(LEAST_WEIGHT)
-        self.weights = moved * len(moved) / moved.sum()
+        moved = (weights - BALANCE_RATE * change.nan_to_num(0)).clamp_min(LEAST_WEIGHT)
+        self.weights = self.weights.masked_scatter(balanced, moved * len(moved) / moved.sum())
         return self.weights
 
 

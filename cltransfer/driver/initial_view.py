@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,10 +29,13 @@ ALIKE = 1e-3  # by which two vectors differ at most that are one view
 BATCH = 16  # views rendered together
 KEPT = 4  # views that the first frame may start from
 APART = 0.35  # of the distance to the subject, between two of them
+ASIDE = 0.01  # of the frame, by how much a principal point may lie beside the middle without a word
+
+_log = logging.getLogger("cltransfer")
 
 
 def given_view(source: str) -> Camera:
-    """The view a person names, at its own size.
+    """The view a person names, at its own size. A principal point beside the middle is told of: no search keeps it.
 
     Args:
         source: a trajectory file (its first camera), or ``SET:INDEX``, a camera of a posed image set, counted from 0
@@ -42,7 +46,14 @@ def given_view(source: str) -> Camera:
         UsageError: the set has no such camera.
     """
     camera = named_camera(source, "--init")
-    return Trajectory.load(Path(source)).camera[0] if camera is None else camera
+    camera = Trajectory.load(Path(source)).camera[0] if camera is None else camera
+    aside = (camera.K[0, :2, 2] / torch.tensor(camera.size) - 0.5).tolist()
+    if max(map(abs, aside)) > ASIDE:
+        expected = (
+            f"expected it in the middle, got {aside[0]:+.1%} of the width and {aside[1]:+.1%} of the height beside"
+        )
+        _log.warning("--init %s: principal point: %s; the search begins as if it were there", source, expected)
+    return camera
 
 
 @dataclass(frozen=True)

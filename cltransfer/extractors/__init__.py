@@ -27,7 +27,7 @@ class Extractor(Protocol):
     #   needs_before: True if it compares with the frame before; frames without one get NaN
     #   passes: network passes one frame costs (0 where absent)
     #   persons(now): boxes of all persons of each frame, for a detector of ``box``: along a clip one is then followed
-    #   network: the cltransfer.onnx.Network it runs, loaded before any frame is read
+    #   network: what it runs, a cached_property, looked at before any frame is read so that it is loaded by then
     #   whole_clip: True if it reads whole clips only; it then has, instead of __call__,
     #     read_clip(found, load) -> found with what it provides, or with the reasons why not: ``found`` has the N frames
     #     without pixels, ``load(start, stop)`` gives the pixels of a few

@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 
 import torch
 
-from ..features import Features
+from ..features import Features, OfThisRun
 from ..pixels import to_uint8
 from ..registry import EXTRACTORS
-from ..sfm import NoPathError
+from ..sfm import NoPathError, OutOfTimeError
 
 
 @EXTRACTORS.register("depth_sfm")
@@ -59,6 +59,9 @@ class DepthSfm:
         times = torch.arange(len(found), dtype=torch.float64)
         try:
             clip = reconstruct_path(frames, subject, times, lens=self.lens, seconds=self.seconds)
+        except OutOfTimeError as error:
+            more = f"extractors.depth_sfm.seconds={2 * self.seconds:g}"
+            return self._without(found, f"{error.reason} ({more})", OfThisRun)
         except NoPathError as error:
             return self._without(found, f"{error.reason} ({error.hint})")
         depth, confidence = spread_depth(clip.points, subject, self.reach, self.min_confidence)
@@ -66,6 +69,6 @@ class DepthSfm:
             return self._without(found, "no point on the subject stands still (it moves, or shows too little)")
         return replace(found, depth=depth, extras={**found.extras, "depth_confidence": confidence})
 
-    def _without(self, found: Features, reason: str) -> Features:
-        told = dict.fromkeys(self.provides, f"depth_sfm: {reason}")
+    def _without(self, found: Features, reason: str, kind: type[str] = str) -> Features:
+        told = dict.fromkeys(self.provides, kind(f"depth_sfm: {reason}"))
         return replace(found, reasons={**found.reasons, **told})

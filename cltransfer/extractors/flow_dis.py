@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -47,8 +48,19 @@ class FlowDis:
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with ``flow`` and, where checked, its confidence; NaN without a frame before."""
         search = cv2.DISOpticalFlow.create(PRESETS[self.preset])
+        finest = search.getFinestScale()
 
         def pair_flow(first: NDArray, second: NDArray) -> NDArray:
+            search.setFinestScale(min(finest, _coarsest(first.shape, search.getPatchSize())))
             return search.calc(first, second, None)  # type: ignore[call-overload]  # None: no first guess
 
         return with_flow(now, before, pair_flow, self.height, self.check)
+
+
+def _coarsest(shape: tuple[int, ...], patch: int) -> int:
+    """How often OpenCV may halve a frame of this ``shape``, so that patches of ``patch`` [px] have room.
+
+    A preset that begins below finds no level, and OpenCV chooses one by the width alone: it fails in wide, low frames.
+    """
+    longer, shorter = max(shape), min(shape)
+    return max(0, min(int(math.log2(longer / (4 * patch)) + 0.5), int(math.log2(shorter / patch))))

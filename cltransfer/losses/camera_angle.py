@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from torch import Tensor
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..orientation import wrap
 from ..registry import LOSSES
 
@@ -50,10 +50,12 @@ class CameraAngle:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed differences of yaw, pitch and roll, (B, 3)."""
+        check_pair(reference, rendered)
         difference = rendered.require("orientation") - reference.require("orientation")
         return wrap(difference) if self.mode == "robust" else difference
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,) [rad]; NaN where undefined."""
+        check_pair(reference, rendered)
         angles = reference.require("orientation"), rendered.require("orientation")
         return camera_angle_loss(*angles, wrapped=self.mode == "robust")

@@ -11,7 +11,7 @@ from kornia.metrics import aepe
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._affine_flow import AffineFlow, affine_flow_residuals, fit_affine_flow
 
@@ -25,10 +25,17 @@ def layer_endpoint_errors(reference: Tensor, rendered: Tensor, layers: Tensor) -
         layers: pixels compared, (B, 3, H, W) bool: those both sides count to the layer.
 
     Returns:
-        (B, 3) [px], >= 0; NaN for a layer without a pixel that has both flows.
+        (B, 3) [px], >= 0; NaN for a layer without a pixel that has both flows. Gradients are finite: 0 of pixels that
+        are not compared or whose flows are equal.
     """
-    error = aepe(rendered.movedim(1, -1), reference.expand_as(rendered).movedim(1, -1), reduction="none")
-    return error[:, None].masked_fill(~layers, float("nan")).flatten(2).nanmean(-1)
+    difference = rendered - reference
+    square = difference.square().sum(1, keepdim=True)
+    counted, apart = layers & square.isfinite(), (square > 0) & square.isfinite()
+    safe = difference.where(apart, 1.0).movedim(1, -1)  # a root has no slope at 0
+    error = aepe(safe, torch.zeros_like(safe), reduction="none")[:, None].where(apart, 0.0)
+    count = counted.flatten(2).sum(-1)
+    mean = error.where(counted, 0.0).flatten(2).sum(-1) / count.clamp_min(1)
+    return mean.masked_fill(count == 0, float("nan"))
 
 
 def movement_residuals(
@@ -115,6 +122,7 @@ class CameraMovement:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
+        check_pair(reference, rendered)
         if self.mode == "robust":
             wanted, found = (
                 side.once(("affine flow", self.layered), partial(self._fit, side)) for side in (reference, rendered)

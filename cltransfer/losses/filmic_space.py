@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._depth_mode import depth_mode
 
@@ -105,6 +105,7 @@ class FilmicSpace:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed differences of both log ratios, (B, 2)."""
+        check_pair(reference, rendered)
         least = 0.0 if self.mode == "faithful" else self.min_area
         first = reference.once(("layer depths", least), lambda: layer_depths(reference, least))
         second = layer_depths(rendered, least)

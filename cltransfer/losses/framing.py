@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..placement import frame_joints, hide_unknown, mask_centroid, visible_joints
 from ..registry import LOSSES
 
@@ -73,6 +73,7 @@ class Framing:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed difference of the centroids, (B, 2)."""
+        check_pair(reference, rendered)
         shown, joints = frame_joints(reference, self.joints), frame_joints(rendered, self.joints)
         if self.mode == "faithful":
             return centroid_difference(shown, joints)

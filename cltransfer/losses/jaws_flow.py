@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..registry import LOSSES
 
 SIDE = 224  # [px] of the frames that JAWS reads: squashed to a square, whatever their shape
@@ -70,6 +70,7 @@ class JawsFlow:
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,) [px^2 at 224, and half turns]; NaN where undefined."""
+        check_pair(reference, rendered)
         found = self._vectors(rendered)
         wanted = interpolate(self._vectors(reference), tuple(found.shape[-2:]), mode="nearest-exact")
         error = flow_error(wanted, found)

@@ -14,7 +14,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..registry import LOSSES
 
 HEIGHT = 224  # [px] of the maps; their width follows the frame's shape
@@ -22,6 +22,7 @@ SPREAD = 4.0  # [px], standard deviation: 2 of the maps a network learns, widene
 TURNS = (0.0, math.pi / 4, math.pi / 2, 3 * math.pi / 4)  # [rad] the maps are turned by
 TEMPERATURE = 200.0  # of the softmax over a map
 OWN, PAIRS = 0.7, 0.3  # shares of the two parts of the loss
+DRAWN = 4  # frames whose maps are drawn at once, 14 MB each
 
 
 def profiles(joints: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
@@ -78,14 +79,19 @@ def pair_distances(joints: Tensor, size: tuple[int, int]) -> Tensor:
 
 def sharpness(joints: Tensor, size: tuple[int, int]) -> Tensor:
     """kappa of every joint, (B, J), adding up to J: range of the softmax over its map; NaN without any map."""
+    ranges = torch.cat([_softmax_ranges(part, size) for part in joints.split(DRAWN)])
+    return ranges * ranges.shape[-1] / ranges.sum(-1, keepdim=True)
+
+
+def _softmax_ranges(joints: Tensor, size: tuple[int, int]) -> Tensor:
+    """Range of the softmax over each joint's map, (B, J) float64, with the maps drawn."""
     x, y = (torch.arange(n, dtype=torch.float32, device=joints.device) + 0.5 for n in size)
     places, amount = joints[..., :2].float(), joints[..., 2].float()
     across = torch.exp(-0.5 * ((x - places[..., :1]) / SPREAD) ** 2)
     down = amount[..., None] * torch.exp(-0.5 * ((y - places[..., 1:]) / SPREAD) ** 2)
     maps = (down[..., :, None] * across[..., None, :]).flatten(2).nan_to_num(0)
     soft = torch.softmax(TEMPERATURE * maps, dim=-1)
-    spread = (soft.amax(-1) - soft.amin(-1)).double()
-    return spread * spread.shape[-1] / spread.sum(-1, keepdim=True)
+    return (soft.amax(-1) - soft.amin(-1)).double()
 
 
 @LOSSES.register("jaws_pose")
@@ -113,6 +119,7 @@ class JawsPose:
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,); NaN where the reference shows no joint or the render has no person."""
+        check_pair(reference, rendered)
         size = (round(HEIGHT * reference.size[0] / reference.size[1]), HEIGHT)
         wanted, found = _on_maps(reference, size), _on_maps(rendered, size)
         kappa = sharpness(wanted, size)

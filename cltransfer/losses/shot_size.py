@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
-from ..features import Features
+from ..features import Features, check_pair
 from ..placement import frame_joints, hide_unknown, mask_extent, visible_joints
 from ..registry import LOSSES
 
@@ -105,6 +105,7 @@ class ShotSize:
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed difference d_S - d_ref, (B, 1)."""
+        check_pair(reference, rendered)
         shown, joints = frame_joints(reference, self.joints), frame_joints(rendered, self.joints)
         if self.mode == "faithful":
             return key_joint_difference(shown, joints)[:, None]

@@ -11,7 +11,13 @@ if TYPE_CHECKING:
 
 
 class Renderer(Protocol):
-    """What the objective needs of a renderer; a frozen dataclass whose fields are its options."""
+    """What the objective needs of a renderer; a frozen dataclass whose fields are its options.
+
+    One that brings a representation of its own declares two more, both or none: ``suffixes``, the scene files that it
+    reads (``ClassVar[tuple[str, ...]]``, in small letters with the dot, none of ours), and ``read(path)``, a static or
+    class method that makes a :class:`~cltransfer.scenes.geometry.Geometry` of one and raises InputError where the file
+    is damaged. It keeps in mind that files come from strangers: no pickle, sizes looked at before memory is taken.
+    """
 
     provides: ClassVar[frozenset[str]]
     """Buffers it can make: of image, alpha, label, depth, expected_depth."""

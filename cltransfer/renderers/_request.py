@@ -18,7 +18,7 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
 
     Raises:
         UsageError: the scene holds another geometry (the line names its renderer), or a buffer is unknown.
-        ValueError: a camera is not finite or has skew.
+        ValueError: there is no camera, or one is not finite or has skew.
     """
     draws = getattr(scene.geometry, "renderer", "")
     if draws != name:
@@ -26,6 +26,8 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
     if unknown := buffers - provides:
         raise UsageError("", f"renderer {name}", f"has no buffer {', '.join(sorted(unknown))}")
+    if len(cameras) == 0:
+        raise ValueError("expected one camera or more, got none")
     if not (cameras.w2c.isfinite().all() and cameras.K.isfinite().all()):
         raise ValueError("cameras must be finite")
     if cameras.K[:, 0, 1].any():
@@ -33,7 +35,7 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
 
 
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
-    """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``.
+    """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``, with who looks and who is there.
 
     Raises:
         ModelError: it raised something of its own, or did not give that; the line names it.
@@ -45,6 +47,10 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
         raise ModelError("", who, f"{expected}, got {type(drawn).__name__}", "return Features from render")
     if lacking := [name for name in sorted(buffers) if not drawn.has(name)]:
         raise ModelError("", who, f"{expected}, got no {', '.join(lacking)}")
+    beside = ("camera",) if scene.subject is None else ("camera", "person")
+    if lacking := [name for name in beside if not drawn.has(name)]:
+        hint = "return Features(..., camera=cameras, person=scene.subject)"
+        raise ModelError("", who, f"expected {' and '.join(beside)} beside the buffers, got no {lacking[0]}", hint)
     width, height = cameras.size
     for name in sorted(buffers & MAPS):
         shape, got = (len(cameras), *([3] * (name == "image")), height, width), tuple(drawn.require(name).shape)
@@ -66,11 +72,13 @@ def check_device(backend: str, device: str) -> None:
 def renderer_of(scene: Scene, configured: Any) -> Any:
     """What draws a scene that the config is not about, as the one a reference was shot in.
 
-    It is ``configured``, unless that is one of ours and draws another geometry: then the one of ours that draws it,
-    with its defaults.
+    It is ``configured``, unless that draws another geometry: one of ours, or a plugin's that reads scene files of its
+    own. Then it is the one of ours that draws it, and of what a plugin has read that plugin's; with its defaults.
     """
-    draws = getattr(scene.geometry, "renderer", "")
-    ours = [RENDERERS.get(name) for name in ("gaussian_splats", "nerf_grid", "mesh")]
-    if not draws or type(configured) not in ours or type(configured) is RENDERERS.get(draws):
+    draws, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
+    if not draws or RENDERERS.name_of(configured) == draws:
         return configured
-    return RENDERERS.build(draws)
+    bound = RENDERERS.name_of(configured) in ours or hasattr(configured, "suffixes")
+    if draws in ours:
+        return RENDERERS.build(draws) if bound else configured
+    return RENDERERS.build(draws) if draws in RENDERERS.registered() else configured

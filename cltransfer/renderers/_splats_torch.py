@@ -12,7 +12,7 @@ from ..scenes.splats import Splats
 from .kernels.splat_composite import MAX_ALPHA, MIN_COVER, MIN_TRANSMITTANCE
 from .kernels.splat_cull import LOW_PASS, TANGENT_MARGIN, Settings
 from .kernels.splat_pack import MIN_ALPHA
-from .kernels.splat_project import TILE
+from .kernels.splat_project import MAX_DETERMINANT, TILE
 
 
 def render_one(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings) -> dict[str, Tensor]:
@@ -55,24 +55,33 @@ def _project(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], sett
     camera = splats.means @ w2c[:3, :3].T + w2c[:3, 3]
     index = torch.nonzero((camera[:, 2] > settings.near) & (splats.opacity > MIN_ALPHA))[:, 0]
     index = index[camera[index, 2].argsort(stable=True)]
-    camera, depth = camera[index], camera[index, 2]
     focal, middle = K.diagonal()[:2], K[:2, 2]
-    covariance = _image_covariance(splats.covariances()[index], camera, w2c, K, size)
-    sharp = torch.linalg.det(covariance)
+    covariance = _image_covariance(splats.covariances()[index], camera[index], w2c, K, size)
+    sharp = _determinant(covariance)
     covariance = covariance + LOW_PASS * torch.eye(2, dtype=covariance.dtype, device=covariance.device)
+    determinant = _determinant(covariance)
+    there = (determinant > 0) & (determinant < MAX_DETERMINANT)  # of long needles float32 leaves no ellipse
+    index, covariance, sharp, determinant = index[there], covariance[there], sharp[there], determinant[there]
+    camera, depth = camera[index], camera[index, 2]
     peak = splats.opacity[index] * faded(depth, settings)
     if settings.antialiased:  # keeps the energy of a splat the low-pass widens (Mip-Splatting)
-        peak = peak * (sharp / torch.linalg.det(covariance)).clamp(min=2.5e-5).sqrt()
+        peak = peak * (sharp / determinant).clamp(2.5e-5, 1).sqrt()
     spread = 2 * (peak.detach() / MIN_ALPHA).clamp(min=1).log()
     color = seen_colors(splats, index, -w2c[:3, :3].T @ w2c[:3, 3])
+    signs = covariance.new_tensor([[1, -1], [-1, 1]])
     return {
         "center": focal * camera[:, :2] / depth[:, None] + middle,
-        "conic": torch.linalg.inv(covariance),
+        "conic": signs * covariance.flip(1, 2) / determinant[:, None, None],  # the inverse
         "peak": peak,
         "reach": (spread[:, None] * covariance.detach().diagonal(dim1=1, dim2=2)).sqrt(),
         "depth": depth,
         "features": torch.cat([color, torch.ones_like(depth)[:, None], splats.label[index, None], depth[:, None]], 1),
     }
+
+
+def _determinant(matrices: Tensor) -> Tensor:
+    """Of symmetric (M, 2, 2), as the kernels work it out, (M,)."""
+    return matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1].square()
 
 
 def _image_covariance(covariances: Tensor, camera: Tensor, w2c: Tensor, K: Tensor, size: tuple[int, int]) -> Tensor:

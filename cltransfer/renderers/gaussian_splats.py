@@ -65,7 +65,7 @@ class GaussianSplats:
         Raises:
             UsageError: the scene is not made of splats, or a buffer is unknown.
             ModelError: the backend or the device is not on this computer.
-            ValueError: a camera is not finite or has skew.
+            ValueError: there is no camera, or one is not finite or has skew.
         """
         check_request("gaussian_splats", scene, cameras, buffers, self.provides)
         draw = {"numba": self._numba, "torch": self._torch, "gsplat": self._gsplat}[self.backend]
@@ -86,6 +86,8 @@ class GaussianSplats:
 
     def _gsplat(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
         require_gsplat("renderer gaussian_splats", "backend=numba")
+        if len(splats) == 0:  # gsplat refuses them
+            return self._torch(splats, cameras, buffers)
         drawn = _splats_gsplat.render(on_device(splats, "cuda"), moved(cameras, "cuda"), self.settings, buffers)
         return {name: drawn[name].cpu() for name in buffers}
 

@@ -66,7 +66,7 @@ class Mesh:
 
         Raises:
             UsageError: the scene is not a mesh, or a buffer is unknown.
-            ValueError: a camera is not finite or has skew.
+            ValueError: there is no camera, or one is not finite or has skew.
         """
         check_request("mesh", scene, cameras, buffers, self.provides)
         triangles = cast(Triangles, scene.geometry)

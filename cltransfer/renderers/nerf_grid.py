@@ -62,7 +62,7 @@ class NerfGridRenderer:
 
         Raises:
             UsageError: the scene is no voxel grid, or a buffer is unknown.
-            ValueError: a camera is not finite or has skew.
+            ValueError: there is no camera, or one is not finite or has skew.
         """
         check_request("nerf_grid", scene, cameras, buffers, self.provides)
         draw = self._numba if self.backend == "numba" else self._torch

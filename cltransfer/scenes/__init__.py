@@ -20,7 +20,8 @@ class Scene:
     """A geometry with a person in it.
 
     Args:
-        geometry: what a renderer draws; it carries the subject's labels.
+        geometry: what a renderer draws, see :class:`~cltransfer.scenes.geometry.Geometry`; it carries the subject's
+            labels.
         subject: the person, None until lifted.
         up: unit vector upwards, (3,) float64.
         name: for tables and folders.

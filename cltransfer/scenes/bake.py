@@ -61,19 +61,40 @@ def sample_surface(mesh: Mesh, count: int) -> Samples:
     Raises:
         ValueError: ``count`` is not positive, or the mesh has no area.
     """
-    corners = mesh.vertices[mesh.faces.long()].double()  # (F, 3, 3)
-    across = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if count < 1:
+        raise ValueError(f"expected a positive count, got {count}")
+    total, across = _positive_area(mesh), _across(mesh)
     areas = across.norm(dim=1) / 2
-    total = float(areas.sum())
-    if count < 1 or not total > 0:
-        raise ValueError(f"expected a positive count and area, got {count} and {total}")
     index = torch.arange(count, dtype=torch.float64)
     face = torch.searchsorted(areas.cumsum(0), (index + 0.5) / count * total).clamp(max=len(areas) - 1)
     weights = _barycentric(index)
-    points = (corners[face] * weights[..., None]).sum(1)
+    points = (mesh.vertices[mesh.faces[face].long()].double() * weights[..., None]).sum(1)
     colors, solid = _painted(mesh, face, weights)
-    normals = normalize(across[face], dim=1)
+    normals = normalize(across[face], dim=1, eps=torch.finfo(across.dtype).tiny)  # of small faces too
     return Samples(points[solid], normals[solid], colors[solid], mesh.label[face][solid], total / count)
+
+
+def surface_area(mesh: Mesh) -> float:
+    """Of all faces, squared scene units."""
+    return float(_across(mesh).norm(dim=1).sum()) / 2
+
+
+def _across(mesh: Mesh) -> Tensor:
+    """Normals of the faces, (F, 3) float64, twice as long as each has area."""
+    corners = mesh.vertices[mesh.faces.long()].double()  # (F, 3, 3)
+    return torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _positive_area(mesh: Mesh) -> float:
+    """Its area.
+
+    Raises:
+        ValueError: it has none.
+    """
+    area = surface_area(mesh)
+    if not area > 0:
+        raise ValueError(f"expected a mesh with an area, got {len(mesh)} faces of an area of {area}")
+    return area
 
 
 def _barycentric(index: Tensor) -> Tensor:
@@ -142,14 +163,13 @@ def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
     """
     if cells < 2:
         raise ValueError(f"cells must be at least 2, got {cells}")
+    area = _positive_area(mesh)
     used = mesh.vertices[mesh.faces.long().unique()].double()
     low, high = used.amin(0), used.amax(0)
     voxel = float((high - low).max()) / cells
     origin = low - MARGIN * voxel
     shape = ((high - origin) / voxel).ceil().long() + MARGIN + 1  # vertices along x, y, z
-    corners = mesh.vertices[mesh.faces.long()].double()
-    across = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    count = int(float(across.norm(dim=1).sum()) / 2 * (PER_CELL / voxel) ** 2) + 1
+    count = int(area * (PER_CELL / voxel) ** 2) + 1
     _check_need(cells, int(shape.prod()), count)
     samples = sample_surface(mesh, count)
     values = torch.cat([torch.ones(len(samples.points), 1), samples.colors, samples.label[:, None]], dim=1)

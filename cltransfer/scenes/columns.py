@@ -56,7 +56,10 @@ def affordable_degree(path: Path, count: int, degree: int, stored: int = 0) -> i
 
 
 def needed_bytes(count: int, degree: int) -> int:
-    """What reading and drawing ``count`` Gaussians takes at its peak."""
+    """What reading ``count`` Gaussians and drawing them by one thread takes at its peak.
+
+    More threads draw them only as far as there is memory for what those work in.
+    """
     return RESERVE + count * (BYTES + BYTES_PER_TERM * (degree + 1) ** 2)
 
 

@@ -57,6 +57,9 @@ def find_people(scene: Scene, see: See) -> list[Found]:
     Args:
         scene: any geometry with ``means``.
         see: boxes of all persons in views of the scene.
+
+    Raises:
+        InputError: the scene is empty.
     """
     center, reach = _reach(scene)
     rough: list[Found] = []
@@ -68,8 +71,16 @@ def find_people(scene: Scene, see: See) -> list[Found]:
 
 
 def _reach(scene: Scene) -> tuple[Tensor, float]:
-    """Middle of a scene (3,), and how far from there most of it lies."""
+    """Middle of a scene (3,), and how far from there most of it lies.
+
+    Raises:
+        InputError: there is nothing in it.
+    """
     means = scene.geometry.means.double()
+    if len(means) == 0:
+        raise InputError(
+            scene.name, "scene", f"expected something to see, got an empty {type(scene.geometry).__name__}"
+        )
     center = means.median(0).values
     return center, float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
 

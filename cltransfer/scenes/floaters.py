@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..errors import InputError
-from ..files import atomic, cache_dir
+from ..files import atomic, cache_dir, into_cache
 from ..memory import require_free
 from ..renderers.kernels import Array
 from ..threads import thread_count
@@ -70,7 +70,7 @@ def _known(splats: Splats) -> Array:
     path, count = _cached(splats), len(splats)
     if not path.is_file():
         small = _members(splats) < MEMBERS
-        with atomic(path) as temporary:
+        with into_cache(path, "the next run looks for floaters anew"), atomic(path) as temporary:
             temporary.write_bytes(np.packbits(small).tobytes())
         return small
     if path.stat().st_size != -(-count // 8):

@@ -16,12 +16,14 @@ from .. import __version__
 from ..camera import Camera
 from ..errors import InputError
 from ..features import Features
-from ..files import atomic, cache_dir
+from ..files import cache_dir, into_cache
 from ..graph import run
 from ..onnx import reading
 from ..plan import CLIP_SOURCE, Plan, make_plan
+from ..registry import code_of
 from ..renderers._request import drawn_by
 from ..subject import Subject
+from ..tensor_file import save_tensors
 from . import Scene
 from .find_people import Boxes
 from .lift import Lift, LiftOptions, lift, summary
@@ -104,12 +106,15 @@ def save_lift(folder: Path, found: Lift) -> None:
     found.subject.save(folder / SUBJECT, lift=summary(found))
 
 
+def cache_lift(folder: Path, found: Lift) -> None:
+    """Write a lift into a ``folder`` of the cache, if it can be."""
+    with into_cache(folder, "the next run lifts the person anew"):
+        save_lift(folder, found)
+
+
 def save_labels(folder: Path, label: Tensor) -> None:
     """Write the membership (N,) in {0, 1} of the primitives into ``folder``."""
-    from safetensors.torch import save_file
-
-    with atomic(folder / LABELS) as temporary:
-        save_file({"label": (label > 0.5).to(torch.uint8)}, temporary)
+    save_tensors(folder / LABELS, {"label": (label > 0.5).to(torch.uint8)})
 
 
 def load_person(scene: Scene, subject_file: Path) -> Scene:
@@ -151,14 +156,18 @@ def lifted_scene(
     if scene.subject is not None:
         return scene
     cached = cached_lift(scene, extractors)
-    if not cached.is_file():
-        save_lift(cached.parent, lift_scene(scene, renderer, extractors, progress=progress))
-    found = load_person(scene, cached)
+    if cached.is_file():
+        found = load_person(scene, cached)
+    else:
+        lifted = lift_scene(scene, renderer, extractors, progress=progress)
+        cache_lift(cached.parent, lifted)
+        found = with_person(scene, lifted.subject, (lifted.label > 0.5).float())
     return replace(found, geometry=scene.geometry) if bool(scene.geometry.label.any()) else found
 
 
 def cached_lift(scene: Scene, extractors: Mapping[str, Any]) -> Path:
     """Where the cache keeps the person of this scene, read with these extractors."""
     used = {n: reading(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
-    text = json.dumps([__version__, scene.digest, scene.up.tolist(), used], default=str)
+    read_by = [code] if (code := code_of(scene.geometry)) else []  # a plugin may read other primitives tomorrow
+    text = json.dumps([__version__, scene.digest, scene.up.tolist(), used, *read_by], default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

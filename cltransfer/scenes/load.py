@@ -10,9 +10,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..declared import SCENE_SUFFIXES
 from ..errors import InputError, UsageError
 from ..files import content_hash
 from . import Scene
+from .foreign import own_suffixes, read_foreign, reader_of
 from .moment import START, Moment, split_moment
 from .ply_header import has_faces
 
@@ -33,14 +35,15 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
     Args:
         path: a Gaussian-splat ``.ply``, ``.splat`` or ``.spz``, a voxel grid ``.safetensors``, a mesh (``.glb``,
             ``.gltf``, ``.obj``, or a ``.ply`` with faces), a ``.yaml`` that composes meshes, or
-            ``builtin:NAME[-SEED[-FORM]]``. An animated glTF may have its moment behind it: ``man.glb#t=0.6``,
-            ``man.glb#t=2&animation=Run``.
-        up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats and grids, (0, 1, 0) for meshes, and
-            what a built-in scene says.
+            ``builtin:NAME[-SEED[-FORM]]``; or a file that an allowed plugin reads, by its suffix. An animated glTF may
+            have its moment behind it: ``man.glb#t=0.6``, ``man.glb#t=2&animation=Run``.
+        up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats, grids and what a plugin reads,
+            (0, 1, 0) for meshes, and what a built-in scene says.
 
     Raises:
         InputError: the file is missing, damaged or of no known kind.
         UsageError: ``up`` has no direction, there is no such built-in scene, or the moment is none or of no glTF.
+        ModelError: the plugin that reads it fails, or several do.
     """
     if str(path).startswith(BUILTIN):
         from .builtin import named_scene
@@ -90,10 +93,13 @@ def _geometry(path: Path) -> Any:
         from .spz import read_spz
 
         return read_spz(path)
+    if (reader := reader_of(path)) is not None:
+        return read_foreign(path, reader)
     if suffix in FOREIGN_SPLATS:
         raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
-    known = ", ".join((".ply", ".splat", ".spz", ".safetensors", *MESH_SUFFIXES, ".yaml"))
-    raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", f"expected {known} or builtin:NAME")
+    known = ", ".join((*SCENE_SUFFIXES, *own_suffixes()))
+    hint = f"expected {known} or builtin:NAME; others by a plugin, in verbs with --allow-plugin"
+    raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", hint)
 
 
 def _components(vector: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..errors import UsageError
+from ..near_plane import near_plane
 from ..renderers.kernels import Array
 from ..renderers.kernels.splat_pack import packing_order
-from ..renderers.kernels.splats import View, weights
+from ..renderers.kernels.splats import Settings, View, make_view, weights
 from . import Scene
 from .splats import Splats
 
@@ -30,6 +31,8 @@ MIN_VARIANCE = 1e-18  # squared scene units
 PARTS = ("means", "scales", "quats", "opacity", "sh", "label")
 STACKED = 0.3  # 0: voxels' members lie side by side, holes open; 1: all in one place, outlines grow
 STEPS = 32  # of the integral of a stack's coverage
+WHOLE = (0.1, 0.001)  # of the median depth in a view: two distances from which on Gaussians are weighed whole
+SAMPLE = 10**5  # Gaussians that tell that depth
 
 
 def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
@@ -164,6 +167,28 @@ def importance(splats: Splats, views: list[View]) -> Tensor:
     order = packing_order(splats.means.numpy(), splats.opacity.numpy())
     found[torch.from_numpy(order)] = torch.from_numpy(weights(splats.packed, views))
     return found
+
+
+def weighing_views(splats: Splats, cameras: Camera) -> list[View]:
+    """Views to weigh ``splats`` by, whatever the unit of the scene: each of ``cameras`` with every one of ``WHOLE``.
+
+    With the first what hangs before the lens hides nothing, with the second nothing that is seen there is cut off.
+    """
+    matrices = list(zip(cameras.w2c.numpy(), cameras.K.numpy()))
+    distances = [_seen_distance(splats, cameras[i]) for i in range(len(cameras))]  # 3 ms each at 500k
+    planes = [[near_plane(share * distance) for distance in distances] for share in WHOLE]
+    return [
+        make_view(w2c, K, cameras.size, Settings(*plane, antialiased=True))
+        for of_share in planes
+        for (w2c, K), plane in zip(matrices, of_share)
+    ]
+
+
+def _seen_distance(splats: Splats, camera: Camera) -> float:
+    """Median depth [scene units] of what lies in the frame of one camera; 1 where nothing does."""
+    pixels, depth = camera.project(splats.means[:: max(1, len(splats) // SAMPLE)])
+    inside = (depth[0] > 0) & ((pixels[0] >= 0) & (pixels[0] <= pixels.new_tensor(camera.size))).all(1)
+    return float(depth[0][inside].median()) if bool(inside.any()) else 1.0
 
 
 def working_set(scene: Scene, cameras: Camera, k: float) -> Scene:

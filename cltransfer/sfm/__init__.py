@@ -11,6 +11,10 @@ class NoPathError(InputError):
     """A clip whose camera path cannot be told: it stands still, turns or zooms only, or shows too little."""
 
 
+class OutOfTimeError(NoPathError):
+    """A clip whose camera path might be told in more time."""
+
+
 def load_pycolmap() -> Any:
     """The module pycolmap, silent.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..camera import Camera, intrinsics
-from . import NoPathError, load_pycolmap
+from . import NoPathError, OutOfTimeError, load_pycolmap
 from .corners import Corners
 from .parallax import Evidence
 
@@ -69,25 +70,36 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
     Raises:
         ModelError: pycolmap is not installed.
         NoPathError: too few frames could be placed.
+        OutOfTimeError: so far, when time ran out.
     """
     pycolmap = load_pycolmap()
     guesses = LENSES if lens is None else (lens,)
-    models = []
+    models, late = [], False
     for guess in guesses:
         options = _options(pycolmap, seconds / len(guesses), lens is None)
+        begun = time.monotonic()
         models.append(_mapped(pycolmap, clues, guess, options))
+        late |= time.monotonic() - begun >= options.max_runtime_seconds
     least = PLACED * len(clues.corners)
     enough = [model for model in models if model.num_reg_images() >= least]
     if not enough:
-        most = max(model.num_reg_images() for model in models)
-        reason = f"only {most} of {len(clues.corners)} frames could be placed with one lens"
-        raise NoPathError(clues.name, "camera path", reason, "a zoom on the move, a cut, a moving scene, or few frames")
+        raise _too_few(clues, max(model.num_reg_images() for model in models), seconds if late else None)
     model = _chosen(enough, max(clues.size))
     placed = sorted(model.reg_image_ids())
     w2c = torch.eye(4, dtype=torch.float64).repeat(len(placed), 1, 1)
     w2c[:, :3] = torch.from_numpy(np.stack([model.image(i).cam_from_world().matrix() for i in placed]))
     focal = torch.full((len(placed),), model.image(placed[0]).camera.focal_length, dtype=torch.float64)
     return Placed(np.array(placed) - 1, Camera(w2c, intrinsics(focal, clues.size), clues.size))
+
+
+def _too_few(clues: Clues, placed: int, late: float | None) -> NoPathError:
+    """What to say where ``placed`` frames are too few; ``late``: after so many seconds, when time ran out."""
+    count = len(clues.corners)
+    if late is not None:
+        reason = f"time ran out after {late:g} s with {placed} of {count} frames placed"
+        return OutOfTimeError(clues.name, "camera path", reason, "set more seconds")
+    reason = f"only {placed} of {count} frames could be placed with one lens"
+    return NoPathError(clues.name, "camera path", reason, "a zoom on the move, a cut, a moving scene, or few frames")
 
 
 def _chosen(models: Sequence[Any], side: int) -> Any:

@@ -62,6 +62,7 @@ def reconstruct_path(
     Raises:
         ModelError: pycolmap is not installed.
         NoPathError: the camera stands still, turns or zooms only, or too little is found again.
+        OutOfTimeError: too little is found in ``seconds``.
     """
     count = len(times)
     if not 3 <= count <= FRAME_LIMIT:

@@ -33,6 +33,14 @@ class ComponentCase:
         """Features to run on; override it for a component that needs extras."""
         return sample_features(seed, batch)
 
+    def _sample(self, seed: int, batch: int) -> Features:
+        """What :meth:`sample` gives, which has to be all that the component requires."""
+        features = self.sample(seed, batch)
+        lacking = ", ".join(sorted(set(getattr(self.component, "requires", ())) - features.names()))
+        how = f"sample_features(seed, batch).having({lacking.partition(',')[0]!r}, ...)"
+        assert not lacking, f"sample gives no {lacking}: override sample(self, seed, batch), return {how} or the like"
+        return features
+
     def test_is_frozen_dataclass(self) -> None:
         params: Any = getattr(type(self.component), "__dataclass_params__", None)
         assert params is not None
@@ -45,7 +53,7 @@ class LossCase(ComponentCase):
     def test_names_what_it_requires(self) -> None:
         loss = self.component
         assert loss.requires
-        assert self.sample(0, 1).names() >= set(loss.requires)
+        self._sample(0, 1)
         assert loss.unit
         assert math.isfinite(loss.weight)
         assert loss.weight >= 0
@@ -54,34 +62,34 @@ class LossCase(ComponentCase):
         assert 0 < self.component.penalty < math.inf
 
     def test_scores_itself_zero(self) -> None:
-        features = self.sample(1, 3)
+        features = self._sample(1, 3)
         _same(self.component(features, features).double(), torch.zeros(3, dtype=torch.float64))
 
     def test_is_finite_and_not_negative(self) -> None:
-        value = self.component(self.sample(1, 3), self.sample(2, 3))
+        value = self.component(self._sample(1, 3), self._sample(2, 3))
         assert value.shape == (3,)
         assert bool((value >= 0).all())
         assert bool(value.isfinite().all())
         assert bool((value > 0).any())
 
     def test_batch_equals_single(self) -> None:
-        reference, rendered = self.sample(1, 3), self.sample(2, 3)
+        reference, rendered = self._sample(1, 3), self._sample(2, 3)
         single = [self.component(reference[i], rendered[i]) for i in range(3)]
         _same(self.component(reference, rendered), torch.cat(single))
 
     def test_one_reference_serves_a_batch(self) -> None:
-        reference, rendered = self.sample(1, 1), self.sample(2, 3)
+        reference, rendered = self._sample(1, 1), self._sample(2, 3)
         single = [self.component(reference, rendered[i]) for i in range(3)]
         _same(self.component(reference, rendered), torch.cat(single))
 
     def test_person_missing_is_undefined(self) -> None:
-        reference, rendered = self.sample(1, 2), without_person(self.sample(2, 2))
+        reference, rendered = self._sample(1, 2), without_person(self._sample(2, 2))
         about_person = PERSON_FEATURES & set(self.component.requires)
         value = self.component(reference, rendered)
         assert bool((value.isnan() if about_person else ~(value < 0)).all())
 
     def test_declared_features_suffice(self) -> None:
-        reference, rendered = self.sample(1, 2), self.sample(2, 2)
+        reference, rendered = self._sample(1, 2), self._sample(2, 2)
         needed = frozenset(self.component.requires)
         _same(
             self.component(reference, rendered),
@@ -90,7 +98,7 @@ class LossCase(ComponentCase):
 
     def test_residuals_add_up_to_the_loss(self) -> None:
         """Loss = sum over the groups of the norm of their residuals, where a loss has any."""
-        reference, rendered = self.sample(1, 3), self.sample(2, 3)
+        reference, rendered = self._sample(1, 3), self._sample(2, 3)
         residuals = getattr(self.component, "residuals", None)
         if residuals is None:
             return
@@ -111,13 +119,13 @@ class ExtractorCase(ComponentCase):
         return _only(features, features.names() - set(self.component.provides))
 
     def test_provides_what_it_says(self) -> None:
-        now = self.blank(self.sample(1, 3))
+        now = self.blank(self._sample(1, 3))
         got = self.component(now, self.before(now))
         assert got.names() == now.names() | set(self.component.provides)
         assert all(len(got.require(name)) == 3 for name in self.component.provides)
 
     def test_changes_nothing_in_place(self) -> None:
-        now = self.sample(1, 2)
+        now = self._sample(1, 2)
         before = self.before(now)
         kept = copy.deepcopy((now, before))
         self.component(now, before)
@@ -128,7 +136,7 @@ class ExtractorCase(ComponentCase):
                 _same(features.require(name), copied.require(name))
 
     def test_batch_equals_single(self) -> None:
-        now = self.blank(self.sample(1, 3))
+        now = self.blank(self._sample(1, 3))
         before = self.before(now)
         together = self.component(now, before)
         for i in range(3):
@@ -137,7 +145,7 @@ class ExtractorCase(ComponentCase):
                 _same(together[i].require(name), alone.require(name))
 
     def test_declared_features_suffice(self) -> None:
-        now = self.sample(1, 2)
+        now = self._sample(1, 2)
         before, needed = self.before(now), frozenset(self.component.requires)
         lean = self.component(_only(now, needed), _only(before, needed) if before is not None else None)
         assert all(lean.has(name) for name in self.component.provides)

@@ -10,18 +10,25 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
+import torch
 
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Ablation, markdown
 from cltransfer.ablate.summary import summarise
 from cltransfer.ablate.trial import Job, run_trial, trials
+from cltransfer.camera import Camera
+from cltransfer.config import load_config
+from cltransfer.features import Features
+from cltransfer.registry import RENDERERS
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes import Scene
 
 DEADLINE = 120  # seconds for a line in the ledger
 ROWS = "{full: {}, no framing: {losses: {framing: null}}, no size: {losses: {shot_size: null}}}"
@@ -128,6 +135,35 @@ def test_every_row_is_measured_at_one_size_and_has_the_frames_that_it_asks_for(
     assert "- rows differ in frames (2, 3): so does what moves from one frame to the next" in text
     same = "- rows small and patient came out the same in every value: what sets them apart has no effect here"
     assert same in text  # patience is of the engine cma
+
+
+@dataclass(frozen=True)
+class Black:
+    """Splats whose pictures are black."""
+
+    provides: ClassVar[frozenset[str]] = GaussianSplats.provides
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        drawn = GaussianSplats().render(scene, cameras, buffers)
+        return replace(drawn, image=torch.zeros_like(drawn.require("image"))) if drawn.has("image") else drawn
+
+
+def test_no_row_is_measured_in_what_its_own_renderer_draws(
+    sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(RENDERERS._classes, "black", Black)
+    gone = ", ".join(f"{name}: null" for name in load_config().losses)
+    for renderer, sees in (("", True), ("renderer: {black: {}}", False)):
+        # the search reads geometry, which both rows draw alike; the flow that measures them is read off the pictures
+        metrics = f"metrics: {{extract: {{inner: image}}, losses: {{{gone}, jaws_flow: {{}}}}, {renderer}}}"
+        sweep = read_sweep(str(sweep_file("{splats: {}, black: {renderer: {black: {}}}}", metrics)))
+        sweep = replace(sweep, file=replace(sweep.file, references=["builtin:orbit"]))
+        found = [run_trial(trial, Job()) for trial in trials(sweep, {})]
+        flows = [outcome.metrics["jaws_flow"].mean for outcome in found if outcome.metrics]
+        assert flows[0] == flows[1], [outcome.failed for outcome in found]
+        assert bool(flows[0]) == sees
+        drawn = markdown(Ablation(sweep, tuple(summarise(["splats", "black"], found)), tuple(found)))
+        assert f"is drawn by {'gaussian_splats' if sees else 'black'} in every row" in "\n".join(drawn)
 
 
 def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(

@@ -1,23 +1,35 @@
-"""The same sweep on a dask cluster, one worker of which is killed in the middle."""
+"""The same sweep on a dask cluster, a worker of which or whose scheduler is killed in the middle."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import signal
-from collections.abc import Callable
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Options, ablate
 from cltransfer.ablate.trial import Job, run_trial, trials
+from cltransfer.errors import ResourceError
 
 distributed = pytest.importorskip("distributed", reason="needs the extra cltransfer[cluster]")
 
 ROWS = "{full: {}, raises: {losses: {fatal: {}}}}"
+
+
+def read_lines(folder: Path) -> list[dict[str, Any]]:
+    """Lines of the ledger."""
+    return [json.loads(line) for line in (folder / "trials.jsonl").read_text().splitlines()]
 
 
 def test_every_trial_is_there_once_though_a_worker_was_killed(
@@ -43,9 +55,53 @@ def test_every_trial_is_there_once_though_a_worker_was_killed(
 
         found = ablate(sweep, Options(out, plugins=(str(fatal),)), progress)
     assert len(killed) == 1
-    lines = [json.loads(line) for line in (out / "trials.jsonl").read_text().splitlines()]
+    lines = read_lines(out)
     assert len({line["key"] for line in lines}) == len(lines) == len(found.outcomes) == 6
     assert [o.row for o in found.outcomes if o.failed] == ["raises"] * 3
     here = run_trial(trials(sweep, {})[0], Job())
     there = found.outcomes[0]
     assert replace(here, seconds=0, commit="") == replace(there, seconds=0, commit="")
+
+
+@pytest.fixture
+def cluster() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Address and process of a scheduler with one worker, neither a child of the other."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", address, "--no-dashboard"]
+    scheduler = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads=1", "--no-nanny"]
+    worker = subprocess.Popen([*command, "--no-dashboard"], stderr=subprocess.DEVNULL)
+    yield address, scheduler
+    for process in (worker, scheduler):
+        process.kill()
+        process.wait()
+
+
+def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(
+    cluster: tuple[str, subprocess.Popen[bytes]], sweep_file: Callable[..., Path], tmp_path: Path
+) -> None:
+    address, scheduler = cluster
+    out, seeds = tmp_path / "out", "seeds: [0, 1, 2, 3, 4, 5, 6, 7]"
+    words = [
+        sweep_file("{full: {}}", seeds),
+        "--out",
+        out,
+        "--quiet",
+        "engine.backend=dask",
+        f"engine.address={address}",
+    ]
+    command = [sys.executable, "-m", "cltransfer", "ablate", *map(str, words)]
+    sweep = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        while sweep.poll() is None and not (out / "trials.jsonl").is_file():
+            time.sleep(0.05)
+        scheduler.kill()
+        told = sweep.communicate(timeout=60)[1]
+    finally:
+        sweep.kill()
+    line = rf"error: {address}: engine.address: the scheduler was lost, \d of 8 trials are left \(start it again; "
+    assert re.fullmatch(line + r"the same command goes on from here\)\n", told), told
+    assert sweep.returncode == ResourceError.exit_code
+    assert read_lines(out)

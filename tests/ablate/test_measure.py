@@ -1,16 +1,25 @@
-"""Which way a result errs: the signs say of the render what they are named after."""
+"""What a result is worth, nobody left out; which way it errs: the signs say of the render what they are named after."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
-from cltransfer.ablate.measure import Way, directions
+from cltransfer.ablate.measure import Measured, Way, directions, measured
+from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.trial import Job, run_trial, trials
+from cltransfer.camera import Camera
 from cltransfer.config import load_config
+from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
 from cltransfer.objective import Objective
+from cltransfer.readback import read_path
 from cltransfer.skeleton import key_joints
 
 W, H = 160, 90
@@ -74,3 +83,30 @@ def test_a_frame_without_a_value_is_not_counted_as_one_that_has_it() -> None:
 
 def test_a_loss_left_out_names_no_direction() -> None:
     assert tuple(ways(filmed(), "losses.framing=null")) == ("larger", *SIGNS[3:])
+
+
+def test_a_frame_of_nobody_pays_the_penalty_in_the_mean(
+    sweep_file: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[Measured] = []
+
+    def emptied(stage: Stage, cameras: Camera) -> Features:
+        seen = read_path(stage, cameras)
+        keypoints = seen.require("keypoints").clone()
+        keypoints[1] = torch.nan
+        return replace(seen, keypoints=keypoints)
+
+    def kept(*arguments: Any) -> Measured:
+        found.append(measured(*arguments))
+        return found[0]
+
+    monkeypatch.setattr("cltransfer.ablate.measure.read_path", emptied)
+    monkeypatch.setattr("cltransfer.ablate.measure.measured", kept)
+    (trial,) = trials(read_sweep(str(sweep_file("{full: {}}"))), {})
+    outcome = run_trial(trial, Job())
+    assert outcome.metrics is not None, outcome.failed
+    raw = {term.name: term.values for term in found[0].scores.terms}
+    for name in ("shot_size", "framing"):
+        assert raw[name].isfinite().tolist() == [True, False]
+        penalty = trial.metrics.build("losses")[name].penalty
+        assert outcome.metrics[name].mean == pytest.approx((float(raw[name][0]) + penalty) / 2)

@@ -24,7 +24,7 @@ def written(tmp_path: Path) -> Written:
     return write
 
 
-MEASURED = "preset, output_side, extract, extractors, losses; say others in base or rows"
+MEASURED = "preset, output_side, extract, renderer, extractors, losses; say others in base or rows"
 ROWS = "rows: {full: {}, none: {losses: {framing: null}}}\n"
 
 
@@ -61,6 +61,14 @@ def test_rows_lie_over_the_base_over_the_preset_and_the_command_line_over_all(wr
     assert (second.frames, second.steps) == (7, 3)
     assert set(first.losses) - set(second.losses) == {"framing"}
     assert set(sweep.metrics.losses) == set(first.losses)  # what a row leaves out is measured
+
+
+def test_every_row_is_measured_by_the_renderer_of_the_base_or_of_the_metrics(written: Written) -> None:
+    rows = "rows: {a: {}, b: {renderer: {nerf_grid: {}}}}\n"
+    for base, renderer in (("", "gaussian_splats"), ("base: {renderer: {mesh: {}}}\n", "mesh")):
+        assert list(read_sweep(written(base + rows)).metrics.renderer) == [renderer]
+    sweep = read_sweep(written(rows + "metrics: {renderer: {gaussian_splats: {antialiased: false}}}\n"))
+    assert sweep.metrics.renderer == {"gaussian_splats": {"antialiased": False}}
 
 
 def test_the_command_line_lies_over_the_files_metrics_key_by_key(written: Written) -> None:
@@ -220,6 +228,22 @@ def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(
     sweep = read_sweep(name, ["references=[c.mp4]", f"scenes=[{os.devnull}]"])
     assert sweep.file.references == [str(elsewhere / "c.mp4")]
     assert sweep.file.scenes[0].scene == os.devnull
+
+
+def test_a_folder_with_an_at_in_its_name_holds_what_any_other_does(
+    written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "a@b"
+    folder.mkdir()
+    for name in ("clip.mp4", "s.ply", "t.json"):
+        (folder / name).touch()
+    expected = [f"{folder}/clip.mp4#t=0,1", f"{folder}/s.ply@{folder}/t.json", f"builtin:plaza@{folder}/t.json"]
+    relative = ["a@b/clip.mp4#t=0,1", "a@b/s.ply@a@b/t.json", "builtin:plaza@a@b/t.json"]
+    assert read_sweep(written(f"{ROWS}references: {relative}\n")).file.references == expected
+    monkeypatch.chdir(folder)
+    inside = ["clip.mp4#t=0,1", "s.ply@t.json", "builtin:plaza@t.json"]
+    for said in (inside, expected):
+        assert read_sweep(written(ROWS), [f"references=[{','.join(map(repr, said))}]"]).file.references == expected
 
 
 def test_a_rows_scene_that_names_none_is_the_sweeps_with_what_the_row_says(written: Written, tmp_path: Path) -> None:

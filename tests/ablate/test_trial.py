@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from cltransfer.ablate.content import _content
+from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.trial import trials
+from cltransfer.features import Features
+from cltransfer.files import content_hash
 from cltransfer.plugins import allow
-from cltransfer.registry import LOSSES
+from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.scenes.lifted import SUBJECT
 
 PLUGIN = Path(__file__).parents[2] / "plugins" / "rule_of_thirds.py"
@@ -29,7 +33,6 @@ def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
 
     def read(scene: str, base: str = "preset: fast") -> list[str]:
-        _content.cache_clear()
         (tmp_path / "sweep.yaml").write_text(SWEEP.replace("preset: fast", base) + f"scenes: ['{scene}']\n")
         return [trial.key for trial in trials(read_sweep(str(tmp_path / "sweep.yaml")), {})]
 
@@ -43,6 +46,32 @@ def test_another_network_of_the_same_name_is_another_trial(keys: Callable[..., l
         seen.append(keys("builtin:courtyard"))
     assert seen[0] == seen[2] != seen[1]
     assert len(set(seen[0])) == 2
+
+
+def test_a_clip_that_was_edited_since_is_another_trial(tmp_path: Path) -> None:
+    (tmp_path / "sweep.yaml").write_text("references: [clip.mp4]\nrows: {full: {}}\n")
+    sweep, seen = read_sweep(str(tmp_path / "sweep.yaml"), ["scenes=['builtin:courtyard']"]), []
+    for content in (b"first", b"other", b"first"):
+        (tmp_path / "clip.mp4").write_bytes(content)
+        seen += [trial.key for trial in trials(sweep, {})]
+    assert seen[0] == seen[2] != seen[1]
+
+
+def test_each_file_is_read_once_for_all_its_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"clip")
+    (tmp_path / "scene.ply").write_bytes(b"scene")
+    (tmp_path / "shot.json").write_text("{}")
+    rows, references = "{full: {}, none: {losses: {framing: null}}}", "[clip.mp4, scene.ply@shot.json]"
+    (tmp_path / "sweep.yaml").write_text(f"references: {references}\nscenes: [scene.ply]\nrows: {rows}\n")
+    read: list[str] = []
+
+    def counted(path: Path) -> str:
+        read.append(path.name)
+        return content_hash(path)
+
+    monkeypatch.setattr("cltransfer.ablate.content.content_hash", counted)
+    assert len(trials(read_sweep(str(tmp_path / "sweep.yaml")), {})) == 4
+    assert sorted(read) == ["clip.mp4", "scene.ply", "shot.json"]
 
 
 def test_another_part_of_a_scene_is_another_trial(keys: Callable[..., list[str]], tmp_path: Path) -> None:
@@ -67,6 +96,27 @@ def test_a_plugin_that_was_edited_is_another_trial(
     assert not set(seen[0]) & set(seen[1])
 
 
+@dataclass(frozen=True)
+class Weighted:
+    weights: str
+    requires, provides, family = ("image",), ("emb",), "image"
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        return now.having("emb", now.require("image").mean((1, 2, 3)))
+
+
+def test_other_weights_of_a_plugin_are_another_trial(
+    keys: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(EXTRACTORS._classes, "weighted", Weighted)
+    monkeypatch.setattr(f"{__name__}.SWEEP", SWEEP.replace("{depth_onnx", "{weighted: {weights: w.pt}, depth_onnx"))
+    seen = []
+    for content in ("1", "100"):
+        (tmp_path / "w.pt").write_text(content)
+        seen.append(keys("builtin:courtyard"))
+    assert not set(seen[0]) & set(seen[1])
+
+
 def test_another_person_beside_a_trajectory_is_another_trial(
     keys: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,6 +129,26 @@ def test_another_person_beside_a_trajectory_is_another_trial(
         seen.append(keys("builtin:courtyard"))
     assert not set(seen[0]) & set(seen[1])
     assert not set(seen[1]) & set(seen[2])
+
+
+def test_a_drawn_reference_is_a_trial_wherever_the_ablation_lies(tmp_path: Path) -> None:
+    (tmp_path / "a@b").mkdir()
+    (tmp_path / "a@b" / "sweep.yaml").write_text("references: ['drawn:pan']\nbase: {frames: 2}\nrows: {full: {}}\n")
+    sweep = read_sweep(str(tmp_path / "a@b" / "sweep.yaml"))
+    check_sources(sweep)
+    (trial,) = trials(sweep, draw_references(sweep, tmp_path / "a@b" / "out"))
+    assert trial.reference == f"builtin:plaza-0@{tmp_path / 'a@b' / 'out' / 'references' / 'pan-0.json'}"
+
+
+def test_a_case_is_shown_without_its_folders_whatever_they_are_called(tmp_path: Path) -> None:
+    (tmp_path / "a@b").mkdir()
+    for name in ("s.ply", "t.json", "clip.mp4"):
+        (tmp_path / "a@b" / name).write_text("{}")
+    references = ["a@b/s.ply@a@b/t.json", "builtin:plaza@a@b/t.json", "a@b/clip.mp4"]
+    (tmp_path / "sweep.yaml").write_text(f"references: {references}\nrows: {{full: {{}}}}\n")
+    sweep = read_sweep(str(tmp_path / "sweep.yaml"))
+    check_sources(sweep)
+    assert [t.case.reference for t in trials(sweep, {})] == ["s.ply@t.json", "builtin:plaza@t.json", "clip.mp4"]
 
 
 def test_no_two_cases_have_one_name(tmp_path: Path) -> None:

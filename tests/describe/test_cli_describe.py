@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from cltransfer.feature_file import FeatureFile
+from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.testing import sample_features, sample_subject
 
@@ -24,6 +25,24 @@ def test_a_path_is_described_and_kept(command: Any, tmp_path: Path) -> None:
         "description.txt",
         "strip.svg",
     ]
+
+
+def test_a_path_with_an_at_in_its_name_is_no_scene_with_a_path(command: Any, tmp_path: Path) -> None:
+    shot("boom", sample_subject(), (160, 90), 8).save(tmp_path / "my@take.json")
+    sample_subject().save(tmp_path / "subject.json")
+    said = command("describe", tmp_path / "my@take.json", "--json")
+    assert said.code == 0, said.err
+    assert json.loads(said.out)["movement"]["name"] == "boom up"
+
+
+def test_a_scene_with_a_path_in_another_folder_is_rendered_and_described(command: Any, tmp_path: Path) -> None:
+    person = load_scene("builtin:plaza").subject
+    assert person is not None
+    shot("static", person, (160, 90), 3).save(tmp_path / "takes" / "shot.json")
+    path = tmp_path / "takes" / "shot.json"
+    said = command("describe", f"builtin:plaza@{path}", "output_side=96", "--json")
+    assert said.code == 0, said.err
+    assert json.loads(said.out)["movement"]["name"] == "static"
 
 
 def test_what_could_not_be_read_is_told_in_the_file_too(command: Any, tmp_path: Path) -> None:

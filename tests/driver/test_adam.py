@@ -92,10 +92,38 @@ def test_gradnorm_never_silences_a_term() -> None:
     assert float(weights.min()) >= LEAST_WEIGHT * 2 / (2 + 2 * LEAST_WEIGHT)
 
 
-def test_gradnorm_stands_still_where_a_term_starts_at_nothing() -> None:
-    balance = GradNorm(2)
+@pytest.mark.parametrize("quirks", [False, True])
+def test_gradnorm_stands_still_where_a_term_starts_at_nothing(quirks: bool) -> None:
+    balance = GradNorm(2, quirks)
     values, slopes = torch.tensor([1.0, 0.0], dtype=torch.float64), torch.eye(2, dtype=torch.float64)
     assert torch.equal(balance.update(values, 5 * slopes), torch.ones(2, dtype=torch.float64))
+
+
+@pytest.mark.parametrize(("quirks", "least"), [(False, 1.0), (True, LEAST_WEIGHT)])
+def test_gradnorm_is_not_silenced_by_a_term_that_leaves_nothing(quirks: bool, least: float) -> None:
+    """But in the published code it is, by an infinite ratio."""
+    balance, slopes = GradNorm(2, quirks), torch.eye(2, dtype=torch.float64)
+    balance.update(torch.tensor([1.0, 0.0], dtype=torch.float64), slopes)
+    for _ in range(60):
+        weights = balance.update(torch.tensor([1.0, 0.3], dtype=torch.float64), slopes)
+    torch.testing.assert_close(weights, torch.tensor([least, 2 - least], dtype=torch.float64), rtol=0, atol=2e-3)
+
+
+def test_gradnorm_balances_the_others_without_a_term_that_starts_at_nothing() -> None:
+    two, three = GradNorm(2), GradNorm(3)
+    slopes = torch.tensor([[3.0, 0.0], [0.0, 1.0], [0.0, 0.0]], dtype=torch.float64)
+    for step in range(10):
+        values = torch.tensor([1.0, 0.9**step, 0.0], dtype=torch.float64)
+        apart, together = two.update(values[:2], slopes[:2]), three.update(values, slopes)
+        assert torch.equal(together, torch.cat([apart, torch.ones(1, dtype=torch.float64)]))
+    assert apart[0] < 1 < apart[1]
+
+
+def test_gradnorm_has_nothing_to_balance_where_all_terms_start_at_nothing() -> None:
+    balance, slopes = GradNorm(2), torch.eye(2, dtype=torch.float64)
+    for values in ([0.0, 0.0], [1.0, 0.5]):
+        weights = balance.update(torch.tensor(values, dtype=torch.float64), slopes)
+        assert torch.equal(weights, torch.ones(2, dtype=torch.float64))
 
 
 @pytest.mark.parametrize(

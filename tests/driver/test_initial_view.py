@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -44,6 +46,23 @@ def test_a_camera_of_a_posed_set_is_named_by_its_index(tmp_path: Path) -> None:
         given_view(f"{tmp_path}:3")
     with pytest.raises(InputError, match="no such file or folder"):
         given_view(f"{tmp_path / 'gone'}:0")
+
+
+@pytest.mark.parametrize(("aside", "told"), [(0.0, False), (0.004, False), (-0.25, True)])
+def test_a_principal_point_that_no_search_keeps_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, aside: float, told: bool
+) -> None:
+    cameras = sample_cameras(0, 1)
+    K = cameras.K.clone()
+    K[:, 0, 2] += aside * cameras.size[0]
+    path = tmp_path / "view.json"
+    Trajectory(replace(cameras, K=K), torch.tensor([0.0], dtype=torch.float64)).save(path)
+    with caplog.at_level(logging.WARNING, "cltransfer"):
+        given_view(str(path))
+    where = "expected it in the middle, got -25.0% of the width and +0.0% of the height beside"
+    assert caplog.messages == [f"--init {path}: principal point: {where}; the search begins as if it were there"] * int(
+        told
+    )
 
 
 @pytest.mark.parametrize("degrees", [15.0, 40.0, 70.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import pytest
@@ -13,7 +14,7 @@ from cltransfer.errors import UsageError
 from cltransfer.extractors.depth_sfm import DepthSfm
 from cltransfer.extractors.layers import Layers
 from cltransfer.extractors.scene_subject import SceneSubject
-from cltransfer.features import Features
+from cltransfer.features import Features, OfThisRun
 from cltransfer.graph import run, run_clip
 from cltransfer.losses.filmic_space import FilmicSpace, layer_depths
 from cltransfer.objective import Objective
@@ -44,9 +45,9 @@ def filmed():
     return film
 
 
-def read(clip):
+def read(clip, depth=None):
     """The clip as the graph reads it, with nothing but pixels and who is the subject."""
-    extractors = {"subject": ImageSubject(), "depth_sfm": DepthSfm(), "layers": Layers()}
+    extractors = {"subject": ImageSubject(), "depth_sfm": depth or DepthSfm(), "layers": Layers()}
     plan = make_plan(frozenset({"depth", "layers", "subject"}), extractors, frozenset({"image", "label"}), "image")
     pixels = Features(clip.size, image=clip.image, label=clip.label)
     return plan, run_clip(plan, lambda start, stop: pixels[slice(start, stop)], len(clip))
@@ -96,6 +97,24 @@ def test_a_clip_that_does_not_tell_says_why_and_keeps_its_other_features(filmed)
     scores = score(Objective({"filmic_space": FilmicSpace()}), got, got, {})
     assert scores.term("filmic_space").reason == f"the reference has no 'depth': {got.reasons['depth']}"
     assert bool(scores.totals.isnan().all())
+
+
+def test_a_clip_for_which_time_ran_out_is_not_blamed(filmed, monkeypatch):
+    import pycolmap
+
+    def slow(database, folder, models, options):
+        time.sleep(options.max_runtime_seconds)
+        return {}
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", slow)
+    _, got = read(filmed("truck"), DepthSfm(lens=1.1, seconds=1))
+    told = "depth_sfm: time ran out after 1 s with 0 of 12 frames placed (extractors.depth_sfm.seconds=2)"
+    assert got.reasons == dict.fromkeys(("depth", "depth_confidence"), told)
+    assert all(isinstance(reason, OfThisRun) for reason in got.reasons.values())
+    monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *given: {})
+    _, got = read(filmed("truck"), DepthSfm(lens=1.1, seconds=1))
+    assert got.reasons["depth"].startswith("depth_sfm: only 0 of 12 frames could be placed with one lens")
+    assert not isinstance(got.reasons["depth"], OfThisRun)
 
 
 def test_a_single_render_is_refused_in_one_line(trucked):

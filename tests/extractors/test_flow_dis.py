@@ -33,6 +33,14 @@ def test_flow_points_back_to_where_things_were(preset, height):
     torch.testing.assert_close(inner(flow), torch.tensor([[-4.0, 3.0]]), atol=0.3, rtol=0)
 
 
+@pytest.mark.parametrize("preset", ["ultrafast", "fast", "medium"])
+@pytest.mark.parametrize("size", [(960, 10), (2000, 24), (24, 2000), (960, 30), (24, 24)])
+def test_long_thin_frames_are_read_by_every_preset(preset, size):
+    now, before = texture(size=size, shift=(1.0, 0.0)), texture(size=size)
+    flow = FlowDis(preset=preset)(features(now), features(before)).flow[0, 0]
+    assert float(flow.median()) == pytest.approx(-1.0, abs=0.3)
+
+
 def test_vectors_are_in_pixels_of_the_features_size():
     now, before = texture(shift=(4.0, -3.0)), texture()
     flow = FlowDis()(features(now, (320, 360)), features(before, (320, 360))).flow

@@ -4,9 +4,11 @@ import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 import torch
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from cltransfer.features import Features
 from cltransfer.losses import jaws_pose
@@ -39,11 +41,11 @@ def small_maps(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def joints(seed: int, count: int = 14) -> Features:
-    """A frame whose joints may be out of it, or hardly be seen."""
+    """Frames of ``count`` joints in all, which may be out of them, or hardly be seen."""
     random = torch.Generator().manual_seed(seed)
     scale = torch.tensor([1.2 * WIDTH, 1.2 * HEIGHT, 1.0])
     places = (torch.rand(1, count, 3, generator=random) * scale).double()
-    return Features((WIDTH, HEIGHT), keypoints=places)
+    return Features((WIDTH, HEIGHT), keypoints=places.view(-1, 14, 3))
 
 
 class TestQuirkyPose(LossCase):
@@ -57,7 +59,7 @@ class TestQuirkyFlow(LossCase):
 @pytest.mark.parametrize("quirks", [False, True])
 @pytest.mark.parametrize("seed", range(2))
 def test_pose_is_the_published_formula(small_maps: None, seed: int, quirks: bool) -> None:
-    reference, rendered = joints(2 * seed, 5), joints(2 * seed + 1, 5)
+    reference, rendered = joints(2 * seed), joints(2 * seed + 1)
     lists = [f.keypoints[0].tolist() for f in (reference, rendered)]
     expected = literal.pose(*lists, WIDTH, HEIGHT, SPREAD, TEMPERATURE, quirks)
     got = JawsPose(quirks=quirks)(reference, rendered)
@@ -75,6 +77,31 @@ def test_a_joint_the_reference_hardly_shows_hardly_counts() -> None:
     torch.testing.assert_close(both.sum(1), torch.full((2,), 14.0, dtype=torch.float64))
     shown = JawsPose()(reference, rendered)
     assert JawsPose()(replace(reference, keypoints=hidden), rendered) != shown
+
+
+class Largest(TorchDispatchMode):
+    """Elements of the largest tensor that is made."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        made = func(*args, **(kwargs or {}))
+        if isinstance(made, torch.Tensor):
+            self.elements = max(self.elements, made.numel())
+        return made
+
+
+def test_maps_are_drawn_of_a_few_frames_at_a_time() -> None:
+    reference, rendered = (
+        Features((WIDTH, HEIGHT), keypoints=joints(i, 14 * 41).keypoints.view(41, 14, 3)) for i in (0, 1)
+    )
+    with Largest() as largest:
+        losses = JawsPose()(reference, rendered)
+    assert largest.elements <= 4 * 14 * 224 * 336
+    each = torch.cat([JawsPose()(reference[i : i + 1], rendered[i : i + 1]) for i in range(41)])
+    torch.testing.assert_close(losses, each, rtol=1e-12, atol=0)
 
 
 def test_an_arm_that_hangs_otherwise_costs_though_size_and_framing_are_the_same() -> None:

@@ -15,7 +15,7 @@ from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
-from cltransfer.scenes.simplify import subset
+from cltransfer.scenes.simplify import PARTS, subset
 from cltransfer.scenes.splats import Splats
 
 ALL = GaussianSplats.provides
@@ -263,16 +263,36 @@ def test_more_tile_lists_than_fit_are_drawn_in_several_slabs():
     assert psnr(fast.alpha, plain.alpha) >= 60
 
 
-def test_absurd_but_finite_gaussians_leave_the_image_finite():
+@pytest.mark.parametrize("backend", ["numba", "torch"])
+def test_absurd_but_finite_gaussians_leave_the_image_finite(backend):
     room = synthetic_room(1000, degree=0)
     scales, means, opacity = room.scales.clone(), room.means.clone(), room.opacity.clone()
     scales[:4] = torch.tensor([1e9, 1e6, 1e-9, 1e5])[:, None]
     means[4:6] = torch.tensor([1e30, -3e38])[:, None]
     opacity[6:9] = torch.tensor([0.0, 1.0, 1.0])
     odd = replace(room, scales=scales, means=means, opacity=opacity)
-    got = GaussianSplats().render(scene_of(odd), room_cameras(3, (40, 30)), ALL)
+    got = GaussianSplats(backend=backend).render(scene_of(odd), room_cameras(3, (40, 30)), ALL)
     assert got.image.isfinite().all()
     assert got.alpha.isfinite().all()
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch"])
+@pytest.mark.parametrize("length", [10.0, 30.0])
+def test_needles_of_which_float32_leaves_no_ellipse_are_left_out(backend, length):
+    generator = torch.Generator().manual_seed(1)
+    n = 60
+    means = (torch.rand(n, 3, generator=generator) - 0.5) * torch.tensor([1.0, 1, 1]) + torch.tensor([0, 0, 1.5])
+    quats = torch.nn.functional.normalize(torch.randn(n, 4, generator=generator), dim=1)
+    camera = forward_camera((64, 36), 800.0)
+    wrong = []
+    for i in range(n):
+        needle = replace(balls([means[i].tolist()], 1e-3, 0.8, [[0.5] * 3]), quats=quats[i : i + 1])
+        needle = replace(needle, scales=torch.tensor([[length, 1e-3, 1e-3]]))
+        exact = replace(needle, **{name: getattr(needle, name).double() for name in PARTS})
+        got = GaussianSplats(backend=backend).render(scene_of(needle), camera, frozenset({"alpha"})).alpha
+        want = GaussianSplats(backend="torch").render(scene_of(exact), camera, frozenset({"alpha"})).alpha
+        wrong += [i] if float((got - want).abs().mean()) > 0.1 else []
+    assert wrong == []
 
 
 def test_identical_gaussians_render():

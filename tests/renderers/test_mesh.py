@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -13,18 +14,34 @@ import torch
 import trimesh
 from torch import Tensor
 
+from cltransfer import memory
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.camera import Camera, intrinsics
-from cltransfer.errors import UsageError
+from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.renderers._request import renderer_of
 from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.renderers.kernels import mesh as kernels
 from cltransfer.renderers.mesh import Mesh as Renderer
 from cltransfer.scenes import Scene
 from cltransfer.scenes.mesh import Mesh
 
 ALL = Renderer.provides
 BACKENDS = ("numba", "torch")
+
+
+@pytest.fixture
+def pools(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many threads were asked for, each time that several were."""
+    asked: list[int] = []
+
+    class Pool(ThreadPoolExecutor):
+        def __init__(self, workers: int) -> None:
+            asked.append(workers)
+            super().__init__(workers)
+
+    monkeypatch.setattr(kernels, "ThreadPoolExecutor", Pool)
+    return asked
 
 
 def scene_of(mesh: Mesh) -> Scene:
@@ -356,3 +373,23 @@ def test_a_reference_scene_of_another_kind_is_drawn_by_its_own_renderer():
     assert renderer_of(scene, splats) == Renderer()
     assert renderer_of(scene, Renderer(samples=3)) == Renderer(samples=3)
     assert renderer_of(replace(scene, geometry=object()), splats) is splats
+
+
+def test_fewer_threads_draw_where_their_rays_would_not_fit_and_the_pixels_are_the_same(
+    monkeypatch: pytest.MonkeyPatch, pools: list[int]
+) -> None:
+    scene = scene_of(quad([[-1.0, -1, 2], [1, -1, 2], [1, 1, 2.5], [-1, 1, 2.5]]))
+    cameras, renderer = room_cameras(3, (160, 90)), Renderer(samples=8, threads=3)
+    need = kernels.scratch_bytes(4, cameras.size, 8, True)
+    drawn = []
+    for free in (None, 2 * need, need):
+        monkeypatch.setattr(memory, "free_bytes", lambda free=free: free)
+        drawn.append(renderer.render(scene, cameras, ALL))
+    assert pools == [3, 2]  # one draws by itself
+    for name in ALL:
+        assert len({d.require(name).numpy().tobytes() for d in drawn}) == 1
+    large = forward_camera((320, 180), 100.0)
+    with pytest.raises(
+        ResourceError, match=r"^memory: 8x8 rays a pixel of frames of 320x180 need 127 MB, 32 MB are free"
+    ):
+        renderer.render(scene, large, ALL)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import pytest
@@ -17,10 +17,14 @@ from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.readback import render_frames
 from cltransfer.reference import Reading, read_reference
+from cltransfer.registry import RENDERERS
 from cltransfer.renderers._request import drawn_by
 from cltransfer.scenes import Scene
+from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.scenes.mesh import Mesh
 from cltransfer.shots import builtin_reference
+from cltransfer.testing.samples import sample_cameras
 
 SIZE = (32, 18)
 
@@ -34,6 +38,21 @@ class Odd:
 
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         return self.give(cameras)
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch"])
+@pytest.mark.parametrize(("name", "form"), [("gaussian_splats", "splats"), ("mesh", "mesh"), ("nerf_grid", "grid")])
+def test_no_camera_is_refused_by_every_renderer_in_the_same_words(name: str, form: str, backend: str) -> None:
+    scene, renderer = box(form), RENDERERS.build(name, {"backend": backend})
+    with pytest.raises(ValueError, match=r"^expected one camera or more, got none$"):
+        renderer.render(scene, sample_cameras(0, 1)[[]], renderer.provides)
+
+
+def box(form: str) -> Scene:
+    corners = torch.tensor([[x, y, z] for x in (-1.0, 1) for y in (-1.0, 1) for z in (-1.0, 1)])
+    mesh = Mesh.plain(corners, torch.combinations(torch.arange(8), 3))
+    forms = {"mesh": lambda: mesh, "splats": lambda: bake_splats(mesh, 50), "grid": lambda: bake_grid(mesh, 4)}
+    return Scene(forms[form](), None, torch.tensor([0.0, 1, 0]).double(), "box", "")
 
 
 def raising(cameras: Camera) -> Features:
@@ -63,9 +82,31 @@ def test_a_buffer_that_was_asked_for_and_is_not_given_is_named() -> None:
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image", "depth"}))
 
 
-@pytest.mark.parametrize("shape", [(1, 3, 18, 32), (2, 3, 7, 7)], ids=["too few", "too small"])
-def test_views_of_another_number_or_size_are_named(shape: tuple[int, ...]) -> None:
-    _, path = builtin_reference("static", SIZE, 2)
-    odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(shape)))
-    with pytest.raises(ModelError, match=r"^renderer Odd: expected image of shape \(2, 3, 18, 32\), got "):
+def test_who_looks_and_who_is_there_are_asked_for_by_name() -> None:
+    scene, path = builtin_scene("courtyard"), builtin_reference("static", SIZE, 1)[1]
+    image = Features(SIZE, image=torch.zeros(1, 3, 18, 32))
+    hint = re.escape("(return Features(..., camera=cameras, person=scene.subject))")
+    with pytest.raises(ModelError, match=f"^renderer Odd: expected camera and person .*got no camera {hint}$"):
+        drawn_by(Odd(lambda cameras: image), scene, path.camera, frozenset({"image"}))
+    seen = Odd(lambda cameras: replace(image, camera=cameras))
+    with pytest.raises(ModelError, match="got no person"):
+        drawn_by(seen, scene, path.camera, frozenset({"image"}))
+    assert drawn_by(seen, replace(scene, subject=None), path.camera, frozenset({"image"})).has("image")
+
+
+@pytest.mark.parametrize(
+    ("shape", "line"),
+    [
+        (
+            (1, 3, 18, 32),
+            r"image, it raised ValueError: features must have one number of frames, got 1 in image and 2 ",
+        ),
+        ((2, 3, 7, 7), r"image of shape \(2, 3, 18, 32\), got "),
+    ],
+    ids=["too few", "too small"],
+)
+def test_views_of_another_number_or_size_are_named(shape: tuple[int, ...], line: str) -> None:
+    scene, path = builtin_reference("static", SIZE, 2)
+    odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(shape), camera=cameras, person=scene.subject))
+    with pytest.raises(ModelError, match=f"^renderer Odd: expected {line}"):
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image"}))

@@ -16,9 +16,10 @@ from torch import Tensor
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.errors import ModelError
-from cltransfer.renderers import _splats_gsplat
+from cltransfer.renderers import _splats_gsplat, gaussian_splats
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
+from cltransfer.scenes.simplify import subset
 from cltransfer.scenes.splats import Splats
 
 ALL = GaussianSplats.provides
@@ -50,6 +51,15 @@ def off_centre(cameras: Camera) -> Camera:
     K[:, 0, 0] *= torch.tensor([0.6, 1.0, 2.0], dtype=torch.float64)
     K[:, :2, 2] += torch.tensor([3.0, -2.0], dtype=torch.float64)
     return replace(cameras, K=K)
+
+
+def test_a_scene_without_gaussians_is_empty_as_it_is_by_the_oracle(monkeypatch):
+    monkeypatch.setattr(gaussian_splats, "require_gsplat", lambda *_: None)
+    empty = scene_of(subset(synthetic_room(10), torch.zeros(10, dtype=torch.bool)))
+    cameras = room_cameras(2, (33, 17))
+    got, plain = (GaussianSplats(backend=name).render(empty, cameras, ALL) for name in ("gsplat", "torch"))
+    for name in ALL:
+        torch.testing.assert_close(got.require(name), plain.require(name), equal_nan=True, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("antialiased", [True, False])

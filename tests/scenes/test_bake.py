@@ -54,6 +54,27 @@ def test_a_mirrored_mesh_is_not_baked_inside_out(scale: tuple[float, float, floa
     assert bool(((samples.points * samples.normals).sum(1) > 0).all())
 
 
+@pytest.mark.parametrize("bake", [bake_splats, bake_grid])
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [([[1.0, 2, 3]] * 3, [[0, 1, 2]]), ([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), ([[0.0, 0, 0]] * 3, [])],
+)
+def test_a_mesh_without_area_is_refused_as_one(bake: Callable[[Mesh, int], Any], vertices: Any, faces: Any) -> None:
+    mesh = Mesh.plain(torch.tensor(vertices), torch.tensor(faces, dtype=torch.int32).reshape(-1, 3))
+    with pytest.raises(ValueError, match=rf"expected a mesh with an area, got {len(faces)} faces of an area of 0"):
+        bake(mesh, 16)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-6, 1e-9])
+def test_gaussians_lie_along_faces_however_small(scale: float) -> None:
+    ball = trimesh.creation.icosphere(4, 1.0)
+    mesh = Mesh.plain(torch.from_numpy(np.array(ball.vertices) * scale), torch.from_numpy(np.array(ball.faces)))
+    samples = sample_surface(mesh, 2_000)
+    torch.testing.assert_close(samples.normals.norm(dim=1), torch.ones(2_000).double())
+    outward = torch.nn.functional.normalize(samples.points / scale, dim=1)
+    assert float((samples.normals * outward).sum(1).min()) > 0.99
+
+
 def around(mesh: Mesh, count: int = 16, size: tuple[int, int] = (320, 240)) -> Camera:
     """Views from all sides that see the whole mesh."""
     low, high = mesh.vertices.double().amin(0), mesh.vertices.double().amax(0)
@@ -152,7 +173,7 @@ def test_a_texture_is_baked_beyond_its_edges_as_it_goes_on_there() -> None:
 
 def test_nothing_to_bake_is_refused() -> None:
     point = Mesh.plain(torch.zeros(3, 3), torch.tensor([[0, 1, 2]]))
-    with pytest.raises(ValueError, match="positive count and area"):
+    with pytest.raises(ValueError, match="expected a mesh with an area"):
         bake_splats(point)
     with pytest.raises(ValueError, match="cells must be at least 2"):
         bake_grid(snowman(), 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,3 +180,10 @@ def test_who_may_be_cut_off_before_the_lens_is_told_with_the_options_that_draw_t
         with pytest.raises(InputError) as caught:
             chosen([], 0, scene, told)
         assert "cut off" not in str(caught.value)
+
+
+def test_an_empty_scene_is_said() -> None:
+    grid = bake_grid(of_reach(1.0, "mesh").geometry, 8)
+    nothing = Scene(replace(grid, density=grid.density * 0), None, UP, "fog", "")
+    with pytest.raises(InputError, match=r"^fog: scene: expected something to see, got an empty NerfGrid$"):
+        find_people(nothing, lambda cameras: [np.zeros((0, 5))] * len(cameras))

@@ -124,3 +124,15 @@ def test_of_a_large_scene_the_answer_is_kept_by_its_content(
     kept.write_bytes(b"short")
     with pytest.raises(InputError, match=r"\.bits: expected \d+ bytes, got 5 .delete it"):
         floaters(both)
+
+
+def test_a_cache_that_cannot_be_written_costs_no_more_than_another_look(
+    room: Splats, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    both = hung(room, 61)
+    expected = floaters(both)
+    monkeypatch.setattr(module, "KEPT", len(both))
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "file"))
+    assert torch.equal(floaters(both), expected)
+    assert caplog.messages[0].endswith("Not a directory: the next run looks for floaters anew")

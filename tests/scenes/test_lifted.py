@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 import torch
 
 from cltransfer.errors import InputError
+from cltransfer.scenes import lifted
 from cltransfer.scenes.builtin import named_scene
-from cltransfer.scenes.lifted import load_person, save_labels
+from cltransfer.scenes.lift import Lift
+from cltransfer.scenes.lifted import lifted_scene, load_person, save_labels
 from cltransfer.subject import Subject
 from cltransfer.testing import sample_features
 
@@ -78,3 +80,22 @@ def test_people_that_are_no_count_are_refused(tmp_path: Path, count: str) -> Non
     (tmp_path / "subject.json").write_text(text.replace('"people": null', f'"people": {count}'))
     with pytest.raises(InputError, match="people must be a whole number"):
         Subject.load(tmp_path / "subject.json")
+
+
+def test_a_cache_that_cannot_be_written_loses_no_person(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    scene = named_scene("courtyard")
+    bare = replace(scene, subject=None, geometry=scene.geometry.with_label(torch.zeros(len(scene.geometry))))
+    found = Lift(**dict.fromkeys((field.name for field in fields(Lift)), None))
+    found = replace(found, subject=scene.subject, label=0.9 * scene.geometry.label)
+    monkeypatch.setattr(lifted, "lift_scene", lambda *given, **options: found)
+    monkeypatch.setattr(lifted, "summary", lambda found: {})
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "file"))
+    told = lifted_scene(bare, None, {})
+    assert caplog.messages[0].endswith("Not a directory: the next run lifts the person anew")
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    kept = lifted_scene(bare, None, {})
+    assert torch.equal(told.geometry.label, kept.geometry.label)
+    assert (len(caplog.messages), kept.subject.height) == (1, told.subject.height)

@@ -1,8 +1,6 @@
 """Inner loops in numba, without torch: numpy arrays in, numpy arrays out.
 
-Numba keys its cache by the file of a function and does not look at what it calls. So a kernel calls only
-kernels of its own file, and the Python function above them joins the files. After changing a constant that
-other files import, delete their ``__pycache__``.
+What is called from Python is a :func:`~.compiled.kernel`, whose machine code is kept; its helpers are compiled into it.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 f32 = np.float32
 
-CACHED: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
+CACHED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "boundscheck": False}
 """For code that must see NaN and infinity."""
 FAST: dict[str, Any] = {**CACHED, "fastmath": True}
 """For code whose inputs are known to be finite."""

@@ -1,6 +1,6 @@
 """Colours of single rays through a voxel grid, and how they change with the grid: what a fit needs.
 
-The small helpers are those of ``grid_march``; after changing them, delete this folder's ``__pycache__``.
+The small helpers are those of ``grid_march``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array, f32
+from .compiled import kernel
 from .grid_march import (
     LOOSE,
     MIN_TRANSMITTANCE,
@@ -97,7 +98,7 @@ def _scratch(field: Field) -> tuple[Array, Array]:
     return np.empty((most, 3), np.int32), np.empty((most, 8), np.float32)
 
 
-@njit(**CACHED, **LOOSE)
+@kernel(**CACHED, **LOOSE)
 def look(field: Field, rays: Array, colors: Array) -> None:
     """Colours over black, not limited to 1.
 
@@ -117,7 +118,7 @@ def look(field: Field, rays: Array, colors: Array) -> None:
                 colors[r, channel] += weight * log[1][s, 2 + channel]
 
 
-@njit(**CACHED, **LOOSE)
+@kernel(**CACHED, **LOOSE)
 def trace_back(field: Field, rays: Array, wanted: Array, density: Array, sh: Array) -> None:
     """Add to ``density`` and ``sh`` the slopes of sum(wanted * colors) of :func:`look`.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array, f32
+from .compiled import kernel
 from .grid_pack import BRICK, Packed
 
 MIN_TRANSMITTANCE = 1e-4  # a ray ends when less is left
@@ -186,7 +187,7 @@ def _write(out: Outputs, pixel: tuple[int, int], sums: tuple[f32, ...], median: 
         out.expected_depth[y, x] = mean / alpha if alpha >= _MIN_COVER else _UNDEFINED
 
 
-@njit(**CACHED, **LOOSE)
+@kernel(**CACHED, **LOOSE)
 def march(packed: Packed, view: View, out: Outputs) -> int:
     """Render one view; return the number of samples that met matter.
 

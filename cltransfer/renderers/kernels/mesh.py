@@ -8,10 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...memory import LITTLE, affordable, require_free
 from . import Array
 from .mesh_pool import pool
 from .mesh_raster import HOLE, rasterise, resolve, to_camera
 from .mesh_shade import shade
+
+RAY_BYTES, COLOR_BYTES, VERTEX_BYTES = 24, 12, 40  # of a thread's scratch
 
 
 class Packed(NamedTuple):
@@ -77,10 +80,20 @@ def pack_images(images: Sequence[Array], wraps: Sequence[tuple[int, int]]) -> tu
 
 
 def render(packed: Packed, views: Views, settings: Settings, color: bool, threads: int) -> Buffers:
-    """What each of the views sees; ``threads`` of them are drawn at once, which does not change the result."""
+    """What each of the views sees; at most ``threads`` are drawn at once, fewer where their scratch would not fit.
+
+    The result does not depend on it.
+
+    Raises:
+        ResourceError: the scratch of one does not fit in memory.
+    """
+    need = scratch_bytes(len(packed.vertices), views.size, settings.samples, color)
+    if need > LITTLE:
+        rays, size = f"{settings.samples}x{settings.samples} rays a pixel", "x".join(map(str, views.size))
+        require_free(need, "", f"{rays} of frames of {size}", "take fewer samples")
+    workers = affordable(min(threads, len(views.w2c)), need)
     out = _buffers(len(views.w2c), views.size, color)
     work = iter(range(len(views.w2c)))
-    workers = min(threads, len(views.w2c))
     if workers == 1:
         _work(work, packed, views, settings, out)
         return out
@@ -89,6 +102,11 @@ def render(packed: Packed, views: Views, settings: Settings, color: bool, thread
         for task in tasks:
             task.result()
     return out
+
+
+def scratch_bytes(vertices: int, size: tuple[int, int], samples: int, color: bool) -> int:
+    """What a thread works in: planes of every ray, and the places of the vertices."""
+    return samples**2 * size[0] * size[1] * (RAY_BYTES + COLOR_BYTES * color) + VERTEX_BYTES * vertices
 
 
 def _work(indices: Iterator[int], packed: Packed, views: Views, settings: Settings, out: Buffers) -> None:

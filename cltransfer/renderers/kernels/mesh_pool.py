@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from . import CACHED, Array, f32
+from .compiled import kernel
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def pool(fine: tuple[Array, ...], samples: int, planes: tuple[Array, ...], image: Array) -> None:
     """Means, and the median depth.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array, f32
+from .compiled import kernel
 
 INSIDE = -1e-9  # weight of a corner that still counts as inside: closes the seam between two faces
 FLAT = 1e-13  # determinant over the product of the corners' distances: a face seen from its edge
@@ -19,7 +20,7 @@ OFFSET, WIDTH, HEIGHT, HOLES, ACROSS, DOWN = 0, 1, 2, 3, 4, 5  # columns of an i
 REPEAT, CLAMP, MIRROR = 0, 1, 2  # wraps: how an image goes on beyond its edges, along one axis
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def to_camera(vertices: Array, view: Array, lens: Array, points: Array, pixels: Array) -> None:
     """Camera points (V, 3) and pixels (V, 2) of world vertices; behind the camera a pixel means nothing.
 
@@ -99,7 +100,7 @@ def _is_hole(u: float, v: float, image: Array, texels: Array) -> bool:
     return texels[image[OFFSET] + row * image[WIDTH] + column, 3] < HOLE
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def rasterise(
     mesh: tuple[Array, ...], points: Array, pixels: Array, lens: Array, near: float, seen: tuple[Array, Array]
 ) -> None:
@@ -152,7 +153,7 @@ def rasterise(
                 nearest[y, x] = f
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def resolve(label: Array, inverse: Array, nearest: Array, depth: Array, alpha: Array, member: Array) -> None:
     """Buffers of the faces seen.
 

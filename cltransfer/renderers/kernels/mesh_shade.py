@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array
+from .compiled import kernel
 from .mesh_raster import ACROSS, CLAMP, DOWN, HEIGHT, MIRROR, OFFSET, REPEAT, WIDTH
 
 _BYTE = 1 / 255
@@ -63,7 +64,7 @@ def _between(texels: Array, rows: tuple[int, int], columns: tuple[int, int, floa
     return (upper * (1 - down) + lower * down) * _BYTE
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def shade(mesh: tuple[Array, ...], points: Array, lens: Array, headlight: float, nearest: Array, image: Array) -> None:
     """Colour of every pixel.
 

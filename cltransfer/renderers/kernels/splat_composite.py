@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, FAST, FAST_INLINE, Array, f32
+from .compiled import kernel
 from .splat_cull import View
 from .splat_pack import MIN_ALPHA
 from .splat_project import (
@@ -123,7 +124,7 @@ def _opaque(planes: Array, base: int) -> bool:
     return bool(clearest <= _ZERO)
 
 
-@njit(**FAST)
+@kernel(**FAST)
 def composite(view: View, slab: Slab, tiles: Tiles, planes: Array, color: bool | None) -> int:
     """Blend a slab into all open tiles, nearest first, and close those that became opaque; return the open ones.
 
@@ -153,7 +154,7 @@ def composite(view: View, slab: Slab, tiles: Tiles, planes: Array, color: bool |
     return still_open
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def clear(planes: Array, view: View, count: int) -> None:
     """Transmittance 1 and sums 0; pixels of the last tiles outside the image are finished from the start."""
     columns = (view.width + TILE - 1) // TILE
@@ -168,7 +169,7 @@ def clear(planes: Array, view: View, count: int) -> None:
                     grid[tile, 0, strip, row, lane] = _ONE if inside else -_ONE
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def resolve(planes: Array, view: View, count: int, across: tuple[int, int], out: Outputs) -> None:
     """Tiles to the image's columns [first, end) over black; depth is NaN where it is undefined."""
     columns = (view.width + TILE - 1) // TILE

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from . import CACHED, INLINE, Array, f32
+from .compiled import kernel
 from .splat_pack import CHUNK
 
 LOW_PASS = 0.3  # [px^2], added to the diagonal of every projected covariance (Kerbl et al. 2023)
@@ -95,7 +96,7 @@ def _inside(x: f32, y: f32, z: f32, radius: f32, planes: tuple[Array, Array, Arr
     )
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def cull(bounds: Array, chunks: Array, view: View, across: tuple[int, int], ids: Array, depths: Array) -> int:
     """Write rows and depths of Gaussians that can touch the frame's columns; return their number.
 
@@ -127,7 +128,7 @@ def cull(bounds: Array, chunks: Array, view: View, across: tuple[int, int], ids:
     return count
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def sort_by_depth(ids: Array, depths: Array, count: int, keys: Array, spare: Array) -> None:
     """Reorder ``ids[:count]`` by rising depth > 0: a stable radix sort of the float bits, which order as the floats.
 

@@ -10,6 +10,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from . import CACHED, INLINE, Array, f32
+from .compiled import kernel
 from .splat_cull import LOW_PASS, View
 from .splat_pack import COVARIANCE, LABEL, MIN_ALPHA, OPACITY, RADIUS
 
@@ -18,6 +19,7 @@ SLAB = 8192  # Gaussians projected at a time, so that their records stay in the 
 PAIRS = 8 * SLAB  # (Gaussian, tile) pairs in a slab
 AHEAD = 12  # Gaussians between prefetch and use
 LANES = 128  # Gaussians that are projected together
+MAX_DETERMINANT = 1e37  # [px^4]; beyond it float32 overflows
 # columns of a record
 U, V, QA, QB, QC, PEAK, DEPTH, MEMBER, RED, GREEN, BLUE, RECORD = range(12)
 # columns of a box: first and last pixel, and the Gaussian's row
@@ -34,7 +36,7 @@ _U, _V, _Z, _EXX, _EXY, _EYY, _SHRINK, _PEAK, _REACH, _X0, _X1, _Y0, _Y1 = (
 _LOW_PASS, _MIN_ALPHA = f32(LOW_PASS), f32(MIN_ALPHA)
 _ZERO, _HALF, _ONE, _TWO = f32(0), f32(0.5), f32(1), f32(2)
 _MIN_COMPENSATION = f32(2.5e-5)  # of det / blurred det; gsplat has none
-_MAX_DETERMINANT = f32(1e37)  # [px^4]; beyond it float32 overflows
+_MAX_DETERMINANT = f32(MAX_DETERMINANT)
 
 
 class Slab(NamedTuple):
@@ -234,7 +236,7 @@ def _open(geometry: Array, rows: Array, view: View, slab: Slab, tiles: Tiles, co
     return count, chosen
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def project_slab(geometry: Array, order: Array, view: View, slab: Slab, tiles: Tiles) -> tuple[int, int]:
     """Project the next Gaussians until the slab is full, list them by tile; return how many were taken and kept.
 

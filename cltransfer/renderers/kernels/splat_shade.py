@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from . import FAST, FAST_INLINE, Array, f32
+from .compiled import kernel
 from .splat_cull import View
 from .splat_project import BLUE, GREEN, RED, SOURCE, Slab, prefetch
 
@@ -55,7 +56,7 @@ def _add_band(
     return r, g, b
 
 
-@njit(**FAST)
+@kernel(**FAST)
 def shade_slab(geometry: Array, sh: Array, view: View, slab: Slab, kept: int) -> None:
     """Write the colours of the slab's first ``kept`` Gaussians, >= 0, into their records.
 

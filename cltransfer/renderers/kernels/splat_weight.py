@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from . import CACHED, Array, f32
+from .compiled import kernel
 from .splat_composite import MAX_ALPHA, MIN_TRANSMITTANCE
 from .splat_cull import View
 from .splat_pack import MIN_ALPHA
@@ -15,7 +15,7 @@ _HALF, _ONE, _ZERO = f32(0.5), f32(1), f32(0)
 _MIN_ALPHA, _MAX_ALPHA, _MIN_TRANSMITTANCE = f32(MIN_ALPHA), f32(MAX_ALPHA), f32(MIN_TRANSMITTANCE)
 
 
-@njit(**CACHED)
+@kernel(**CACHED)
 def weigh(view: View, slab: Slab, tiles: Tiles, transmittance: Array, weights: Array) -> int:
     """Raise ``weights`` to the greatest share of a pixel that each Gaussian of a slab has; return the open tiles.
 

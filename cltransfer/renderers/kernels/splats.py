@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...memory import affordable
 from . import Array
 from .splat_composite import ALL_PLANES, DEPTH_PLANES, Outputs, clear, composite, resolve
 from .splat_cull import Settings, View, cull, make_view, sort_by_depth
@@ -23,6 +24,7 @@ from .splat_weight import weigh
 
 CUT = 50_000  # Gaussians from which a view is worth cutting: two threads draw 10,000 no faster, 100,000 1.5 times
 SAMPLE = 4096  # Gaussians that tell where to cut
+SCRATCH_BYTES = 28  # a Gaussian, of a thread
 
 
 class Scratch(NamedTuple):
@@ -114,7 +116,7 @@ def render(packed: Packed, views: list[View], color: bool, threads: int) -> Outp
         packed: the Gaussians.
         views: B cameras of one size.
         color: whether the image is wanted; without it SH and colour planes are skipped.
-        threads: at most so many work at once; the result does not depend on it.
+        threads: at most so many work at once, fewer where memory is short; the result does not depend on it.
 
     Returns:
         Buffers with a leading axis B.
@@ -125,6 +127,7 @@ def render(packed: Packed, views: list[View], color: bool, threads: int) -> Outp
         np.empty((shape[0], 3 if color else 0, *shape[1:]), np.float32),
         *(np.empty(shape, np.float32) for _ in range(4)),
     )
+    threads = affordable(threads, SCRATCH_BYTES * len(packed.bounds))
     parts = _parts(packed, views, threads)
     work, workers = iter(parts), min(threads, len(parts))
     if workers == 1:

@@ -10,6 +10,8 @@ import sys
 import numpy as np
 import pytest
 
+from cltransfer import memory
+from cltransfer.renderers.kernels import splats
 from cltransfer.renderers.kernels.splat_cull import sort_by_depth
 from cltransfer.renderers.kernels.splat_pack import CHUNK, Packed, morton_codes, pack
 from cltransfer.renderers.kernels.splat_project import LANES, SLAB, SOURCE, _pixels, project_slab
@@ -182,3 +184,22 @@ def test_views_left_over_are_cut_where_as_much_is_to_be_drawn_on_either_side():
     assert _parts(crowd, [behind], 2) == [Part(0, 0, 5), Part(0, 5, 10)]
     assert _parts(crowd, [view], 1) == _parts(few, [view], 2) == [Part(0, 0, 10)]
     assert [part.first for part in _parts(crowd, [view], 16)] == [0, 3, 4], "the rest is empty"
+
+
+def test_fewer_threads_draw_where_their_scratch_would_not_fit_and_the_bits_are_the_same(monkeypatch):
+    packed = pack(*random_gaussians(2_000))
+    K = np.array([[100.0, 0, 80], [0, 100, 45], [0, 0, 1]])
+    view, usual, asked, drawn = make_view(np.eye(4), K, (160, 90), Settings(0.1, 0.3, True)), splats._parts, [], []
+
+    def parts(packed, views, threads):
+        asked.append(threads)
+        return usual(packed, views, threads)
+
+    monkeypatch.setattr(splats, "_parts", parts)
+    monkeypatch.setattr(memory, "LITTLE", 0)
+    for free in (None, 3 * splats.SCRATCH_BYTES * len(packed.bounds), 0):
+        monkeypatch.setattr(memory, "free_bytes", lambda free=free: free)
+        drawn.append(splats.render(packed, [view] * 5, True, 4))
+    assert asked == [4, 3, 1]
+    for buffers in zip(*drawn):
+        assert len({buffer.tobytes() for buffer in buffers}) == 1

@@ -1,0 +1,81 @@
+"""Where compiled kernels are kept, so that no change of a source leaves old machine code in use.
+
+Numba keys its cache by the file of a function and does not look at what that takes from others. So the folder is named
+by the content of all kernel sources.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from ...files import cache_dir
+
+SOURCES = Path(__file__).parent
+UNUSED = 30 * 24 * 3600  # [s] after which what other sources were compiled to is deleted
+
+_CONFIG: Any = numba.config
+
+
+def kernel(**options: Any) -> Callable[[Any], Any]:
+    """``numba.njit`` with ``options``, whose machine code is kept in :func:`folder`; compiled at each start without."""
+
+    def compiled(function: Any) -> Any:
+        usual, place = _CONFIG.CACHE_DIR, folder()
+        _CONFIG.CACHE_DIR = str(place or "")  # read when a function is decorated
+        try:
+            return numba.njit(cache=place is not None, **options)(function)
+        finally:
+            _CONFIG.CACHE_DIR = usual
+
+    return compiled
+
+
+@cache
+def folder() -> Path | None:
+    """The first folder that can be written, ``NUMBA_CACHE_DIR``, beside the sources or in the cache; None without."""
+    name = f"kernels-{_content(SOURCES)}"
+    for place in _places():
+        with contextlib.suppress(OSError, RuntimeError):
+            return _opened(place() / name)
+    return None
+
+
+def _places() -> Iterator[Callable[[], Path]]:
+    if named := str(_CONFIG.CACHE_DIR):
+        yield lambda: Path(named)
+    yield lambda: SOURCES / "__pycache__"
+    yield cache_dir
+
+
+def _content(sources: Path) -> str:
+    told = hashlib.sha256()
+    for path in sorted(sources.glob("*.py")):
+        told.update(f"{path.name} {path.stat().st_size} ".encode() + path.read_bytes())
+    return told.hexdigest()[:16]
+
+
+def _opened(place: Path) -> Path:
+    """``place``, made where it was not; what lay beside it unused is deleted then.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    if not place.is_dir():
+        place.mkdir(parents=True, exist_ok=True)
+        for other in place.parent.glob("kernels-*"):
+            if time.time() - other.stat().st_mtime > UNUSED:
+                shutil.rmtree(other, ignore_errors=True)
+    tempfile.TemporaryFile(dir=place).close()
+    os.utime(place)  # it is in use
+    return place

@@ -1,0 +1,86 @@
+"""Machine code is kept where it can be, and never outlives a source that it was made of."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cltransfer
+from cltransfer.renderers.kernels import compiled
+
+WEIGH = """
+import numpy as np
+from cltransfer.doctor import _kernels
+from cltransfer.renderers.kernels.splat_project import Slab, Tiles
+from cltransfer.renderers.kernels.splat_weight import weigh
+from cltransfer.renderers.kernels.splat_cull import Settings, make_view
+
+view = make_view(np.eye(4), np.diag([4.0, 4.0, 1.0]), (1, 1), Settings(0.1, 0.0, True))
+record = np.zeros((1, 12), np.float32)
+record[0, 5] = 1  # peak
+slab = Slab(record, np.zeros((1, 6), np.int32), np.zeros(1, np.float32), *np.zeros((2, 1), np.int32))
+tiles = Tiles(np.zeros(1, np.uint8), np.array([0, 1], np.int32), *np.zeros((2, 1), np.int32))
+weights = np.zeros(1, np.float32)
+weigh(view, slab, tiles, np.ones((1, 1), np.float32), weights)
+try:
+    where = _kernels()
+except RuntimeError as error:
+    where = str(error)
+print(round(float(weights[0]), 3), weigh.stats.cache_hits.total(), where, sep="|")
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A copy of the program that has compiled nothing."""
+    copy = tmp_path / "cltransfer"
+    shutil.copytree(Path(cltransfer.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    return copy
+
+
+def weighed(package: Path, home: Path) -> list[str]:
+    """The greatest share of a pixel by that program, whether it was compiled before, and where."""
+    changed = {name: str(home) for name in ("HOME", "XDG_CACHE_HOME", "CLTRANSFER_CACHE")}
+    variables = {**os.environ, **changed, "PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
+    variables.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-c", WEIGH], capture_output=True, text=True, check=True, env=variables, cwd=package.parent
+    )
+    return done.stdout.strip().split("|")
+
+
+def test_what_another_file_says_is_compiled_anew_where_it_changes(package: Path, tmp_path: Path) -> None:
+    kernels = package / "renderers" / "kernels"
+    first, again = weighed(package, tmp_path), weighed(package, tmp_path)
+    assert first[:2] == ["0.99", "0"]
+    assert again == ["0.99", "1", first[2]]
+    assert Path(first[2]).parent == kernels / "__pycache__"
+    source = kernels / "splat_composite.py"
+    source.write_text(source.read_text().replace("MAX_ALPHA = 0.99", "MAX_ALPHA = 0.50"))
+    assert weighed(package, tmp_path)[:2] == ["0.5", "0"]
+
+
+def test_where_no_folder_can_be_written_kernels_work_and_the_doctor_says_so(package: Path) -> None:
+    (package / "renderers" / "kernels" / "__pycache__").write_text("no folder")
+    share, hits, where = weighed(package, package / "cli.py")  # a home that is a file
+    assert (share, hits) == ("0.99", "0")
+    assert where.startswith("not kept: each start compiles them anew; set NUMBA_CACHE_DIR")
+
+
+def test_beside_an_installation_that_cannot_be_written_the_cache_is_used(package: Path, tmp_path: Path) -> None:
+    (package / "renderers" / "kernels" / "__pycache__").write_text("no folder")
+    assert Path(weighed(package, tmp_path / "home")[2]).parent == tmp_path / "home"
+
+
+def test_what_nothing_has_used_for_a_month_is_deleted(tmp_path: Path) -> None:
+    for name, days in (("kernels-old", 40), ("kernels-new", 3), ("other", 40)):
+        (tmp_path / name).mkdir()
+        then = (tmp_path / name).stat().st_mtime - days * 24 * 3600
+        os.utime(tmp_path / name, (then, then))
+    compiled._opened(tmp_path / "kernels-own")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-new", "kernels-own", "other"]

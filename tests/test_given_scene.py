@@ -1,0 +1,58 @@
+"""A scene that Python has made is transferred into as one from a file is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.errors import CltransferError
+from cltransfer.preparation import Inputs, given_scene
+from cltransfer.run_folder import write_run
+from cltransfer.scenes import Scene
+from cltransfer.scenes.lifted import load_person
+from cltransfer.scenes.load import load_scene
+from cltransfer.transfer import transfer
+
+
+def test_a_scene_from_python_is_found_the_same_cameras_in(tmp_path: Path) -> None:
+    config = load_config(overrides=["preset=fast", "frames=2", "search_side=48", "output_side=96"])
+    scene = load_scene("builtin:plaza")
+    inputs = Inputs(replace(scene, name="mine"), "builtin:push_in")
+    found, same = transfer(inputs, config), transfer(Inputs("builtin:plaza", "builtin:push_in"), config)
+    assert torch.equal(found.trajectory.camera.w2c, same.trajectory.camera.w2c)
+    report = write_run(tmp_path, found, inputs, config, [])
+    told = json.loads((tmp_path / "manifest.json").read_text())["scene"]
+    assert (told["name"], told["sha256"]) == ("mine", scene.digest)
+    assert report.command == ""
+    again = given_scene(Inputs(replace(scene, subject=None), "builtin:push_in", subject=tmp_path / "subject.json"))
+    assert again.subject is not None
+    assert torch.equal(again.geometry.label, load_person(scene, tmp_path / "subject.json").geometry.label)
+
+
+PLAZA = load_scene("builtin:plaza")
+
+
+@pytest.mark.parametrize(
+    ("scene", "line"),
+    [
+        (replace(PLAZA, name=""), "scene: expected a name, got none"),
+        (replace(PLAZA, digest="mine"), r"digest: expected a SHA-256 in hex, got 'mine' \(caches .*hexdigest\(\)\)"),
+        (
+            replace(PLAZA, geometry=[0.0]),
+            "scene: expected a geometry, got list without renderer, means, label, with_lab",
+        ),
+    ],
+)
+def test_a_scene_that_could_not_be_known_again_or_drawn_is_refused(scene: Scene, line: str) -> None:
+    with pytest.raises(CltransferError, match=line):
+        given_scene(Inputs(scene, "builtin:push_in"))
+
+
+def test_a_scene_has_its_own_up() -> None:
+    with pytest.raises(CltransferError, match="plaza: up: a scene has its own"):
+        given_scene(Inputs(PLAZA, "builtin:push_in", up=(0.0, 0.0, 1.0)))

@@ -1,0 +1,58 @@
+"""The names of ``cltransfer`` are what the documentation says, in whatever order modules were imported before."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+NAMES = "from cltransfer import transfer, evaluate"
+MODULES = "import cltransfer.transfer, cltransfer.evaluate"
+FUNCTIONS = "assert type(transfer) is type(evaluate) is type(lambda: 0), (transfer, evaluate)"
+SAME = "assert cltransfer.transfer is cltransfer.transfer is sys.modules['cltransfer.transfer'].transfer"
+ORDERS = {
+    "names alone": [NAMES, FUNCTIONS],
+    "modules first": [MODULES, NAMES, FUNCTIONS],
+    "names first": [NAMES, MODULES, NAMES, FUNCTIONS],
+    "from the modules": ["from cltransfer.transfer import Inputs", NAMES, FUNCTIONS],
+    "as attributes": ["import cltransfer", SAME, "from cltransfer import *", FUNCTIONS],
+    "pickled": [NAMES, "assert pickle.loads(pickle.dumps(transfer)) is transfer"],
+}
+
+
+def python(*code: str) -> subprocess.CompletedProcess[str]:
+    """Lines of code in a process of its own, where nothing is imported yet."""
+    line = "; ".join(["import sys, pickle", *code])
+    command = [sys.executable, "-W", "error::ImportWarning", "-c", line]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+
+
+def test_the_functions_of_tensors_that_the_readme_names_are_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8").partition("Of tensors alone, in `cltransfer.losses`")[2]
+    named = re.findall(r"`(\w+)\.(\w+)`", text.partition("\n\n")[0])
+    assert len(named) == 5
+    for module, function in named:
+        formula = getattr(importlib.import_module(f"cltransfer.losses.{module}"), function)
+        assert list(inspect.signature(formula).parameters)[:2] == ["reference", "rendered"]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_transfer_and_evaluate_are_the_functions(order: str) -> None:
+    done = python(*ORDERS[order])
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_what_a_loop_of_ones_own_needs_is_there_and_nothing_is_loaded_before() -> None:
+    names = {"Inputs", "Components", "clip_features", "camera_language_metrics", "Features", "LOSSES", "load_config"}
+    done = python(
+        f"import cltransfer; assert {names} <= set(cltransfer.__all__) & set(dir(cltransfer))",
+        "assert 'torch' not in sys.modules",
+        "from cltransfer import *; print(Components.__name__, clip_features.__name__)",
+    )
+    assert (done.stdout, done.stderr) == ("Components clip_features\n", "")
