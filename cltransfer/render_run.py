@@ -117,7 +117,7 @@ def _recalled(source: str, up: tuple[float, float, float]) -> Scene:
     try:
         return load_scene(source, up)
     except InputError as error:
-        hint = "it has been moved? name it: --scene FILE"
+        hint = error.hint or "it has been moved? name it: --scene FILE"
         raise InputError(error.where, error.field, error.reason, hint) from None
 
 

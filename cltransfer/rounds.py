@@ -116,7 +116,7 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             break
         bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
         if not bias.known:
-            return made, f"no {'' if number == 0 else 'further '}{UNBIASED}"
+            return made, f"no {'further ' if number else ''}{UNBIASED}"
         target, starts = corrected(job.wanted, bias), Starts(cameras[0], take.clip.about(cameras[0], take.x))
     return made, ""
 
