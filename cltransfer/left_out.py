@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 WORSE, MUCH = 4 / 3, 0.1  # times another total, and so much more, above which one is far worse
-BEARABLE = (
-    0.25  # so much more, where floaters make up for it; a path that they alone make good is 0.8 worse without them
-)
+BEARABLE = 0.25  # so much more, where floaters make up for it; what they alone make good is 0.8 worse without them
 
 
 @dataclass(frozen=True)
