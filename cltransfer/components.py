@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .errors import ModelError
 from .features import NAMES
 from .plan import CLIP_SOURCE, Family, Plan, make_plan

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .camera import Camera
 from .components import Components
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .errors import InputError, UsageError
 from .extractors._disparity import Align, aligned, fit_affine
 from .extractors.depth_onnx import DepthOnnx

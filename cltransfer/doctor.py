@@ -109,7 +109,7 @@ def _models() -> list[Finding]:
     from .errors import ModelError
     from .extractors.detect_yolox import DetectYolox
     from .extractors.pose_blazepose import PoseBlazepose
-    from .onnx import find_model
+    from .models.onnx import find_model
 
     def look(name: str) -> Finding:
         try:
@@ -121,7 +121,7 @@ def _models() -> list[Finding]:
 
 
 def _providers() -> str:
-    from .onnx import providers
+    from .models.onnx import providers
 
     return ", ".join(name.removesuffix("ExecutionProvider") for name in providers())
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from .clip_pairs import open_pairs
-from .clip_source import ClipSource
+from .clips.pairs import open_pairs
+from .clips.source import ClipSource
 from .components import Components
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .errors import InputError
 from .features import Features, nobody
 from .objective import Objective
@@ -33,7 +33,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
 
     Args:
         reference: a video, an image folder or the folder of a run, which has kept its frames; or a part of one
-            (:class:`cltransfer.clip_source.ClipSource`).
+            (:class:`cltransfer.clips.source.ClipSource`).
         render: as the reference, and starts when it does.
         config: which losses and extractors; ``frames`` thins the pairs, evenly by time.
         progress: called with a step, frames done, frames in all.

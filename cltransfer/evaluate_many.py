@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from .clips.image_folder import VIDEOS, natural_order
 from .components import Components
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .errors import CltransferError, InputError
 from .evaluate import evaluate
-from .image_folder import VIDEOS, natural_order
 from .progress import Progress, silent
 from .report.metrics import finite
 

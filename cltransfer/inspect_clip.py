@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from .components import Components
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .errors import InputError, UsageError
 from .features import Features
 from .objective import Objective

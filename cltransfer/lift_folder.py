@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .camera import Camera, in_one_frame
 from .components import Components
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .named_scenes import remember
 from .renderers._request import drawn_by
 from .report.contact_sheet import write_contact_sheet

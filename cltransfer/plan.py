@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from .errors import ModelError, UsageError, named
 from .features import Features
-from .onnx import Network
+from .models.onnx import Network
 
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})

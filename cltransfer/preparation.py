@@ -15,7 +15,7 @@ import torch
 
 from .camera import fitted_size, resized
 from .components import Components
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .depth_alignment import DepthAlignment, align_parts, needs_scene
 from .driver.guard import READ, Guard
 from .driver.initial_view import given_view
@@ -25,8 +25,8 @@ from .driver.stage import Stage
 from .driver.starts import Starting, Starts
 from .errors import UsageError
 from .features import Features
+from .models.onnx import files_content, model_content, own_model
 from .objective import Objective
-from .onnx import files_content, model_content, own_model
 from .plan import Family
 from .progress import Progress
 from .readback import check_result

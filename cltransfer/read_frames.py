@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
+from .clips.join_persons import join
+from .clips.persons import Who
 from .errors import UsageError
 from .features import Features
 from .graph import CHUNK, run_clip
-from .join_persons import join
 from .memory import require_free
-from .persons import Who
 from .plan import Plan
 from .progress import Progress, silent
 from .scenes.find_people import Found, boxes_of

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
-from .clip_part import BYTE_LIMIT
+from .clips.part import BYTE_LIMIT
 from .components import Components
 from .driver.follow import still
 from .driver.stage import Stage

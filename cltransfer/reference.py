@@ -13,14 +13,14 @@ import torch
 from torch import Tensor
 
 from . import __version__
+from .clips.join_persons import RULES
 from .components import SCENE_SOURCE, Components
 from .errors import InputError
 from .feature_file import LIMIT, FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash, into_cache
 from .graph import run_clip
-from .join_persons import RULES
-from .onnx import reading
+from .models.onnx import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import read_frames
@@ -29,7 +29,7 @@ from .run_files import kept_frames
 from .scene_source import split_scene
 
 if TYPE_CHECKING:
-    from .clip import Clip
+    from .clips.clip import Clip
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
 
     Args:
         source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it and ``#fps=N`` for how
-            fast its images play (:class:`cltransfer.clip_source.ClipSource`), a feature file (.safetensors),
+            fast its images play (:class:`cltransfer.clips.source.ClipSource`), a feature file (.safetensors),
             ``builtin:SHOT``, or ``SCENE@TRAJECTORY.json`` (:func:`cltransfer.scene_source.split_scene`).
         parts: the config's components.
         reading: frames, size, extractors.
@@ -106,8 +106,8 @@ def is_scene(source: str) -> bool:
 
 
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
-    from .clip_source import ClipSource
-    from .open_clip import open_clip
+    from .clips.open_clip import open_clip
+    from .clips.source import ClipSource
 
     asked_for = ClipSource.parse(source)
     where = replace(asked_for, path=kept_frames(asked_for.path))

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from .camera import Camera, fitted_size, resized
-from .clip import write_video
+from .clips.clip import write_video
 from .components import Components
 from .config import load_config
 from .driver.guard import Guard

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from .camera import Camera, concatenate
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .correct import LEAST, corrected, measure_bias
 from .driver.aside import go_aside
 from .driver.follow import Path, follow

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .clip import write_video
+from .clips.clip import write_video
 from .config import to_yaml
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .export.nerfstudio import write_camera_path
 from .files import write_json, write_text
 from .flags import run_flags

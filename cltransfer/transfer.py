@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import Tensor
 
-from .config_options import RunConfig
+from .config.options import RunConfig
 from .depth_alignment import DepthAlignment
 from .driver.schedule import Schedule
 from .driver.stage import Spent

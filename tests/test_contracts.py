@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 
-from cltransfer.clip import read_clip
+from cltransfer.clips.clip import read_clip
 from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS
 from cltransfer.scenes import Scene

@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 
 
-@pytest.mark.parametrize("module", ["cltransfer.extractors.detect_yolox", "cltransfer.onnx", "cltransfer.threads"])
+@pytest.mark.parametrize(
+    "module", ["cltransfer.extractors.detect_yolox", "cltransfer.models.onnx", "cltransfer.threads"]
+)
 def test_a_part_that_cannot_be_loaded_is_one_line_of_the_table(
     command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:

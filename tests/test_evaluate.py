@@ -13,16 +13,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.clip import write_video
-from cltransfer.clip_pairs import open_pairs
-from cltransfer.clip_source import ClipSource
+from cltransfer.clips.clip import write_video
+from cltransfer.clips.open_clip import ASSUMED
+from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.source import ClipSource
 from cltransfer.config import load_config
-from cltransfer.config_options import RunConfig
+from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.evaluate import evaluate, undefined
 from cltransfer.features import Features
 from cltransfer.objective import Objective
-from cltransfer.open_clip import ASSUMED
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json, number
 from cltransfer.scores import score
@@ -335,7 +335,7 @@ def test_pairs_are_thinned_whichever_clip_is_longer(
         report = evaluate(first, second, thin)
         assert len(report.times) == 4
         assert report.scores.totals[1:].tolist() == [0.0] * 3
-    monkeypatch.setattr("cltransfer.clip_part.FRAME_LIMIT", 4)  # of those that are kept
+    monkeypatch.setattr("cltransfer.clips.part.FRAME_LIMIT", 4)  # of those that are kept
     assert len(evaluate(str(clip), str(clip), thin).times) == 4
     with pytest.raises(InputError, match=r"clip\.mkv: frames: expected at most 4 to keep, got 10"):
         evaluate(str(clip), str(clip), config)

@@ -11,13 +11,13 @@ import cv2
 import pytest
 import torch
 
-from cltransfer.clip import write_video
+from cltransfer.clips.clip import write_video
+from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError
 from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, left_over, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
-from cltransfer.open_clip import ASSUMED
 from cltransfer.registry import LOSSES
 
 ROWS = [

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from fnmatch import fnmatch
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -53,18 +54,21 @@ def module_of(path: Path) -> str:
     return name.removesuffix(".__init__")
 
 
-def imports(path: Path) -> Iterator[str]:
-    """Modules that ``path`` imports when it runs, anywhere in it; not those of ``if TYPE_CHECKING``."""
+def imports(path: Path, top: bool = False) -> Iterator[str]:
+    """Modules that ``path`` imports when it runs, anywhere in it or (``top``) outside its functions; not those of
+    ``if TYPE_CHECKING``.
+    """
     package = module_of(path) if path.name == "__init__.py" else module_of(path).rpartition(".")[0]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     typing = {
-        inner
+        below
         for node in ast.walk(tree)
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-        for inner in ast.walk(node)
+        for below in ast.walk(node)
     }
+    inner = {n for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for n in ast.walk(f)} if top else set()
     for node in ast.walk(tree):
-        if node in typing:
+        if node in typing or node in inner:
             continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -105,8 +109,35 @@ def test_losses_and_extractors_do_not_know_the_other_components(kind: str) -> No
 
 
 def test_nothing_imports_the_command_line() -> None:
-    found = [module_of(p) for p in SOURCES if "cltransfer.cli" in set(imports(p)) and p.name != "__main__.py"]
-    assert found == []
+    others = [path for path in SOURCES if path.parent.name != "cli" and path.name != "__main__.py"]
+    assert [module_of(path) for path in others if "cltransfer.cli.main" in set(imports(path))] == []
+
+
+def test_every_module_can_be_imported_first() -> None:
+    """No circle of imports at the top of modules; importing ``a.b.c`` runs ``a.b`` as well."""
+    paths = {module_of(path): path for path in SOURCES}
+    waits_for = {module: set(loads_first(path)) & set(paths) for module, path in paths.items()}
+    assert circles(waits_for) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}}) != []
+
+
+def loads_first(path: Path) -> Iterator[str]:
+    """What must be loaded before ``path`` is: of what stands outside its functions, with the packages around it."""
+    own = module_of(path)
+    for target in imports(path, top=True):
+        parts = target.split(".")
+        for end in range(1, len(parts) + 1):
+            module = ".".join(parts[:end])
+            if not f"{own}.".startswith(f"{module}."):  # a package that is being loaded already
+                yield module
+
+
+def circles(waits_for: dict[str, set[str]]) -> list[str]:
+    try:
+        TopologicalSorter(waits_for).prepare()
+    except CycleError as error:
+        return [str(name) for name in error.args[1]]
+    return []
 
 
 def test_kernels_import_no_torch() -> None:
@@ -116,7 +147,7 @@ def test_kernels_import_no_torch() -> None:
 
 
 @pytest.mark.parametrize(
-    "code", ["import cltransfer.cli", "import cltransfer.config, cltransfer.registry, cltransfer.plugins"]
+    "code", ["import cltransfer.cli.main", "import cltransfer.config, cltransfer.registry, cltransfer.plugins"]
 )
 def test_starting_up_loads_nothing_heavy(code: str) -> None:
     heavy = (
@@ -164,4 +195,4 @@ def test_what_is_installed_includes_the_data_files() -> None:
     pages = {f"cltransfer/study/page.{kind}" for kind in ("html", "css", "js")}
     pages |= {f"cltransfer/report/{path.name}" for path in (ROOT / "cltransfer" / "report").glob("*.[hj]*")}
     assert len(pages) == 6
-    assert presets | pages | {"cltransfer/py.typed", "cltransfer/catalogue.yaml"} <= shipped
+    assert presets | pages | {"cltransfer/py.typed", "cltransfer/models/catalogue.yaml"} <= shipped

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.clip_source import ClipSource
+from cltransfer.clips.source import ClipSource
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.feature_file import FeatureFile

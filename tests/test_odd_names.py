@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.clip import write_video
+from cltransfer.clips.clip import write_video
 from cltransfer.feature_file import FeatureFile
 from cltransfer.features import Features
 from cltransfer.files import content_hash, write_text

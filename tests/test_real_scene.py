@@ -12,7 +12,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.config_options import RunConfig
+from cltransfer.config.options import RunConfig
 from cltransfer.evaluate import evaluate
 from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS

@@ -11,7 +11,8 @@ import pytest
 import torch
 from PIL import Image
 
-from cltransfer import decoding, reference
+from cltransfer import reference
+from cltransfer.clips import decoding
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.features import Features, OfThisRun

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.clip import read_clip
+from cltransfer.clips.clip import read_clip
+from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError
-from cltransfer.open_clip import ASSUMED
 from cltransfer.reference import Reading, read_reference
 
 

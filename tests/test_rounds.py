@@ -14,7 +14,7 @@ import torch
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
-from cltransfer.config_options import RunConfig
+from cltransfer.config.options import RunConfig
 from cltransfer.driver.frame import Solved
 from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.stage import Stage

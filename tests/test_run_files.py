@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from cltransfer.cli_shared import up_of
+from cltransfer.cli.shared import up_of
 from cltransfer.errors import InputError, UsageError
 from cltransfer.preparation import Inputs
 from cltransfer.run_files import DONE, FRAMES, JOURNAL, MANIFEST, RESULTS, clear, kept_frames, open_run, require_done

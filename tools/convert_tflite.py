@@ -24,7 +24,7 @@ from onnx import ModelProto, TensorProto, ValueInfoProto, helper
 
 from cltransfer.errors import CltransferError, InputError, ModelError
 from cltransfer.files import atomic, content_hash
-from cltransfer.onnx import Network
+from cltransfer.models.onnx import Network
 
 Shape = tuple[int, ...]
 

@@ -25,7 +25,7 @@ from torch import Tensor, nn
 
 from cltransfer.errors import CltransferError, InputError, ModelError
 from cltransfer.files import atomic, content_hash
-from cltransfer.onnx import Network
+from cltransfer.models.onnx import Network
 
 OPSET = 17
 TOLERANCE = 1e-3  # of the largest absolute value of an output

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..camera import fitted_size, resized
 from ..components import Components
-from ..config_options import RunConfig
+from ..config.options import RunConfig
 from ..depth_alignment import align_parts, needs_scene
 from ..driver.stage import Stage
 from ..features import Features

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ..config import COMMAND_LINE, lay_config, layer_of, shipped_configs
-from ..config_layers import Layer, merge, origin, parse_overrides, read_yaml
-from ..config_options import RunConfig
+from ..config.layers import Layer, merge, origin, parse_overrides, read_yaml
+from ..config.options import RunConfig
 from ..errors import UsageError
 from ..scene_source import split_scene
 from ..typed import nearest, typed

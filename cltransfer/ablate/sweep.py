@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from ..config_options import RunConfig
+from ..config.options import RunConfig
 from ..errors import UsageError
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from torch import Tensor
 
 from .. import __version__
-from ..config_options import RunConfig
+from ..config.options import RunConfig
 from ..errors import CltransferError
 from ..scene_source import split_scene
 from .content import digests, parts_content

@@ -22,7 +22,7 @@ from kornia.metrics import angle_error_mat
 
 from ..camera import Camera
 from ..config import load_config, to_yaml
-from ..config_options import RunConfig
+from ..config.options import RunConfig
 from ..errors import UsageError
 from ..scenes.load import load_scene
 from ..shots import SHOTS, Setup, shot

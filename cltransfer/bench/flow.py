@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ..components import Components
 from ..config import load_config
-from ..config_layers import parse_overrides
+from ..config.layers import parse_overrides
 from ..errors import UsageError
 from ..extractors.layers import Layers
 from ..extractors.scene_flow import SceneFlow

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from ..config import load_config, to_yaml
-from ..config_options import RunConfig
+from ..config.options import RunConfig
 from ..errors import UsageError
 
 # for all: geometric features on both sides, 160 px in the search, one thread, nothing verified by networks

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..components import Components
-from ..config_options import RunConfig
+from ..config.options import RunConfig
 from ..errors import InputError, UsageError
 from ..extractors.scene_joints import NEAR, project_joints
 from ..extractors.scene_orientation import SceneOrientation

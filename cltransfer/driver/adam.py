@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..config_adam import AdamConfig
+from ..config.adam import AdamConfig
 from .problem import Problem
 
 BETAS = (0.9, 0.999)

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..config_adam import AdamConfig
-from ..config_options import RunConfig
+from ..config.adam import AdamConfig
+from ..config.options import RunConfig
 from ..features import Features
 from ..objective import Objective
 from .cma_es import Budget

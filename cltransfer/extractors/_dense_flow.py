@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..features import Features
-from ..pixels import to_uint8
 from ._flow_check import round_trip_confidence
+from ._pixels import to_uint8
 
 SMALLEST = 24  # side below which a search has no room [px]
 PairFlow = Callable[[NDArray, NDArray], NDArray]  # grey (h, w) uint8 twice -> (h, w, 2) [px], from the first on

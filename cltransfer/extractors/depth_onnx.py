@@ -14,10 +14,10 @@ from torch import Tensor
 
 from ..errors import UsageError
 from ..features import Features
-from ..onnx import Network, find_model
-from ..pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
+from ..models.onnx import Network, find_model
 from ..registry import EXTRACTORS
 from ._disparity import Align, aligned, depth_from_disparity
+from ._pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
 
 __all__ = ["DepthOnnx", "depth_from_disparity"]
 

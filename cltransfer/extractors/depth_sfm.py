@@ -9,9 +9,9 @@ from typing import ClassVar, Literal
 import torch
 
 from ..features import Features, OfThisRun
-from ..pixels import to_uint8
 from ..registry import EXTRACTORS
 from ..sfm import NoPathError, OutOfTimeError
+from ._pixels import to_uint8
 
 
 @EXTRACTORS.register("depth_sfm")

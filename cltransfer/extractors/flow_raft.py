@@ -14,10 +14,10 @@ from torch.nn.functional import interpolate
 
 from ..errors import ModelError
 from ..features import Features
-from ..onnx import Network, find_model
-from ..pixels import to_uint8
+from ..models.onnx import Network, find_model
 from ..registry import EXTRACTORS
 from ._flow_check import round_trip_confidence
+from ._pixels import to_uint8
 
 STRIDE = 8  # the network's input has sides that are multiples of it
 SMALLEST = 128  # side below which its coarsest correlation has no room [px]

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..crops import about_boxes
 from ..errors import ModelError
 from ..features import Features
-from ..onnx import Network, find_model
-from ..pixels import normalised, to_uint8
+from ..models.onnx import Network, find_model
 from ..registry import EXTRACTORS
+from ._crops import about_boxes
+from ._pixels import normalised, to_uint8
 
 SIDE = 224  # of the square the network sees [px]
 MARGIN = SIDE / (256 * 0.85)  # the subject fills 0.85 of a square of 256 px, of which the middle is seen

@@ -10,13 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..crops import Crops, about_boxes
 from ..features import Features
-from ..onnx import Network, find_model
+from ..models.onnx import Network, find_model
 from ..orientation import orientation_from_axes
-from ..pixels import to_uint8
 from ..registry import EXTRACTORS
 from ..skeleton import from_blazepose, unseen_outside
+from ._crops import Crops, about_boxes
+from ._pixels import to_uint8
 
 SIDE = 256  # of the crop the network sees [px]
 MARGIN = 1.25  # side of the crop over the longer side of the person

@@ -9,13 +9,13 @@ from typing import ClassVar, Literal
 import numpy as np
 import torch
 
-from ..crops import Crops, about_boxes
 from ..features import Features
-from ..onnx import Network, find_model
-from ..pixels import normalised, to_uint8
+from ..models.onnx import Network, find_model
 from ..registry import EXTRACTORS
 from ..skeleton import from_coco, unseen_outside
+from ._crops import Crops, about_boxes
 from ._heatmaps import dark_offset, peaks, quarter_offset, simcc_joints
+from ._pixels import normalised, to_uint8
 
 COUNTS = {"coco": 17, "crowdpose": 14}
 

@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from ..features import Features
-from ..onnx import Network, find_model
-from ..pixels import to_uint8
+from ..models.onnx import Network, find_model
 from ..registry import EXTRACTORS
+from ._pixels import to_uint8
 
 SIZE = (256, 144)  # of the network's input (W, H) [px]
 

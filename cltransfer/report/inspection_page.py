@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from jinja2 import Environment, StrictUndefined
 
-from ..clip_source import unnamed
+from ..clips.source import unnamed
 from ..files import csp_hash, write_text
 from ..reference import is_scene
 

@@ -19,11 +19,11 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from torch import Tensor
 
-from ..clip import read_clip, write_video
-from ..clip_source import ClipSource
+from ..clips.clip import read_clip, write_video
+from ..clips.open_clip import ASSUMED, open_clip, rate_assumed
+from ..clips.source import ClipSource
 from ..errors import InputError, UsageError
 from ..files import content_hash, csp_hash, read_json, write_json, write_text
-from ..open_clip import ASSUMED, open_clip, rate_assumed
 from ..report.side_by_side import reference_side
 from ..run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
@@ -51,7 +51,7 @@ class Wanted:
         references: a clip for each sample; may be empty where all are run folders, which show their own.
         seed: of the tokens.
 
-    Clips are named as :class:`cltransfer.clip_source.ClipSource` says; they are shown as they are, black bars and cuts
+    Clips are named as :class:`cltransfer.clips.source.ClipSource` says; they are shown as they are, black bars and cuts
     included, unless asked otherwise.
     """
 

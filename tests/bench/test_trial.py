@@ -17,7 +17,7 @@ from cltransfer.bench.protocol import SIZE, Trial
 from cltransfer.bench.stress import trial as stressed
 from cltransfer.bench.stress.case import Film
 from cltransfer.camera import Camera
-from cltransfer.config_options import RunConfig
+from cltransfer.config.options import RunConfig
 from cltransfer.registry import LOSSES
 from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import Inputs, Result, transfer

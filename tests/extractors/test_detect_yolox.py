@@ -6,7 +6,7 @@ import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from cltransfer.clip import read_clip
+from cltransfer.clips.clip import read_clip
 from cltransfer.errors import ModelError
 from cltransfer.extractors.detect_yolox import DetectYolox, main_box
 from cltransfer.features import Features

@@ -7,7 +7,7 @@ import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from cltransfer.clip import read_clip
+from cltransfer.clips.clip import read_clip
 from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.extractors.pose_blazepose import BODY, HIPS, PoseBlazepose, body_orientation, whole_bodies

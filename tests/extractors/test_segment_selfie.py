@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.clip import read_clip
+from cltransfer.clips.clip import read_clip
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.extractors.pose_blazepose import PoseBlazepose
 from cltransfer.extractors.segment_selfie import SegmentSelfie

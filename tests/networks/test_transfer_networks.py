@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.onnx import Network
+from cltransfer.models.onnx import Network
 from cltransfer.rounds import UNBIASED
 from cltransfer.transfer import Inputs, Result, transfer
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.config_options import RunConfig
+from cltransfer.config.options import RunConfig
 from cltransfer.feature_file import FeatureFile
 from cltransfer.features import Features
 from cltransfer.reference import Reading, read_reference

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from cltransfer.clip import write_video
+from cltransfer.clips.clip import write_video
 from cltransfer.study.build import Wanted, build_study
 
 METHODS = ("quetzal", "ibex")  # names that occur nowhere else

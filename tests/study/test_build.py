@@ -16,9 +16,9 @@ import cv2
 import pytest
 import torch
 
-from cltransfer.clip import read_clip
+from cltransfer.clips.clip import read_clip
+from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
-from cltransfer.open_clip import ASSUMED
 from cltransfer.report.side_by_side import reference_side, side_by_side
 from cltransfer.study.build import Wanted, build_study
 from cltransfer.study.design import NO_STUDY, Study, design
@@ -67,7 +67,7 @@ def test_one_comparison_is_not_spoken_of_as_several(clips: Wanted, tmp_path: Pat
 
 def test_both_clips_of_a_pair_are_equally_high_and_keep_their_frames(clips: Wanted, tmp_path: Path) -> None:
     small = tmp_path / "small.mp4"
-    from cltransfer.clip import write_video
+    from cltransfer.clips.clip import write_video
 
     write_video(small, read_clip(clips.runs[1]).image[..., ::2, ::2].contiguous(), torch.arange(6) / 12)
     wanted = replace(clips, runs=(clips.runs[0], small), references=clips.references[:1])

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 
 from cltransfer.extractors.segment_selfie import SegmentSelfie
 from cltransfer.features import Features
-from cltransfer.onnx import Network
+from cltransfer.models.onnx import Network
 
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "convert_tflite.py"
 

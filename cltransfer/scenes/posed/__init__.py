@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera
-from ...decoding import decode
+from ...clips.decoding import decode
 from ...errors import InputError, UsageError
 from .lens import Lens, image_at, straighten
 

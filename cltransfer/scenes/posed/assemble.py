@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from ...camera import Camera
-from ...decoding import IMAGE_DEMUXERS, decode
+from ...clips.decoding import IMAGE_DEMUXERS, decode
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages

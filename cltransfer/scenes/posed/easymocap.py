@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...decoding import IMAGE_DEMUXERS
+from ...clips.decoding import IMAGE_DEMUXERS
+from ...clips.image_folder import natural_order
 from ...errors import InputError
-from ...image_folder import natural_order
 from ...renderers.kernels import Array
 from . import PosedImages
 from .assemble import VIDEOS, View, find_image, lens_of, posed_images, rigid, size_of_image

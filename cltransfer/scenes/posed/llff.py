@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...decoding import IMAGE_DEMUXERS
+from ...clips.decoding import IMAGE_DEMUXERS
+from ...clips.image_folder import natural_order
 from ...errors import InputError
-from ...image_folder import natural_order
 from ...renderers.kernels import Array
 from . import PosedImages
 from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, posed_images, rigid

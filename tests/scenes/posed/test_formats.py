@@ -173,7 +173,7 @@ def test_points_of_a_model_come_with_their_colors(tmp_path: Path, write: Callabl
 
 
 def test_the_first_frame_of_a_video_stands_for_its_camera(tmp_path: Path) -> None:
-    from cltransfer.clip import write_video
+    from cltransfer.clips.clip import write_video
 
     write_llff(tmp_path)
     for file in (tmp_path / "images").iterdir():

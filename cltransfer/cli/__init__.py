@@ -1,0 +1,1 @@
+"""The command line: one module a family of verbs; nothing heavy is imported before a verb needs it."""

@@ -1,0 +1,90 @@
+"""Verbs that read a clip for a person: describe it in words, or lay its reading open to the eye."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..config import load_config
+from ..files import check_out, write_json, write_text
+from .shared import Allow, Config, Json, Overrides, Quiet, show
+
+
+def describe(
+    source: Annotated[
+        str, typer.Argument(help="A clip as in `transfer`, the folder of a run, or a trajectory.json with its person.")
+    ],
+    overrides: Overrides = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
+    subject: Annotated[Path | None, typer.Option(help="subject.json of the person a trajectory films.")] = None,
+    config: Config = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say in a cinematographer's words what SOURCE is: shot size, angle, movement, staging.
+
+    With --out it leaves description.json, description.txt and strip.svg in that folder.
+    """
+    from ..plugins import allow
+
+    allow(allow_plugin or [])
+    settings = load_config(config, overrides or [])
+    if out is not None:
+        check_out(out)
+    from ..describe.sources import describe as run
+    from ..describe.strip import write_strip
+    from ..progress import progress
+    from ..threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    with progress(quiet) as report:
+        found, image = run(source, settings, subject, report)
+    text = "\n".join([found.text(), *(f"note: {flag}" for flag in found.flags)])
+    if out is not None:
+        write_json(out / "description.json", found.to_json())
+        write_text(out / "description.txt", text + "\n")
+        write_strip(out / "strip.svg", found, image)
+    show(found.to_json(), text, as_json)
+
+
+def inspect(
+    source: Annotated[str, typer.Argument(help="A clip as in `transfer`.")],
+    overrides: Overrides = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the page.")] = Path("inspection"),
+    config: Config = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Lay open what is read in a clip: a page with every frame's joints, layers, flow and angle drawn over it."""
+    from ..plugins import allow
+
+    allow(allow_plugin or [])
+    settings = load_config(config, overrides or [])
+    check_out(out)
+    from ..inspect_clip import inspect_clip, write_inspection
+    from ..progress import progress
+    from ..threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    with progress(quiet) as report:
+        found = inspect_clip(source, settings, report)
+    page = write_inspection(out, found)
+    count = len(found.reference)
+    coverage = {term.name: {"defined": term.defined, "reason": term.reason} for term in found.scores.terms}
+    flags = list(found.reference.flags)
+    values = {
+        "page": str(page),
+        "frames": count,
+        "person": found.seen,
+        "confidence": [round(value, 4) for value in found.confidence.tolist()],
+        "terms": coverage,
+        "seconds": round(found.seconds, 2),
+        "flags": flags,
+    }
+    terms = ", ".join(f"{term.name} {term.defined}" for term in found.scores.terms)
+    lines = [f"{page}: the person in {found.seen} of {count} frames; {terms}", *(f"note: {flag}" for flag in flags)]
+    show(values, "\n".join(lines), as_json)

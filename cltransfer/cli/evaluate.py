@@ -1,0 +1,191 @@
+"""The verb that scores clips: one against another, or whole folders of several methods."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..config import load_config
+from ..errors import InputError, UsageError
+from ..files import check_out
+from .shared import Allow, Config, Json, Quiet, show, tell, unused_plugins
+
+
+def evaluate(
+    reference: Annotated[
+        str,
+        typer.Argument(
+            help="Video, image folder (24 images/s unless FOLDER#fps=30 or its times.json says) or run folder, "
+            "CLIP#t=START,END for a part; or a folder of clips."
+        ),
+    ],
+    render: Annotated[
+        str,
+        typer.Argument(
+            help="Video, image folder or run folder, named as REFERENCE is; its frames are paired by time. Where "
+            "REFERENCE is a folder of clips: METHOD=FOLDER, of clips with the same names."
+        ),
+    ],
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[METHOD=FOLDER]... [KEY=VALUE]...",
+            help="Further methods, where REFERENCE is a folder of clips; then what goes over the config.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
+    config: Config = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Score the clip RENDER against the clip REFERENCE, or whole folders of clips; no scene is needed.
+
+    cltransfer evaluate clip.mp4 render.mp4 --json
+
+    cltransfer evaluate references/ ours=runs/ theirs=clips/ --out table
+
+    With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
+    and methods.csv, .md and .tex with bootstrap intervals over the clips.
+    """
+    from ..plugins import allow
+
+    allow(allow_plugin or [])
+    methods, overrides = methods_of(reference, render, more or [])
+    settings = load_config(config, overrides)
+    if out is not None:
+        _check_out(out)
+    from ..threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    if methods:
+        evaluate_folders(Path(reference), methods, settings, out, as_json, quiet)
+    else:
+        evaluate_clips(reference, render, settings, out, as_json, quiet)
+    tell(unused_plugins(allow_plugin, settings), as_json)
+
+
+def _check_out(folder: Path) -> None:
+    """Refuse the folder of a run: metrics and report there are the run's own, and have these names."""
+    from ..run_files import is_run
+
+    check_out(folder)
+    if is_run(folder):
+        reason = "expected another folder than that of a run, whose own metrics and report have the same names"
+        raise UsageError(folder, "--out", reason, f"as in --out {folder / 'scores'}")
+
+
+def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Score one clip and show its metrics and what a reader should know."""
+    from ..evaluate import evaluate as run
+    from ..progress import progress
+    from ..report.metrics import metrics_json, metrics_table, number, write_metrics
+    from ..report.page import write_report
+
+    with progress(quiet) as report:
+        shown = run(reference, render, settings, report)
+    if out is not None:
+        write_metrics(out, shown)
+        write_report(out, shown)
+    notes = [*shown.notes]
+    if shown.apart is not None:
+        grows = ", with which camera movement grows" * (shown.scores.term("camera_movement") is not None)
+        notes.append(f"scored frames are {number(shown.apart)} s apart{grows}")
+    lines = [metrics_table(shown), *(f"note: {note}" for note in notes)]
+    show(metrics_json(shown), "\n".join(lines), as_json)
+
+
+def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, Path], list[str]]:
+    """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip.
+
+    Raises:
+        UsageError: a folder is not there or named twice, or is one of a method where ``reference`` is one clip.
+    """
+    if _is_one_clip(Path(reference)):
+        _check_one_render(reference, render)
+        return {}, more
+    methods: dict[str, Path] = {}
+    rest = []
+    for argument in (render, *more):
+        name, path = _method(argument)
+        if path and Path(path).is_dir():
+            if name in methods:
+                raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
+            methods[name] = Path(path)
+        elif path:
+            raise UsageError(argument, "", f"no such folder, and {name!r} is no key of the config", _nearest_key(name))
+        elif argument is render:
+            raise UsageError(render, "", "expected a folder of clips, as the reference is one", "METHOD=FOLDER")
+        else:
+            rest.append(argument)
+    return methods, rest
+
+
+def _is_one_clip(reference: Path) -> bool:
+    """Whether ``reference`` is one clip, and no folder of them."""
+    from ..clips.image_folder import holds_clips
+    from ..run_files import is_run
+
+    return not reference.is_dir() or is_run(reference) or not holds_clips(reference)
+
+
+def _check_one_render(reference: str, render: str) -> None:
+    """Refuse a folder of a method where the reference is one clip, saying by what it is one."""
+    from ..clips.image_folder import image_files
+    from ..run_files import is_run
+
+    path, folder = Path(reference), _method(render)[1]
+    if not path.exists() or Path(render).exists() or not folder or not Path(folder).is_dir():
+        return
+    what = "is a file" if path.is_file() else "is a run" if is_run(path) else f"holds {image_files(path)[0].name}"
+    hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
+    raise UsageError(reference, "", f"{what}, so it is taken for one clip: expected one render, got {render}", hint)
+
+
+def _method(argument: str) -> tuple[str, str]:
+    """Name and folder of a method, as in METHOD=FOLDER or by the folder alone; no folder where it is an override."""
+    if Path(argument).is_dir():
+        return Path(argument).name, argument
+    name, _, path = argument.partition("=")
+    return (name, "") if _of_config(name) else (name, path)
+
+
+def _of_config(name: str) -> bool:
+    """Whether ``name=`` begins an override, even where a folder is called like its value."""
+    return name.partition(".")[0] in {"base", *_keys()}
+
+
+def _keys() -> list[str]:
+    from ..config.options import RunConfig
+
+    return [field.name for field in fields(RunConfig)]
+
+
+def _nearest_key(name: str) -> str:
+    from ..typed import nearest
+
+    return nearest(name, _keys())
+
+
+def evaluate_folders(
+    references: Path, methods: dict[str, Path], settings: Any, out: Path | None, as_json: bool, quiet: bool
+) -> None:
+    """Score folders of clips and show the table of methods and what a reader should know."""
+    from ..evaluate_many import evaluate_many, left_over, notes_of, summarise
+    from ..evaluate_table import methods_json, methods_markdown, write_methods
+    from ..progress import progress
+
+    with progress(quiet) as report:
+        rows = evaluate_many(references, methods, settings, report)
+    summary, unknown = summarise(rows, settings.seed), left_over(references, methods)
+    if out is not None:
+        write_methods(out, rows, summary, unknown)
+    lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
+    notes = [f"note: {note}" for note in [*notes_of(rows), *unknown]]
+    show(methods_json(rows, summary, unknown), "\n".join([methods_markdown(summary), *lacking, *notes]), as_json)
+    if not any(row.means for row in rows):
+        reason = f"expected one that can be scored, {len(rows)} failed; the first: {rows[0].reason}"
+        raise InputError(references, "clips", reason)

@@ -1,0 +1,58 @@
+"""The verb that makes a scene of photographs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .shared import Json, Quiet, show
+
+
+def fit(
+    posed: Annotated[
+        Path, typer.Argument(help="Posed image set: COLMAP, transforms.json, cameras.json, LLFF or EasyMocap.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the scene, empty or new; an unfinished fit there goes on (splats begin anew).",
+        ),
+    ],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="Options, e.g. budget=200000 degree=2 side=400."),
+    ] = None,
+    representation: Annotated[str, typer.Option("--as", help="nerf_grid or gaussian_splats.")] = "nerf_grid",
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit a scene to the images of POSED; every eighth is held out and scored on.
+
+    Cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply), and curve.csv
+    and curve.svg: what each level of detail reached.
+    """
+    from ..config.layers import parse_overrides
+    from ..registry import FITTERS
+
+    fitter = FITTERS.build(representation, parse_overrides(overrides or []))
+    fitter.require()
+    from ..fit._folder import check_folder
+
+    check_folder(out)
+    from ..fit._views import views_of
+    from ..progress import progress
+    from ..scenes.posed import read_posed
+    from ..threads import set_threads, thread_count
+
+    set_threads(thread_count(), tensors=thread_count())
+    views = views_of(read_posed(posed), fitter.side)
+    with progress(quiet) as report:
+        levels = fitter.fit(views, out, report)
+    rows = [asdict(level) for level in levels]
+    lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
+    show({"folder": str(out), "levels": rows}, "\n".join([*lines, str(out)]), as_json)

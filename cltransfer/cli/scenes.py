@@ -1,0 +1,116 @@
+"""Verbs on a scene: the person in it, lift; and one scene file made of another, simplify and bake."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import UsageError
+from ..files import check_out
+from .shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
+
+
+def lift(
+    scene: Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")],
+    overrides: Overrides = None,
+    out: Out = None,
+    view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
+    views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
+    person: Annotated[
+        int | None, typer.Option(min=0, help="Which one, where there are several; 0 is who most views see.")
+    ] = None,
+    up: Up = None,
+    config: Config = None,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
+
+    Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
+    and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
+    """
+    settings = settings_of(config, overrides or [], allow_plugin)
+    from ..lift_folder import Lifting, lift_lines, lift_to_folder
+    from ..progress import progress
+    from ..run_folder import default_folder
+    from ..scenes.lifted import summary
+    from ..threads import set_threads, thread_count
+
+    set_threads(settings.threads or thread_count())
+    folder = out or default_folder(scene, "lift")
+    check_out(folder)
+    wanted = Lifting(scene, up_of(up), tuple(view or ()), views, person)
+    with progress(quiet) as report:
+        found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
+    show({"folder": str(folder), **summary(found)}, lift_lines(folder, found), as_json)
+
+
+def simplify(
+    scene: Annotated[str, typer.Argument(help="Gaussian splats (.ply, .splat, .spz).")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .ply to write.")],
+    view: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Where it will be seen from: a trajectory file, SET:INDEX or a posed image SET (repeatable)."
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="k=2 (px), prune=0 (of a pixel), side=160 (px), floaters=keep."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Merge the Gaussians of SCENE that no view can tell apart, and leave out those that no view shows.
+
+    cltransfer simplify scene.ply --view run/trajectory.json --out small.ply k=2
+
+    cltransfer simplify scene.ply --out clean.ply k=0 floaters=drop
+
+    `transfer` does the first by itself while searching: lod=2. The second leaves out those that hang in the air by
+    themselves and nothing else, as `transfer` does for its search, and needs no view.
+    """
+    from ..convert_scene import Simplification, simplify_file
+
+    options: Simplification = _options(Simplification, overrides or [])
+    found = simplify_file(scene, out, view or [], options)
+    steps = f"{found['solid']:,} without floaters, {found['pruned']:,} after pruning, {found['after']:,} merged"
+    text = f"{found['before']:,} Gaussians, {steps}: {out}"
+    show(found, text, as_json)
+
+
+def bake(
+    mesh: Annotated[str, typer.Argument(help="Mesh (.glb, .gltf, .obj, .ply) or a .yaml that composes meshes.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scene and its person.")],
+    representation: Annotated[str, typer.Option("--as", help="gaussian_splats or nerf_grid.")] = "gaussian_splats",
+    detail: Annotated[
+        int | None, typer.Option(help="Gaussians in all, or cells along the longest side (up to 512).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Turn MESH into splats or a voxel grid of the same geometry, to compare representations and nothing else.
+
+    Leaves the scene, and subject.json and labels.safetensors where the mesh has a skeleton.
+    """
+    if representation not in ("gaussian_splats", "nerf_grid"):
+        raise UsageError("", "--as", f"expected gaussian_splats or nerf_grid, got {representation!r}")
+    most = 10_000_000 if representation == "gaussian_splats" else 512
+    if detail is not None and not 2 <= detail <= most:
+        raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
+    check_out(out)
+    from ..convert_scene import bake_to_folder
+
+    found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
+    up = ",".join(f"{value:g}" for value in found["up"])
+    text = f"{found['file']}: {found['count']:,} primitives; its up is {up} (--up {up})"
+    show(found, text, as_json)
+
+
+def _options(cls: type[Any], overrides: list[str]) -> Any:
+    """A value of ``cls`` with ``key=value`` on top of its defaults, checked by its own fields."""
+    from ..config.layers import parse_overrides
+    from ..typed import typed
+
+    return typed(cls, parse_overrides(overrides))

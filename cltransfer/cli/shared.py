@@ -1,0 +1,87 @@
+"""Options that several verbs share, what they mean, and how a result is shown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import UsageError
+
+Allow = Annotated[
+    list[str] | None,
+    typer.Option("--allow-plugin", help="Run this plugin's code: an installed plugin's name, a file or a folder."),
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", "-c", help="YAML over the preset, or a shipped one by name (networks/paper); key=value goes on top."
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[KEY=VALUE]...",
+        help="Over the config: frames=12 losses.framing=null; a component's: `cltransfer plugins show NAME`.",
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout, nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+Up = Annotated[
+    str | None,
+    typer.Option(help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes."),
+]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; by default one in outputs/.")]
+
+
+def show(values: Any, text: str, as_json: bool) -> None:
+    """Print ``values`` as JSON, or ``text``."""
+    print(json.dumps(values, indent=2, allow_nan=False) if as_json else text)
+
+
+def tell(notes: list[str], as_json: bool) -> None:
+    """Print ``notes`` below a result; JSON stands alone."""
+    for note in notes * (not as_json):
+        print(f"note: {note}")
+
+
+def unused_plugins(names: list[str] | None, settings: Any) -> list[str]:
+    """Notes on allowed plugins of whose components ``settings`` names none."""
+    from ..config.options import SECTIONS
+    from ..plugins import settle
+
+    notes = []
+    for name, settled in zip(names or [], settle(names or [])):
+        given = [(section, part) for section, all_ in SECTIONS.items() for part in all_.given_by(settled)]
+        if any(hasattr(SECTIONS[section].get(part), "suffixes") for section, part in given):
+            continue  # it may have read the scene of a reference
+        if given and not any(part in getattr(settings, section) for section, part in given):
+            known = ", ".join(f"{section}.{part}={{}}" for section, part in given)
+            notes.append(f"plugin {name} is allowed, but none of its components is in use ({known})")
+    return notes
+
+
+def settings_of(config: Path | None, overrides: list[str], plugins: list[str] | None) -> Any:
+    """The config of a command, its plugins let in before."""
+    from ..config import load_config
+    from ..plugins import allow
+
+    allow(plugins or [])
+    return load_config(config, overrides)
+
+
+def up_of(text: str | None) -> tuple[float, float, float] | None:
+    """What ``--up`` says.
+
+    Raises:
+        UsageError: it is no vector.
+    """
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError("", "--up", f"expected X,Y,Z, got {text!r}") from None
+    return x, y, z

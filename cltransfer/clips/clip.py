@@ -1,0 +1,185 @@
+"""Clips: a video or a folder of images in, a video out, and frames of two clips paired by time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError, ResourceError
+from ..features import Features
+from ..files import atomic
+from ..threads import thread_count
+from .decoding import Frame, decode
+from .image_folder import FOLDER_RATE, folder_times
+from .part import ClipPart, evenly, files_of, find_part, images_of, nearest
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Frames and when they are shown.
+
+    Args:
+        image: RGB, (N, 3, H, W) uint8.
+        times: (N,) float64 [s], increasing, the first frame is at 0.
+        path: where it was read from.
+        source_size: (W, H) [px] of the file as shown: upright and with square pixels.
+        start: when the first of them is shown in the file [s].
+    """
+
+    image: Tensor  # (N, 3, H, W)
+    times: Tensor  # (N,) [s]
+    path: Path
+    source_size: tuple[int, int]
+    start: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(W, H) [px] of ``image``."""
+        return self.image.shape[3], self.image.shape[2]
+
+    def features(self) -> Features:
+        """The frames as features, RGB float32 in [0, 1]."""
+        return Features(self.size, image=self.image.float() / 255)
+
+
+def read_clip(
+    path: str | Path,
+    frames: int | None = None,
+    max_side: int = 960,
+    span: tuple[float, float] = (0.0, math.inf),
+    fps: float | None = None,
+) -> Clip:
+    """Read a video file, or a folder of PNG or JPEG images in the natural order of their names.
+
+    Args:
+        path: the video or folder. A folder plays as its ``times.json`` says (a list of seconds, one per image).
+        frames: keep at most this many, evenly by time, first and last included; None keeps all.
+        max_side: larger frames are averaged down to this longer side [px].
+        span: from when to when to read, both included [s] after the first frame.
+        fps: images a second of a folder without ``times.json``; None takes 24.
+
+    Raises:
+        InputError: the clip is missing, damaged, too large or not what its header says.
+        ResourceError: its frames do not fit in memory.
+        UsageError: ``fps`` is given for a clip that has times of its own.
+        ValueError: ``frames``, ``max_side`` or ``fps`` is not positive.
+    """
+    if (frames is not None and frames < 1) or max_side < 1 or (fps is not None and fps <= 0):
+        raise ValueError(f"frames, max_side and fps must be positive, got {frames}, {max_side} and {fps}")
+    part = find_part(Path(path), span, fps)
+    return clip_of(part, evenly(part.times, frames), max_side)
+
+
+def clip_of(part: ClipPart, kept: Tensor, max_side: int = 960) -> Clip:
+    """Those frames of ``part`` that are ``kept``, (K,) int64 increasing; see :func:`read_clip`.
+
+    Raises:
+        InputError: they are damaged or too many.
+        ResourceError: they do not fit in memory.
+    """
+    image, source_size = part.images(kept.tolist(), max_side)
+    times = part.times[kept]
+    return Clip(image, times - times[0], part.path, source_size, float(times[0]))
+
+
+def timed_frames(path: Path, fps: float | None = None) -> Iterator[tuple[float, Frame]]:
+    """Every frame of a video, or of an image folder that may need ``fps``, with its time after the first [s]."""
+    files = files_of(path, fps)
+    if files:
+        times = folder_times(path, files, fps)
+        yield from zip((times - times[0]).tolist(), images_of(files))
+        return
+    first = None
+    for frame in decode(path):
+        first = frame.time if first is None else first
+        yield frame.time - first, frame
+
+
+def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool = False) -> None:
+    """Write frames with their own times; the file appears whole, with its frames counted, or not at all.
+
+    Args:
+        path: ``.mp4`` (H.264, yuv420p, crf 18, BT.709; an odd side is padded by one repeated row or column)
+            or, where ``lossless``, ``.mkv`` (FFV1, RGB exact to the bit).
+        image: RGB, (N, 3, H, W) uint8.
+        times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv, and where two
+            would be one, the later ones that much later.
+        lossless: which of the two.
+
+    Raises:
+        ValueError: a shape, type or suffix is wrong, or the times do not increase.
+        ResourceError: the file cannot be written or does not read back.
+    """
+    path = Path(path)
+    if image.dtype != torch.uint8 or image.dim() != 4 or image.shape[1] != 3 or len(image) < 1:
+        raise ValueError(f"image must be (N, 3, H, W) uint8, got {tuple(image.shape)} {image.dtype}")
+    suffix, rate = (".mkv", 1000) if lossless else (".mp4", 90_000)
+    if path.suffix.lower() != suffix:
+        raise ValueError(f"path must end in {suffix}, got {path.name}")
+    if len(times) != len(image) or not bool((times.diff() > 0).all()):
+        raise ValueError(f"expected {len(image)} times that increase, got {times.tolist()}")
+    number = torch.arange(len(times))
+    pts = (((times - times[0]) * rate).round().long() - number).cummax(0).values + number  # (N,) [1/rate s]
+    try:
+        with atomic(path) as temporary:
+            _encode(temporary, image, pts, Fraction(1, rate))
+            count = sum(1 for _ in decode(temporary))
+            if count != len(image):
+                raise ResourceError(path, "frames", f"{len(image)} were written, {count} read back")
+    except (av.FFmpegError, OSError) as error:
+        raise ResourceError(path, "", f"cannot be written: {error.strerror}") from None
+
+
+def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None:
+    lossless = path.suffix.lower() == ".mkv"
+    interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
+    with av.open(str(path.absolute()), "w") as container:
+        stream = container.add_stream(
+            "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)
+        )
+        codec = stream.codec_context
+        stream.height, stream.width = image.shape[2:] if lossless else (s + s % 2 for s in image.shape[2:])
+        stream.pix_fmt = "bgr0" if lossless else "yuv420p"
+        codec.time_base, codec.thread_count = time_base, thread_count()
+        if not lossless:
+            stream.options = {"crf": "18"}
+            codec.colorspace = codec.color_primaries = codec.color_trc = 1  # BT.709
+        for rgb, stamp in zip(image, pts.tolist()):
+            frame = _video_frame(rgb, stream.pix_fmt)
+            frame.pts, frame.time_base = stamp, time_base
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def _video_frame(rgb: Tensor, pix_fmt: str) -> av.VideoFrame:
+    pixels = rgb.permute(1, 2, 0).contiguous().numpy()
+    if pix_fmt == "bgr0":
+        return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="bgr0")
+    pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
+    return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuv420p", dst_colorspace="ITU709")
+
+
+def pair_by_time(times: Tensor, other: Tensor) -> Tensor:
+    """Index (M,) int64 of the nearest of ``times`` (N,) [s] for each of ``other`` (M,) [s]; both increase.
+
+    Raises:
+        InputError: the two spans of time do not meet.
+
+    >>> pair_by_time(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.1, 0.6, 1.4]))
+    tensor([0, 1, 2])
+    """
+    if times[0] > other[-1] or other[0] > times[-1]:
+        spans = " and ".join(f"{float(t[0]):.3f} to {float(t[-1]):.3f} s" for t in (times, other))
+        raise InputError("", "times", f"the clips share no moment: {spans}")
+    return torch.from_numpy(nearest(times.numpy(), other.numpy()))

@@ -1,0 +1,125 @@
+"""Where one shot of a clip ends and another begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from .clip import timed_frames
+from .part import within
+from .source import ClipSource
+
+SIZE = (32, 18)  # of the small pictures that are compared [px]
+BINS = 8  # of each colour's histogram
+DIFFERENT = 0.45  # one minus correlation of two small pictures, in [0, 2]
+RECOLOURED = 0.08  # part of the pixels that changed their bin
+STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
+FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
+_ROUNDED = 0.001  # [s] by which a moment may miss a shot
+NEIGHBOURS = 4  # frames on either side that say what is usual
+
+
+def find_cuts(small: np.ndarray) -> list[int]:
+    """Frames that begin another shot.
+
+    A cut changes what is where and how much there is of each colour, at once, and the frames after it do not go back:
+    a flash does, and a fast camera changes its frames one after another. Frames that show nothing, black or white,
+    belong to no shot: what is seen before them is held against what is seen after.
+
+    Args:
+        small: small pictures (F, h, w, 3) uint8 of consecutive frames.
+
+    Returns:
+        Indices, increasing; the first frame that shows anything begins no other shot.
+    """
+    return [begin for begin, _ in _shots(small)[1:]]
+
+
+def _shots(small: np.ndarray) -> list[tuple[int, int]]:
+    """First and last frame of every shot, without frames that show nothing."""
+    shown = np.flatnonzero(small.std((1, 2), dtype=np.float32).max(1) >= FLAT)
+    if len(shown) < 2:
+        return [(int(only), int(only)) for only in shown]
+    pictures = small[shown]
+    change, recolour = _changes(pictures[:-1], pictures[1:])
+    apart = np.flatnonzero(np.diff(shown) > 1)  # maybe faded: as if their colours were in full
+    if len(apart):
+        _, recolour[apart] = _changes(_full_range(pictures[apart]), _full_range(pictures[apart + 1]))
+    begins = [0]
+    for i in np.flatnonzero((change > DIFFERENT) & (recolour > RECOLOURED)).tolist():
+        about = np.concatenate([change[max(0, i - NEIGHBOURS) : i], change[i + 1 : i + 1 + NEIGHBOURS]])
+        usual = float(np.median(about)) if len(about) else 0.0
+        later: int = min(i + 3, len(pictures) - 1)
+        back, _ = _changes(pictures[i : i + 1], pictures[later : later + 1])
+        if change[i] > STANDS_OUT * usual and back[0] > DIFFERENT:
+            begins.append(i + 1)
+    return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]
+
+
+def check_one_shot(where: ClipSource) -> None:
+    """Refuse a clip with a cut in the part of it that is read.
+
+    Raises:
+        InputError: there is one; the line says where and how to take one shot of the clip.
+    """
+    times, small = small_pictures(where.path, where.fps)
+    inside = within(times, where.span)
+    if len(inside) == 0:
+        return
+    shots = [(int(inside[a]), int(inside[b])) for a, b in _shots(small[inside])]
+    if len(shots) < 2:
+        return
+    cut = shots[1][0]
+    more = f" and {len(shots) - 2} more" if len(shots) > 2 else ""
+    reason = f"a cut at {times[cut]:.3f} s{more}; a reference is one shot"
+    spans = [(float(times[a]), float(times[b])) for a, b in shots[:2] if b > a]
+    named = [_part(where, float(times[inside[0]]), span).named for span in spans]
+    hint = f"take one: {' or '.join(named)}; no cut? #cuts=keep" if named else "no cut? #cuts=keep"
+    raise InputError(where.path, f"frame {cut}", reason, hint)
+
+
+def _part(where: ClipSource, first: float, span: tuple[float, float]) -> ClipSource:
+    """A shot of ``where``, which begins at ``first`` [s]; a person who was pointed at is, if in that shot."""
+    person = where.person
+    if isinstance(person, tuple):
+        x, y, moment = person
+        later = first + moment - span[0]  # counted from the shot's beginning
+        person = (x, y, max(0.0, later)) if -_ROUNDED < later < span[1] - span[0] + _ROUNDED else None
+    return replace(where, span=span, person=person)
+
+
+def small_pictures(path: Path, fps: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Times (F,) [s] and small pictures (F, h, w, 3) uint8 of every frame of a video or image folder."""
+    frames: Iterable[tuple[float, np.ndarray]] = (
+        (time, frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray())
+        for time, frame in timed_frames(path, fps)
+    )
+    times, small = zip(*frames)
+    return np.array(times), np.stack(small)
+
+
+def _changes(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One minus correlation, (F,) in [0, 2], and part of the pixels in another bin of colour, (F,) in [0, 1]."""
+    a, b = (x.reshape(len(x), -1).astype(np.float32) for x in (before, after))
+    a, b = a - a.mean(1, keepdims=True), b - b.mean(1, keepdims=True)
+    norm = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    correlation = (a * b).sum(1) / np.maximum(norm, 1e-9)
+    moved = np.abs(_histograms(before) - _histograms(after)).sum((1, 2)) / 2 / 3
+    return 1 - correlation, moved
+
+
+def _full_range(small: np.ndarray) -> np.ndarray:
+    """Small pictures (F, h, w, 3) uint8, each from black to white."""
+    low, high = (end(small, axis=(1, 2, 3), keepdims=True) for end in (np.min, np.max))
+    return ((small - low) * (255.0 / (high - low))).round().astype(np.uint8)
+
+
+def _histograms(small: np.ndarray) -> np.ndarray:
+    """Part of the pixels in each bin of each colour, (F, 3, BINS)."""
+    bins = small.reshape(len(small), -1, 3) // (256 // BINS)
+    return np.stack([(bins == b).mean(1) for b in range(BINS)], axis=-1)

@@ -1,0 +1,221 @@
+"""Frames of one video or image file, strictly: a damaged file is an error, never a shorter clip."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from av.container import InputContainer
+from av.stream import Disposition
+from av.video.stream import VideoStream
+
+from ..errors import InputError
+from ..threads import thread_count
+from .image_header import exif_orientation, states_aspect
+
+PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160
+SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
+IMAGE_BYTE_LIMIT = 2**28
+IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
+
+_MIRRORED = (2, 4, 5, 7)
+_TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+# Playlists and scripts that open other files are no clips, whatever their name ends in.
+_OPTIONS = {
+    "protocol_whitelist": "file",
+    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,png_pipe,jpeg_pipe",
+    "max_pixels": str(PIXEL_LIMIT),
+    "err_detect": "explode",
+}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One decoded frame; its pixels are converted only when asked for.
+
+    Args:
+        raw: as decoded, before rotation.
+        size: (W, H) as shown, upright and with square pixels.
+        time: presentation time in the file [s].
+        turns: quarter turns to the left that bring it upright.
+        mirrored: whether its rows are shown in reverse order before it is turned.
+    """
+
+    raw: av.VideoFrame
+    size: tuple[int, int]
+    time: float
+    turns: int
+    mirrored: bool
+
+    def rgb(self, size: tuple[int, int], over_black: bool = False) -> np.ndarray:
+        """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller.
+
+        What is transparent shows the colour that lies under it, or black where ``over_black``.
+        """
+        pixels = self._over_black() if over_black else self.raw.to_ndarray(format="rgb24")
+        upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.turns)
+        if upright.shape[1::-1] == size:
+            return np.ascontiguousarray(upright)
+        return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
+
+    def _over_black(self) -> np.ndarray:
+        """RGB times alpha as decoded, (H, W, 3) uint8."""
+        kind = self.raw.format
+        if not (kind.has_palette or any(component.is_alpha for component in kind.components)):
+            return self.raw.to_ndarray(format="rgb24")
+        rgba = self.raw.to_ndarray(format="rgba").astype(np.uint16)
+        return ((rgba[..., :3] * rgba[..., 3:] + 127) // 255).astype(np.uint8)
+
+
+def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
+    """Frames of ``path`` in order of presentation; without ``exif`` an image is upright as it is stored.
+
+    Raises:
+        InputError: the file is missing, is of no allowed kind, has no video, is damaged, changes size,
+            exceeds a limit, has times that do not increase, or holds other than what its header says.
+    """
+    with _opened(path) as (container, stream):
+        count, end, before = 0, 0.0, None
+        for packet in container.demux():
+            if packet.pts is not None:
+                end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            if packet.stream.index != stream.index:
+                continue
+            for raw in stream.decode(packet):
+                frame = _checked(path, count, raw, stream, exif)
+                if before is not None and (frame.size != before.size or frame.time <= before.time):
+                    what = "size" if frame.size != before.size else "time"
+                    now, then = getattr(frame, what), getattr(before, what)
+                    raise InputError(path, f"frame {count}", f"{what} went from {then} to {now}", "re-encode it")
+                count, before = count + 1, frame
+                yield frame
+        _check_complete(path, container, stream, count, end)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+    if not path.is_file():
+        raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
+    demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
+    source = _image_source(path) if demuxer else str(path.absolute())  # "10:30.mp4" would name a protocol, 10
+    try:
+        with av.open(source, "r", format=demuxer, options=_OPTIONS) as container:
+            yield container, _video_stream(path, container)
+    except av.FFmpegError as error:
+        hint = "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
+        raise InputError(path, "video", f"cannot be decoded: {error.strerror}", hint) from None
+
+
+def _image_source(path: Path) -> str | io.BytesIO:
+    """What the decoder is given of an image file that is not too large and has an end."""
+    if path.stat().st_size > IMAGE_BYTE_LIMIT:
+        raise InputError(path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}")
+    data = path.read_bytes()
+    # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
+    if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
+        raise InputError(path, "video", "cannot be decoded: the file is cut short")
+    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path.absolute())
+
+
+def _without_exif(data: bytes) -> bytes:
+    """A PNG without the chunk that holds its EXIF, for which the decoder would refuse all of it if that is damaged."""
+    view, kept, begin, at = memoryview(data), bytearray(), 0, len(_PNG)
+    while at < len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4], "big")  # length, name, content, checksum
+        if data[at + 4 : at + 8] == b"eXIf":
+            kept += view[begin:at]
+            begin = end
+        at = end
+    kept += view[begin:]
+    return bytes(kept)
+
+
+def _video_stream(path: Path, container: InputContainer) -> VideoStream:
+    streams = [s for s in container.streams.video if not s.disposition & Disposition.attached_pic]
+    if not streams:
+        raise InputError(path, "video", "no video stream")
+    stream = streams[0]
+    _check_size(path, "size", (stream.codec_context.width, stream.codec_context.height))
+    if stream.frames > SCAN_LIMIT:
+        raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, the header says {stream.frames}")
+    stream.thread_type = "AUTO"
+    stream.codec_context.thread_count = thread_count()
+    return stream
+
+
+def _check_size(path: Path, field: str, size: tuple[int, int]) -> None:
+    if size[0] * size[1] > PIXEL_LIMIT:
+        limit = f"expected at most {PIXEL_LIMIT} pixels a frame, got {size[0]}x{size[1]}"
+        raise InputError(path, field, limit, "make it smaller")
+
+
+def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, exif: bool) -> Frame:
+    field = f"frame {index}"
+    if index >= SCAN_LIMIT:
+        raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, got more", "cut the clip")
+    if raw.is_corrupt:
+        raise InputError(path, field, "is damaged")
+    if raw.time is None:
+        raise InputError(path, field, "has no presentation time", "re-encode it")
+    turns, mirrored = _upright(path, field, raw, exif)
+    size = (max(1, round(raw.width * _aspect(path, stream))), raw.height)
+    upright = size if turns % 2 == 0 else size[::-1]
+    _check_size(path, field, upright)
+    return Frame(raw, upright, raw.time, turns, mirrored)
+
+
+def _aspect(path: Path, stream: VideoStream) -> float:
+    """Width of a pixel over its height."""
+    aspect = float(stream.sample_aspect_ratio or 1)
+    print_only = aspect != 1 and path.suffix.lower() in IMAGE_DEMUXERS and not states_aspect(path)
+    return 1.0 if print_only else aspect
+
+
+def _upright(path: Path, field: str, raw: av.VideoFrame, exif: bool) -> tuple[int, bool]:
+    """Quarter turns to the left that the file asks for, and whether the rows are reversed before."""
+    if path.suffix.lower() in IMAGE_DEMUXERS:
+        # the decoder reads nothing of an EXIF that is damaged anywhere
+        orientation = exif_orientation(path) if exif else 1
+        return _TURNS.get(orientation, 0), orientation in _MIRRORED
+    if raw.rotation % 90:
+        raise InputError(path, field, f"expected a rotation tag of quarter turns, got {raw.rotation} degrees")
+    return raw.rotation // 90, _mirrored(raw)
+
+
+def _mirrored(raw: av.VideoFrame) -> bool:
+    """Whether a video asks for ``raw`` to be shown mirrored, of which its rotation says nothing."""
+    try:
+        matrix: Any = raw.side_data.get("DISPLAYMATRIX")
+    except ValueError:  # there is a kind that PyAV does not know, as on frames of two views, which nothing mirrors
+        return False
+    if matrix is None:
+        return False
+    a, b, _, c, d, *_ = struct.unpack("=9i", bytes(matrix))
+    return bool(a * d < b * c)
+
+
+def _check_complete(path: Path, container: InputContainer, stream: VideoStream, count: int, end: float) -> None:
+    """Compare ``count`` frames that end at ``end`` [s] with the header; Matroska promises a duration only."""
+    hint = "the file is damaged or cut short; re-encode it"
+    if count == 0:
+        raise InputError(path, "frames", "expected at least 1, got 0")
+    promised = stream.frames
+    if "mp4" in container.format.name:  # the index knows what the edit list cuts off, the header does not
+        promised = sum(not entry.is_discard for entry in stream.index_entries)
+    if promised and count != promised:
+        raise InputError(path, "frames", f"the header says {promised}, decoded {count}", hint)
+    if "matroska" in container.format.name and container.duration:
+        duration = container.duration / av.time_base
+        slack = 0.1 + (float(1 / stream.average_rate) if stream.average_rate else 0.0)
+        if end < duration - slack:
+            raise InputError(path, "duration", f"the header says {duration:.2f} s, decoded {end:.2f} s", hint)

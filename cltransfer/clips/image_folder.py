@@ -1,0 +1,95 @@
+"""A folder of images as a clip: in which order they play, and when."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, UsageError
+from ..files import read_json
+from .decoding import IMAGE_DEMUXERS
+
+VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
+TIMES = "times.json"
+FOLDER_RATE = 24.0  # images a second where nothing says
+
+
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """Key by which names sort as people count.
+
+    >>> sorted(["cam10", "cam9"], key=natural_order)
+    ['cam9', 'cam10']
+    """
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def image_files(folder: Path) -> list[Path]:
+    """PNG and JPEG files of ``folder`` as people count; hidden ones, as a Mac leaves beside each, are none.
+
+    Raises:
+        InputError: there are none, or one is a link that leads out of the folder.
+    """
+    files = [f for f in folder.iterdir() if _is_image(f)]
+    files.sort(key=lambda file: natural_order(file.name))
+    if not files:
+        raise InputError(folder, "images", "expected PNG or JPEG files, found none")
+    here = folder.resolve()
+    for file in files:
+        if file.is_symlink() and not file.resolve().is_relative_to(here):
+            raise InputError(file, "", "is a link that leads out of its folder", "put the image itself there")
+    return files
+
+
+def _is_image(file: Path) -> bool:
+    return file.suffix.lower() in IMAGE_DEMUXERS and not file.name.startswith(".")
+
+
+def untimed(path: Path) -> bool:
+    """Whether ``path`` is a folder that does not say when its images are shown."""
+    return path.is_dir() and not (path / TIMES).exists()
+
+
+def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> np.ndarray:
+    """When each of ``files`` is shown, (N,) increasing [s]: by ``times.json``, else ``fps`` images a second.
+
+    Raises:
+        InputError: ``times.json`` does not fit, or there is none and an image is missing.
+        UsageError: there are both ``times.json`` and ``fps``.
+    """
+    if untimed(folder):
+        _check_no_gap(files)
+        return np.arange(len(files)) / (fps or FOLDER_RATE)
+    if fps is not None:
+        reason = f"expected a folder without {TIMES}, this one's says when each image is shown"
+        raise UsageError(folder, "#fps", reason, f"leave out #fps, or take {TIMES} away")
+    given = read_json(folder / TIMES)
+    try:
+        times = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        times = np.empty(0)
+    if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise InputError(folder / TIMES, "", f"expected {len(files)} increasing seconds, one per image")
+    return times
+
+
+def _check_no_gap(files: list[Path]) -> None:
+    found = [re.search(r"(\d+)\D*$", file.stem) for file in files]
+    numbers = [int(match[1]) for match in found if match]
+    if len(numbers) < len(files):
+        return
+    step = min((b - a for a, b in pairwise(numbers)), default=1)
+    for (a, b), file in zip(pairwise(numbers), files[1:]):
+        if b - a != step:
+            reason = f"follows number {a}, expected {a + step}"
+            raise InputError(file, "number", reason, "an image is missing; a times.json states other times")
+
+
+def holds_clips(folder: Path) -> bool:
+    """Whether ``folder`` holds videos or folders, and is no image folder itself."""
+    entries = list(folder.iterdir()) if folder.is_dir() else []
+    images = any(_is_image(entry) for entry in entries)
+    return not images and any(entry.is_dir() or entry.suffix.lower() in VIDEOS for entry in entries)

@@ -1,0 +1,163 @@
+"""A clip, or a part of it, before any of its frames is kept: when they are shown, and how some of them are read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError, UsageError
+from ..memory import require_free
+from .decoding import Frame, decode
+from .image_folder import folder_times, image_files
+
+FRAME_LIMIT = 2000  # frames kept in memory
+BYTE_LIMIT = 4 * 2**30  # of all frames kept
+HINT = "keep fewer of them, frames=N, or cut the clip, #t=START,END"
+_TICK = 0.00051  # [s] by which a time may miss the ends of a span, which are named to a millisecond
+
+
+@dataclass(frozen=True, eq=False)
+class ClipPart:
+    """Frames of a file that may be read.
+
+    Args:
+        path: a video or a folder of images.
+        files: the images of a folder that they are, (N,); empty for a video.
+        index: number of each in the file, (N,) int64.
+        times: when each is shown after the first frame of the file, (N,) float64 [s], increasing.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    index: Tensor  # (N,)
+    times: Tensor  # (N,) [s]
+
+    def images(self, kept: Sequence[int], max_side: int) -> tuple[Tensor, tuple[int, int]]:
+        """RGB of those that are ``kept``, (K, 3, H, W) uint8, and the size (W, H) they came in.
+
+        Args:
+            kept: which, increasing.
+            max_side: larger frames are averaged down to this longer side [px].
+
+        Raises:
+            InputError: one is damaged, or they are too many.
+            ResourceError: they do not fit in memory.
+        """
+        if len(kept) > FRAME_LIMIT:
+            raise InputError(self.path, "frames", f"expected at most {FRAME_LIMIT} to keep, got {len(kept)}", HINT)
+        if self.files:
+            chosen = images_of([self.files[k] for k in kept])
+        else:
+            chosen = _video_frames(self.path, set(self.index[list(kept)].tolist()))
+        return _stack(self.path, chosen, len(kept), max_side)
+
+
+def find_part(path: Path, span: tuple[float, float], fps: float | None) -> ClipPart:
+    """The frames of a clip that are shown within ``span`` [s] after its first, both included.
+
+    Args:
+        path: a video, or a folder that plays as its ``times.json`` says (a list of seconds, one per image).
+        span: from when to when.
+        fps: images a second of a folder without ``times.json``; None takes 24.
+
+    Raises:
+        InputError: the clip is missing or damaged, or shows no frame then.
+        UsageError: ``fps`` is given for a clip that has times of its own.
+    """
+    files = files_of(path, fps)
+    times = folder_times(path, files, fps) if files else np.array([frame.time for frame in decode(path)])
+    times = times - times[0]
+    inside = within(times, span)
+    if len(inside) == 0:
+        when = f"between {span[0]:g} and {span[1]:g} s" if span[1] < math.inf else f"from {span[0]:g} s on"
+        raise InputError(path, "t", f"no frame {when}: the clip ends at {times[-1]:.3f} s")
+    shown = tuple(files[i] for i in inside) if files else ()
+    return ClipPart(path, shown, torch.from_numpy(inside), torch.from_numpy(times[inside]))
+
+
+def within(times: np.ndarray, span: tuple[float, float]) -> np.ndarray:
+    """Which of the frames at ``times`` (N,) [s] a span [s] names, (M,); a time may miss its ends by :data:`_TICK`."""
+    return np.flatnonzero((times >= span[0] - _TICK) & (times <= span[1] + _TICK))
+
+
+def files_of(path: Path, fps: float | None) -> list[Path]:
+    """The images of a folder, none of a video.
+
+    Raises:
+        InputError: a folder holds none.
+        UsageError: ``fps`` is given for a video.
+    """
+    if path.is_dir():
+        return image_files(path)
+    if fps is not None and path.exists():
+        raise UsageError(path, "#fps", "expected a folder of images, a video has times of its own", "leave out #fps")
+    return []
+
+
+def evenly(shown: Tensor, wanted: int | None) -> Tensor:
+    """Indices (K,) int64 of ``wanted`` frames nearest to evenly spaced times, each another one; None takes all.
+
+    >>> evenly(torch.tensor([0.0, 0.1, 0.2, 1.0, 2.0]), 3)
+    tensor([0, 3, 4])
+    """
+    count = len(shown)
+    if wanted is None or wanted >= count:
+        return torch.arange(count)
+    times = shown.numpy()
+    even = np.linspace(times[0], times[-1], wanted)
+    order = np.arange(wanted)
+    distinct = np.maximum.accumulate(nearest(times, even) - order) + order  # pushed on where two would be the same
+    return torch.from_numpy(np.minimum(distinct, count - wanted + order))
+
+
+def nearest(times: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Index (M,) of the nearest of ``times`` (N,), increasing, for each of ``moments`` (M,), the earlier of two.
+
+    No matrix of all distances is made: two clips of a quarter of an hour would need gigabytes.
+    """
+    after = np.searchsorted(times, moments).clip(max=len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(moments - times[before] <= times[after] - moments, before, after)
+
+
+def _video_frames(path: Path, wanted: set[int]) -> Iterator[Frame]:
+    # decoded a second time, so that only the frames kept take memory
+    return (frame for index, frame in enumerate(decode(path)) if index in wanted)
+
+
+def images_of(files: list[Path]) -> Iterator[Frame]:
+    """The frames of image files, all of one size.
+
+    Raises:
+        InputError: one is damaged or of another size.
+    """
+    first = None
+    for file in files:
+        frame = next(decode(file))
+        first = first or frame
+        if frame.size != first.size:
+            raise InputError(file, "size", f"expected {first.size} as in {files[0].name}, got {frame.size}")
+        yield frame
+
+
+def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tuple[Tensor, tuple[int, int]]:
+    """All ``frames`` at one size, (N, 3, H, W) uint8, and the size (W, H) they came in."""
+    first = next(frames)
+    scale = min(1.0, max_side / max(first.size))
+    size = (max(1, round(first.size[0] * scale)), max(1, round(first.size[1] * scale)))
+    need = 3 * count * size[0] * size[1]
+    if need > BYTE_LIMIT:
+        reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
+        raise InputError(path, "frames", reason, "keep fewer or smaller frames")
+    require_free(need, path, f"{count} frames of {size[0]}x{size[1]}", HINT)
+    image = torch.empty((count, 3, size[1], size[0]), dtype=torch.uint8)
+    image[0] = torch.from_numpy(first.rgb(size)).permute(2, 0, 1)
+    for index, frame in enumerate(frames, start=1):
+        image[index] = torch.from_numpy(frame.rgb(size)).permute(2, 0, 1)
+    return image, first.size

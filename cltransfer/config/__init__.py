@@ -1,0 +1,173 @@
+"""Config: one YAML grammar, one parent by ``base``, ``key=value`` on top; checked before anything heavy loads.
+
+``section: {name: {options}}`` names a component of a registry; ``null`` removes what the parent had. A config names
+components, it never loads code: see :mod:`cltransfer.plugins`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files as package_files
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from ..registry import LOSSES
+from ..typed import nearest, typed
+from .layers import ONE_EACH, Layer, origin, parse_overrides, read_yaml, told
+from .options import SECTIONS, RunConfig
+
+COMMAND_LINE = "command line"
+
+
+def to_yaml(config: RunConfig) -> str:
+    """The merged config, complete and re-runnable: what the preset has and ``config`` has not is null."""
+    from omegaconf import OmegaConf
+
+    raw, below = dataclasses.asdict(config), _read(shipped_configs() / f"{config.preset}.yaml").values
+    for section in set(SECTIONS) - set(ONE_EACH):
+        raw[section] |= {name: None for name in below.get(section) or {} if name not in raw[section]}
+    return OmegaConf.to_yaml(OmegaConf.create(raw))
+
+
+def presets() -> list[str]:
+    """Names of the shipped configs."""
+    return sorted(p.name[: -len(".yaml")] for p in shipped_configs().iterdir() if p.name.endswith(".yaml"))
+
+
+def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
+    """Config of a file (or of the preset alone) with ``key=value`` overrides on top.
+
+    A shipped file may be named without its folder and suffix, as ``networks/paper``.
+    ``preset=NAME`` among the overrides, or ``preset:`` in the file, chooses what lies below (default: balanced).
+
+    Raises:
+        UsageError: a file is missing, too large or no YAML; an unknown key, component or option (the nearest is
+            named), a value of the wrong type or range.
+    """
+    above = layer_of(parse_overrides(overrides), COMMAND_LINE)
+    if "base" in above.values:
+        raise UsageError(
+            COMMAND_LINE, "base", "expected in a file, which it lies below", "use --config FILE or preset=NAME"
+        )
+    return lay_config([_read_chain(_named(Path(path))), above] if path else [above])
+
+
+def layer_of(values: Mapping[str, Any], where: str | Path) -> Layer:
+    """The layer of ``values`` that are written in ``where``, their names checked.
+
+    Raises:
+        UsageError: an unknown key, component or option; the nearest is named.
+    """
+    _check(values, where)
+    return Layer.written(values, where)
+
+
+def lay_config(layers: Sequence[Layer]) -> RunConfig:
+    """Config of ``layers``, the last on top, over the preset that the highest of them names (default: balanced).
+
+    Raises:
+        UsageError: as :func:`load_config`, in the name of the layer that is to blame.
+    """
+    preset, where = next(
+        ((layer.values["preset"], layer.origins["preset"]) for layer in reversed(layers) if "preset" in layer.values),
+        ("balanced", ""),
+    )
+    if preset not in presets():
+        raise UsageError(where, "preset", f"no preset {preset!r}", nearest(str(preset), presets()))
+    merged = _read(shipped_configs() / f"{preset}.yaml")
+    for layer in layers:
+        merged = layer.over(merged)
+    config = _typed({**merged.values, "preset": preset}, merged.origins)
+    config.origins = merged.origins
+    return config
+
+
+def shipped_configs() -> Any:
+    """The folder of the shipped configs, in a checkout as when installed."""
+    installed = package_files("cltransfer") / "configs"
+    return installed if installed.is_dir() else Path(__file__).resolve().parents[2] / "configs"
+
+
+def _named(path: Path) -> Path:
+    """The file, or where there is none a shipped one by its name alone, as ``networks/paper``.
+
+    Raises:
+        UsageError: there is neither; the nearest shipped one is named.
+    """
+    if path.exists():
+        return path
+    shipped = Path(str(shipped_configs()))
+    named = [*presets(), *(f"networks/{found.stem}" for found in sorted((shipped / "networks").glob("*.yaml")))]
+    if str(path) not in named:
+        raise UsageError(path, "", "no such file", nearest(str(path.with_suffix("")), named))
+    return shipped / f"{path}.yaml"
+
+
+def _read_chain(path: Path) -> Layer:
+    """A file over its ``base``; the base is named beside it and may name no other."""
+    own = _read(path)
+    base = own.values.get("base")
+    if base is None:
+        return own
+    parent_path = path.parent / str(base)
+    if not parent_path.resolve().is_relative_to(path.parent.resolve().parent):
+        raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
+    parent = _read(parent_path)
+    if "base" in parent.values:
+        raise UsageError(parent_path, "base", "a base names no further base", "merge the two files")
+    return own.over(parent)
+
+
+def _read(path: Any) -> Layer:
+    return layer_of(read_yaml(path), path)
+
+
+def _check(raw: Mapping[str, Any], where: Any) -> None:
+    """Names at both levels, without importing a component."""
+    known = [f.name for f in dataclasses.fields(RunConfig)]
+    for key, value in raw.items():
+        if key not in known and key != "base":
+            raise UsageError(where, str(key), "no such key", nearest(str(key), known))
+        if key in SECTIONS:
+            _check_section(key, value, where)
+
+
+def _check_section(section: str, value: Any, where: Any) -> None:
+    if value is None:
+        return
+    if not isinstance(value, Mapping):
+        raise UsageError(where, section, "expected name: {options}", f"got {value!r}")
+    registry = SECTIONS[section]
+    for name, options in value.items():
+        if str(name) not in registry.names():
+            hint = (
+                f"{nearest(name, registry.names())}; a plugin needs --allow-plugin, in Python cltransfer.plugins.allow"
+            )
+            raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", hint)
+        if options is None:
+            continue
+        if not isinstance(options, Mapping):
+            raise UsageError(where, f"{section}.{name}", "expected options as a mapping", "write {} for the defaults")
+        declared = registry.declared_options(str(name))
+        for option in options:
+            if option not in declared:
+                raise UsageError(where, f"{section}.{name}.{option}", "no such option", nearest(option, declared))
+
+
+def _typed(merged: Mapping[str, Any], origins: Mapping[str, str]) -> RunConfig:
+    clean = {k: v for k, v in merged.items() if k != "base"}
+    for section in SECTIONS:
+        named = {n: o for n, o in (clean.get(section) or {}).items() if o is not None}
+        if section in ONE_EACH and len(named) != 1:
+            where = origin(origins, section)
+            raise UsageError(where, section, f"expected exactly one, got {len(named)}", ", ".join(named))
+        clean[section] = named
+    if not clean["losses"]:
+        where = origin(origins, "losses")
+        raise UsageError(where, "losses", "expected at least one", f"known: {', '.join(LOSSES.names())}")
+    try:
+        return typed(RunConfig, clean)
+    except UsageError as error:
+        raise told(error, origins) from None

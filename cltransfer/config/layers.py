@@ -1,0 +1,175 @@
+"""What a config is laid together from: YAML files and key=value, as plain mappings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from ..errors import InputError, UsageError
+from ..files import check_yaml, read_text
+
+YAML_LIMIT = 2**20  # bytes
+PLAIN = "a number, text, true, false, null, a list or a mapping"
+MISREAD = re.compile(r"[-+]?(0[0-7_]+|[1-9][0-9_]*(:[0-5]?[0-9])+|[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*)")
+"""What YAML 1.1 reads in base 8 or 60."""
+ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Values of a config, and where each was written.
+
+    Args:
+        values: plain, nested.
+        origins: a file's name or the command line, by key as ``section.name.option``.
+    """
+
+    values: Mapping[str, Any]
+    origins: Mapping[str, str]
+
+    @classmethod
+    def written(cls, values: Mapping[str, Any], where: str | Path) -> Layer:
+        """A layer whose values are all written in one place."""
+        return cls(values, dict.fromkeys(_keys(values), str(where)))
+
+    def over(self, below: Layer) -> Layer:
+        """This layer merged over another one."""
+        return Layer(merge(below.values, self.values), {**below.origins, **self.origins})
+
+
+def origin(origins: Mapping[str, str], key: str) -> str:
+    """Where ``key``, or else what it stands under, was written last; empty where it was not."""
+    while key and key not in origins:
+        key = key.rpartition(".")[0]
+    return origins.get(key, "")
+
+
+def told(error: UsageError, origins: Mapping[str, str]) -> UsageError:
+    """``error`` with where its key was written."""
+    return UsageError(error.where or origin(origins, error.field), error.field, error.reason, error.hint)
+
+
+def _keys(values: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for key, value in values.items():
+        yield f"{above}{key}"
+        if isinstance(value, Mapping):
+            yield from _keys(value, f"{above}{key}.")
+
+
+def read_yaml(path: Any) -> dict[str, Any]:
+    """The mapping in a YAML file, nothing resolved and nothing run.
+
+    Raises:
+        UsageError: it is missing, too large, no plain YAML, no mapping, or asks for interpolation.
+    """
+    import yaml
+    from omegaconf import OmegaConf
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # as omegaconf chooses
+    try:
+        text = read_text(path, YAML_LIMIT) if isinstance(path, Path) else path.read_text()
+    except InputError as error:
+        raise UsageError(path, error.field, error.reason) from None
+    _refuse_interpolation(text, path, "${")
+    try:
+        check_yaml(text, loader)
+    except (yaml.YAMLError, ValueError) as error:
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    _refuse_misread(text, path, "", loader)
+    try:
+        value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
+    except yaml.YAMLError as error:  # a key that is there twice, of which only the reader knows
+        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+    except Exception:  # omegaconf has one class per fault and no common base
+        raise UsageError(path, "", f"not a config: expected keys with values, each {PLAIN}") from None
+    if not isinstance(value, dict):
+        raise UsageError(path, "", "expected a mapping of keys to values")
+    _refuse_interpolation(value, path, "${")
+    return {str(key): entry for key, entry in value.items()}
+
+
+def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
+    """``section.name.option=value`` as nested mappings; values are YAML, none is null.
+
+    Raises:
+        UsageError: an item is no ``key=value``, or asks for interpolation.
+    """
+    import yaml
+
+    nested: dict[str, Any] = {}
+    for item in overrides:
+        key, equals, text = item.partition("=")
+        if not equals or not key:
+            raise UsageError("", item, "expected key=value")
+        _refuse_interpolation(item, "", key)
+        try:
+            value = yaml.safe_load(text) if text else None
+        except yaml.YAMLError:
+            raise UsageError("", key, f"not a YAML value: {text}") from None
+        _refuse_misread(text, "", key, yaml.SafeLoader)
+        _refuse_interpolation(value, "", key)
+        for foreign in _foreign(value):
+            raise UsageError("", key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own")
+        *parents, last = key.split(".")
+        target = nested
+        for parent in parents:
+            below = target.setdefault(parent, {})
+            if not isinstance(below, dict):
+                below = target[parent] = {}
+            target = below
+        target[last] = value
+    return nested
+
+
+def _refuse_interpolation(value: Any, where: Any, field: str) -> None:
+    """``value`` is a text as it was written, or what was parsed of it: YAML can write ``${`` without these letters."""
+    if _interpolates(value):
+        raise UsageError(where, field, "interpolation is not part of the grammar", "write the value")
+
+
+def _refuse_misread(text: str, where: Any, field: str, loader: Any) -> None:
+    """Refuse a number that is another one in YAML than anywhere else: 010 would be 8, and 1:30 would be 90."""
+    import yaml
+
+    for token in yaml.scan(text, loader):
+        if isinstance(token, yaml.ScalarToken) and token.plain and MISREAD.fullmatch(token.value):
+            reason = f"YAML reads {token.value[:40]} in base {60 if ':' in token.value else 8}"
+            raise UsageError(
+                where, field, reason, "write a number without leading zeros and colons, and text in quotes"
+            )
+
+
+def _interpolates(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return any(_interpolates(key) or _interpolates(entry) for key, entry in value.items())
+    if isinstance(value, (list, tuple, set)):
+        return any(map(_interpolates, value))
+    return isinstance(value, (str, PurePath)) and "${" in str(value)
+
+
+def _foreign(value: Any) -> Iterator[Any]:
+    """What in a value of YAML is more than plain: a date, a set, bytes."""
+    if isinstance(value, dict | list):
+        for part in value if isinstance(value, list) else (*value, *value.values()):
+            yield from _foreign(part)
+    elif not isinstance(value, str | int | float | None):
+        yield value
+
+
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """``above`` over ``below``, key by key; null stays, to be removed when all is merged."""
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        if isinstance(old, Mapping) and isinstance(value, Mapping):
+            merged[key] = merge(old, value)
+        else:
+            merged[key] = value
+        if key in ONE_EACH and isinstance(value, Mapping):
+            named = [name for name, options in value.items() if options is not None]
+            if len(named) == 1:  # naming another renderer replaces the one below
+                merged[key] = {named[0]: merged[key][named[0]]}
+    return merged

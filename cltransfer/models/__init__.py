@@ -1,0 +1,1 @@
+"""Networks: which there are, where their files come from, and running them."""

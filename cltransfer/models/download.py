@@ -1,0 +1,185 @@
+"""Downloads of catalogue entries: http(s) only, resumed where they broke off, kept only with the right hash."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from ..files import atomic, content_hash
+from .catalogue import LARGEST, Entry, pin
+
+if TYPE_CHECKING:
+    from requests import Response
+
+Report = Callable[[str, int, int], None]
+
+BLOCK = 2**14  # bytes; what a connection that breaks off costs at most
+ATTEMPTS = 3  # one after the other, as long as each brings something
+
+
+class _RefusedError(Exception):
+    """A download that cannot go on; its text is the reason."""
+
+
+class _BrokenOffError(Exception):
+    """A connection that ended early and may be taken up again."""
+
+
+@dataclass
+class Resuming:
+    """What pooch downloads with: goes on where a part file ends, and stops at what the entry allows.
+
+    Args:
+        entry: what is wanted.
+        report: called with the file, bytes there, bytes in all (0 where nobody knows).
+        timeout: how long a server may say nothing [s].
+        sha256: of what was downloaded, once it is.
+    """
+
+    entry: Entry
+    report: Report
+    timeout: float = 30.0
+    sha256: str = ""
+
+    @property
+    def part(self) -> Path:
+        """Where the bytes gather until they are complete."""
+        return self.entry.path.with_name(f"{self.entry.path.name}.part")
+
+    def __call__(self, url: str, output_file: IO[bytes] | str, pooch: Any) -> None:
+        """Download ``url`` to the path ``output_file``."""
+        if not self.entry.sha256:
+            self.part.unlink(missing_ok=True)  # nothing would tell that two halves are of one file
+        for attempt in range(1, ATTEMPTS + 1):
+            before = self._there()
+            try:
+                self._continue(url)
+                break
+            except _BrokenOffError as error:
+                there = self._there()
+                if attempt == ATTEMPTS or there <= before:
+                    goes_on = ", the next pull goes on there" if there and self.entry.sha256 else ""
+                    raise _RefusedError(f"{error} after {there} bytes{goes_on}") from None
+        self.sha256 = content_hash(self.part)
+        self.part.replace(str(output_file))
+
+    def _there(self) -> int:
+        return self.part.stat().st_size if self.part.exists() else 0
+
+    def _continue(self, url: str) -> None:
+        """Append to the part file until the server has no more."""
+        import requests
+
+        there = self._there()
+        if there and there == self.entry.size:
+            return
+        headers = {"Accept-Encoding": "identity", **({"Range": f"bytes={there}-"} if there else {})}
+        try:
+            with requests.get(url, headers=headers, stream=True, timeout=self.timeout) as answer:
+                if there and answer.status_code == 416:  # the part file is longer than the server's
+                    self.part.unlink()
+                    self._continue(url)
+                    return
+                self._check(answer, url)
+                self._append(answer, there if answer.status_code == 206 else 0)
+        except (
+            requests.exceptions.Timeout,
+            requests.exceptions.ConnectionError,
+            requests.exceptions.ChunkedEncodingError,
+        ) as error:
+            raise _BrokenOffError(_plain(error)) from None
+        except requests.exceptions.RequestException as error:
+            raise _RefusedError(_plain(error)) from None
+
+    def _check(self, answer: Response, url: str) -> None:
+        """Refuse what is no file, of another size, or has left https."""
+        if url.startswith("https:") and not answer.url.startswith("https:"):
+            raise _RefusedError(f"the server leads away from https to {answer.url}")
+        if answer.status_code not in (200, 206):
+            raise _RefusedError(f"the server answers {answer.status_code} {answer.reason}")
+        begin = re.match(r"bytes (\d+)-", answer.headers.get("Content-Range", ""))
+        if answer.status_code == 206 and (begin is None or int(begin[1]) != self._there()):
+            raise _RefusedError("the server goes on at another byte than it was asked for")
+
+    def _append(self, answer: Response, there: int) -> None:
+        """Write the answer's bytes behind the ``there`` first ones."""
+        length = answer.headers.get("Content-Length", "")
+        total = there + int(length) if length.isdecimal() else self.entry.size
+        limit = self.entry.size or LARGEST
+        if total > limit or (self.entry.size and total != self.entry.size):
+            self.part.unlink(missing_ok=True)
+            raise _RefusedError(f"expected {self.entry.size or f'at most {LARGEST}'} bytes, the server has {total}")
+        with self.part.open("r+b" if there else "wb") as stream:
+            stream.seek(there)
+            for block in answer.iter_content(BLOCK):
+                there += len(block)
+                if there > limit:
+                    break
+                stream.write(block)
+                self.report(self.entry.file, there, total)
+        if there > limit:
+            self.part.unlink()
+            raise _RefusedError(f"expected at most {limit} bytes, the server goes on")
+        if there < total:
+            raise _BrokenOffError("cut off")
+
+
+def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) -> Entry:
+    """``entry`` with its file at ``entry.path``, downloaded unless it is there, and with its hash.
+
+    A file that is there is replaced by a whole one only. Where its hash is not known it is left, and the hash too,
+    unless ``accept_new`` asks for what is published.
+
+    Args:
+        entry: of the catalogue.
+        accept_new: download an entry whose hash is not known, and pin what came.
+        report: called with the file, bytes there, bytes in all.
+        timeout: how long a server may say nothing [s].
+
+    Raises:
+        ModelError: a network cannot be had: no address, no known hash, no connection, another content.
+        InputError: likewise an asset.
+    """
+    import pooch
+
+    if not entry.address:
+        raise entry.error("address", f"is not published as such, from {entry.source}", entry.made_by)
+    if not entry.sha256 and not accept_new:
+        if entry.path.is_file():
+            return entry
+        hint = "--accept-new takes what comes and pins it"
+        raise entry.error("sha256", f"is not known, from {entry.address}", hint)
+    if not entry.path.parent.resolve().is_relative_to(entry.folder.resolve()):
+        raise entry.error("folder", f"{entry.path.parent} is a link out of {entry.folder}, from {entry.address}")
+    pooch.get_logger().setLevel("ERROR")
+    getter = Resuming(entry, report, timeout)
+    about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"
+    entry.path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        if entry.sha256:
+            known = f"sha256:{entry.sha256}"
+            pooch.retrieve(entry.address, known, entry.path.name, entry.path.parent, downloader=getter)
+        else:
+            with atomic(entry.path) as new:  # pooch keeps what it cannot check
+                pooch.retrieve(entry.address, None, new.name, new.parent, downloader=getter)
+    except _RefusedError as error:
+        raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
+    except ValueError:  # pooch's word for another hash; it has deleted the file
+        raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
+    return entry if entry.sha256 else pin(entry, getter.sha256)
+
+
+def _plain(error: Exception) -> str:
+    """What happened to the connection, without the library's nesting."""
+    text = " ".join(str(error).split())
+    known = {
+        "NameResolution": "no such host, or no network",
+        "Name or service": "no such host, or no network",
+        "refused": "the connection was refused",
+        "IncompleteRead": "cut off",
+        "timed out": "the server said nothing any more",
+    }
+    return next((reason for sign, reason in known.items() if sign in text), text[:120])

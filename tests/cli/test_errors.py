@@ -1,0 +1,415 @@
+"""Bad input at the command line: an exit code, exactly one line that names file and field, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltransfer.bench.synthetic_room import synthetic_room
+from cltransfer.errors import ModelError
+from cltransfer.scenes.ply import write_splats
+
+SPLAT: tuple[str, ...] = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
+SPLAT += ("rot_0", "rot_1", "rot_2", "rot_3")
+SHORT = ("frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
+SECONDS = 3.0  # of a processor, both threads of it busy, for anything that has nothing to render
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+
+
+def refused(answer: Any, code: int, *words: str) -> None:
+    """One ``error:`` line with all of ``words`` and nothing else."""
+    assert answer.code == code, answer.err
+    assert answer.err.count("\n") == 1, answer.err
+    assert answer.err.startswith("error: ")
+    for word in words:
+        assert word in answer.err, answer.err
+    assert answer.out == ""
+
+
+def write_rows(path: Path, names: tuple[str, ...], rows: np.ndarray) -> None:
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    head += [f"property float {name}" for name in names]
+    path.write_bytes("\n".join([*head, "end_header", ""]).encode() + rows.astype("<f4").tobytes())
+
+
+def no_opacity(path: Path) -> None:
+    names = tuple(name for name in SPLAT if name != "opacity")
+    write_rows(path, names, np.ones((4, len(names))))
+
+
+def two_percent_nan(path: Path) -> None:
+    rows = np.ones((100, len(SPLAT)))
+    rows[:2, 1] = np.nan
+    write_rows(path, SPLAT, rows)
+
+
+def cut_short(path: Path) -> None:
+    write_splats(path, synthetic_room(200, 0))
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+SCENES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda path: None, "no such file"),
+    "empty": (lambda path: path.write_bytes(b""), "header"),
+    "truncated": (cut_short, "cut off"),
+    "foreign": (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100)), "magic"),
+    "a folder": (lambda path: path.mkdir(), "scene.ply"),
+    "without opacity": (no_opacity, "opacity"),
+    "two percent not finite": (two_percent_nan, "not finite"),
+}
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("verb", ["transfer", "lift"])
+def test_a_scene_that_cannot_be_used_is_named(
+    command: Callable[..., Any], tmp_path: Path, kind: str, verb: str
+) -> None:
+    make, word = SCENES[kind]
+    scene, out = tmp_path / "scene.ply", tmp_path / "out"
+    make(scene)
+    refused(command(verb, scene, "--out", out), 3, "scene.ply", word)
+    assert not out.exists()
+
+
+CLIPS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda path: None, "no such file"),
+    "empty": (lambda path: path.write_bytes(b""), "video"),
+    "random bytes": (lambda path: path.write_bytes(np.random.default_rng(0).bytes(5000)), "video"),
+    "a playlist": (lambda path: path.write_text("#EXTM3U\n#EXTINF:1,\n/etc/passwd\n"), "video"),
+    "a folder without images": (lambda path: path.mkdir(), "images"),
+}
+
+
+@pytest.mark.parametrize("kind", CLIPS)
+def test_a_clip_that_cannot_be_used_is_named(command: Callable[..., Any], tmp_path: Path, kind: str) -> None:
+    make, word = CLIPS[kind]
+    clip = tmp_path / "clip.mp4"
+    make(clip)
+    refused(command("transfer", "builtin:courtyard", clip, "--out", tmp_path / "out"), 3, "clip.mp4", word)
+    refused(command("evaluate", clip, clip), 3, "clip.mp4", word)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truncated_clip_is_no_shorter_clip(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
+    whole = (tiny_run / "video" / "render.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
+    refused(command("evaluate", tmp_path / "cut.mp4", tmp_path / "cut.mp4"), 3, "cut.mp4", "video")
+
+
+def test_a_missing_network_is_told_before_anything_is_rendered(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CLTRANSFER_MODELS", raising=False)
+    clip, words = tiny_run / "video" / "render.mp4", ("yolox_nano.onnx", "sha256", "put it in", "models")
+    refused(command("transfer", "builtin:courtyard", clip, "--out", tmp_path / "out"), 4, *words)
+    refused(command("evaluate", clip, clip), 4, *words)
+    refused(command("lift", "builtin:courtyard", "--quiet", "--out", tmp_path / "out"), 4, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_clip_without_a_person_is_refused(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not (DATA / "models" / "yolox_nano.onnx").is_file():
+        pytest.skip("needs the networks of shared/data")
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+    import cv2
+
+    (tmp_path / "grey").mkdir()
+    for i in range(3):
+        assert cv2.imwrite(str(tmp_path / "grey" / f"{i}.png"), np.full((90, 160, 3), 90 + i, np.uint8))
+    grey = tmp_path / "grey"
+    refused(command("transfer", "builtin:courtyard", grey, "--quiet", "--out", tmp_path / "out"), 3, "grey", "person")
+    refused(command("evaluate", grey, grey, "--quiet"), 3, "grey", "person")
+    assert not (tmp_path / "out").exists()
+
+
+USAGE = {
+    "genrations=2": "did you mean 'generations'",
+    "losses.framng=null": "did you mean 'framing'",
+    "losses.framing.wieght=2": "did you mean 'weight'",
+    "losses.framing.weight=heavy": "framing.weight",
+    "losses.framing.weight=.nan": "framing.weight: expected a finite number",
+    "generations=two": "generations",
+    "generations=0": "generations: expected 1",
+    "tolerance=.nan": "tolerance",
+    "seed=-1": "seed",
+    "preset=balancd": "did you mean 'balanced'",
+    "zoom=wild": "zoom",
+    "losses=null": "losses",
+    "extract.inner=${oc.env:HOME}": "interpolation",
+    'extract.inner="\\x24{oc.env:HOME}"': "interpolation",
+    'losses={"\\x24{oc.env:HOME}": {}}': "interpolation",
+    "--frames": "No such option: --frames (keys are set without dashes: frames=VALUE)",
+    "--frames=24": "No such option: --frames (keys are set without dashes: frames=24)",
+    "--output-side=64": "(keys are set without dashes: output_side=64)",
+    "--losses.framing.weight=2": "(keys are set without dashes: losses.framing.weight=2)",
+    "--frams=24": "No such option: --frams\n",
+    "out=run2": "command line: out: no such key (--out run2 is an option)",
+    "allow_plugin=a.py": "allow_plugin: no such key (--allow-plugin a.py is an option)",
+    "video=a.mp4": "video: no such key (known: adam,",
+    "clip.mp4": "clip.mp4: is a video, expected a scene (the scene comes first: cltransfer transfer SCENE CLIP)",
+    "--up=1,2": "--up",
+    "--allow-plugn": "--allow-plugn",
+}
+
+
+@pytest.mark.parametrize("argument", USAGE)
+def test_a_command_that_cannot_be_meant_is_usage(
+    command: Callable[..., Any], argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", "/not/to/be/told")
+    answer = command("transfer", argument, "--out", tmp_path / "out")
+    refused(answer, 2, USAGE[argument])
+    assert "/not/to/be/told" not in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_clip_before_the_scene_is_told(command: Callable[..., Any], tmp_path: Path) -> None:
+    hint = "expected a scene (the scene comes first: cltransfer transfer SCENE CLIP)"
+    refused(command("transfer", "clip.mp4#t=1,2", "scene.ply"), 2, f"clip.mp4#t=1,2: is a video, {hint}")
+    refused(command("transfer", tmp_path, "man.glb#t=0.6"), 2, f"{tmp_path}: is a folder, {hint}")
+
+
+def test_the_value_of_an_option_that_is_a_key_is_found(command: Callable[..., Any]) -> None:
+    refused(command("transfer", "a.ply", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
+    refused(command("evaluate", "a.mp4", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
+    assert "dashes" not in command("models", "list", "--frames", "24").err
+
+
+CONFIGS = {
+    "generations: 0\n": "generations: expected 1",
+    "genrations: 3\n": "did you mean",
+    "losses: {framing: {_target_: os.system}}\n": "no such option",
+    "losses: 3\n": "losses",
+    "generations: 3\n\tpatience: 1\n": "not a config",
+    "generations: 3\ngenerations: 4\n": "duplicate",
+    "seed: !!python/object/apply:os.system [touch pwned]\n": "not a config",
+    "preset: ${oc.env:HOME}\n": "interpolation",
+    'preset: "\\x24{oc.env:HOME}"\n': "interpolation",
+    '"\\x24{oc.env:HOME}": 3\n': "interpolation",
+    'losses: {framing: {mode: [["\\u0024{oc.env:HOME}"]]}}\n': "interpolation",
+    'preset: !!python/object/apply:pathlib.PosixPath ["\\x24{oc.env:HOME}"]\n': "interpolation",
+    "base: ../../../../etc/passwd\n": "base",
+    "base: missing.yaml\n": "missing.yaml",
+    "- 1\n": "mapping",
+    "a: &a [1, 1]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdef", "bcdefg")): "",
+    "preset: &a fast\n": "expected no anchors and aliases",
+    "losses: [" + "a, " * 99 + "&b '" + "x" * 9999 + "', &c [" + "*b, " * 90 + "]," + "*c, " * 90 + "]\n": "anchors",
+    "[" * 100_000: "expected at most 64 levels",
+    "#" * (2**20 + 1): "at most",
+    "\x00\x01": "not a config",
+}
+
+
+@pytest.mark.parametrize("text", CONFIGS, ids=range(len(CONFIGS)))
+def test_a_config_file_that_cannot_be_meant_is_named(
+    command: Callable[..., Any], tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.yaml").write_text(text)
+    answer = command("transfer", "--config", tmp_path / "bad.yaml")
+    refused(answer, 2, CONFIGS[text])
+    assert "missing.yaml" in answer.err or "bad.yaml" in answer.err
+    assert not (tmp_path / "pwned").exists()
+
+
+LONG = "x" * 100_000
+ENDLESS = {
+    f"losses: [{LONG}]\n": "losses: expected name",
+    f"losses: {{framing: {{? {LONG} : 3}}}}\n": "no such option",
+    f"losses: {{framing: {{weight: {LONG}}}}}\n": "framing.weight",
+    f"generations: {LONG}\n": "generations: expected a whole number",
+    f"preset: {LONG}\n": "no preset",
+    f"? {LONG}\n: 3\n": "no such key",
+}
+
+
+@pytest.mark.parametrize("text", ENDLESS, ids=range(len(ENDLESS)))
+def test_a_line_is_short_whatever_a_config_holds(command: Callable[..., Any], tmp_path: Path, text: str) -> None:
+    (tmp_path / "bad.yaml").write_text(text)
+    answer = command("transfer", "--config", tmp_path / "bad.yaml", "--out", tmp_path / "out")
+    refused(answer, 2, ENDLESS[text])
+    assert len(answer.err) < 5000
+
+
+def test_a_line_is_short_whatever_a_file_is_called(command: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text(f"base: {LONG}\n")
+    answer = command("transfer", "--config", tmp_path / "bad.yaml", "--out", tmp_path / "out")
+    refused(answer, 5, "File name too long")
+    assert len(answer.err) < 5000
+
+
+@pytest.mark.parametrize("field", ["people", "joints", "format"])
+def test_a_line_is_short_whatever_a_value_file_holds(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, field: str
+) -> None:
+    good = json.loads((tiny_run / "subject.json").read_text())
+    (tmp_path / "subject.json").write_text(json.dumps({**good, field: [LONG]}))
+    answer = command("transfer", "--subject", tmp_path / "subject.json", "--out", tmp_path / "out", *SHORT)
+    refused(answer, 3, "subject.json")
+    assert len(answer.err) < 5000
+
+
+def test_a_missing_config_is_usage(command: Callable[..., Any], tmp_path: Path) -> None:
+    refused(command("transfer", "--config", tmp_path / "nope.yaml"), 2, "nope.yaml", "no such file")
+
+
+def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(command: Callable[..., Any]) -> None:
+    refused(command("transfer", "builtin:nowhere"), 2, "nowhere", "courtyard")
+    refused(command("transfer", "builtin:courtyard", "builtin:nowhere"), 2, "nowhere", "push_in")
+    refused(command("plugins", "show", "framng"), 2, "framng", "did you mean 'framing'")
+    refused(command("transfr"), 2, "transfr")
+
+
+@pytest.mark.parametrize("verb", ["transfer", "lift", "evaluate"])
+def test_out_that_is_a_file_is_refused_and_kept(command: Callable[..., Any], tmp_path: Path, verb: str) -> None:
+    (tmp_path / "mine").write_text("mine")
+    arguments = {"transfer": [], "lift": ["builtin:courtyard"], "evaluate": ["a.mp4", "b.mp4"]}[verb]
+    refused(command(verb, *arguments, "--out", tmp_path / "mine"), 2, "mine", "--out")
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_out_that_holds_something_else_is_refused_and_kept(command: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    refused(command("transfer", "--out", tmp_path), 2, str(tmp_path), "--out", "name another folder")
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+
+
+VALUES = ("", "[1]", '"x"', "{}", "{", "\x00", "[" * 100_000)
+
+
+@pytest.mark.parametrize("text", VALUES, ids=range(len(VALUES)))
+@pytest.mark.parametrize("option", ["--subject", "--init"])
+def test_a_damaged_value_file_is_named(command: Callable[..., Any], tmp_path: Path, option: str, text: str) -> None:
+    (tmp_path / "value.json").write_text(text)
+    answer = command("transfer", option, tmp_path / "value.json", "--out", tmp_path / "out", *SHORT)
+    refused(answer, 3, "value.json")
+    assert not (tmp_path / "out").exists()
+
+
+FIELDS: dict[tuple[str, str], list[Any]] = {
+    ("subject.json", "joints"): [{}, [], 3, {"head_top": [1]}],
+    ("subject.json", "height"): [-1, None, "tall", [1]],
+    ("subject.json", "facing"): [[0, 0, 0], [1, 0], "x", None],
+    ("trajectory.json", "frames"): [[], 3, [{}], [{"time": 0, "w2c": [[1]], "K": 3}]],
+    ("trajectory.json", "size"): [[0, 9], [96], "x", [-1, 2], None],
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "field", "value"), [(*key, value) for key, values in FIELDS.items() for value in values]
+)
+def test_a_field_of_the_wrong_kind_is_named(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, file: str, field: str, value: object
+) -> None:
+    good = json.loads((tiny_run / file).read_text())
+    (tmp_path / file).write_text(json.dumps({**good, field: value}))
+    option = "--subject" if file == "subject.json" else "--init"
+    refused(command("transfer", option, tmp_path / file, "--out", tmp_path / "out", *SHORT), 3, file)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "\x00", None], ids=["empty", "list", "binary", "missing"])
+@pytest.mark.parametrize("file", ["manifest.json", "trajectory.json", "config.yaml"])
+def test_a_damaged_run_is_not_rendered(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, file: str, text: str | None
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = (run / "video" / "render.mp4").read_bytes()
+    if text is None:
+        (run / file).unlink()
+    else:
+        (run / file).write_text(text)
+    answer = command("render", run, "--quiet")
+    refused(answer, 2 if file == "config.yaml" else 3, file)
+    assert (run / "video" / "render.mp4").read_bytes() == before
+
+
+def test_render_refuses_what_is_no_run_and_what_is_another_scene(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    refused(command("render", tmp_path), 3, "manifest.json")
+    refused(command("render", tiny_run, "--scene", "missing.ply"), 3, "missing.ply")
+    assert command("render", tiny_run, "--scene", "builtin:plaza").code in (2, 3)
+    refused(command("render", tiny_run, "--out", tmp_path / "x.avi"), 2, "x.avi", ".mp4")
+    manifest = json.loads((tiny_run / "manifest.json").read_text())
+    manifest["scene"]["sha256"] = "../" * 8
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    refused(command("render", run), 3, "scene")
+
+
+@pytest.mark.parametrize("debug", ["", "1"])
+def test_what_a_plugin_raised_is_told_and_shown_when_asked(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, debug: str
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_DEBUG", debug)
+    (tmp_path / "broken.py").write_text("raise RuntimeError('broken')")
+    if not debug:
+        refused(command("transfer", "--allow-plugin", tmp_path / "broken.py"), 4, "broken.py", "RuntimeError: broken")
+        return
+    with pytest.raises(ModelError) as caught:
+        command("transfer", "--allow-plugin", tmp_path / "broken.py")
+    assert isinstance(caught.value.__cause__, RuntimeError)
+
+
+FRESH = {
+    3: ("transfer", "missing.ply", "--out", "out"),
+    2: ("transfer", "genrations=2", "--out", "out"),
+    4: ("transfer", "--allow-plugin", "nope", "--out", "out"),
+}
+
+
+@pytest.mark.parametrize("code", FRESH)
+def test_a_fresh_process_refuses_at_once(fresh: Callable[..., Any], slowness: float, tmp_path: Path, code: int) -> None:
+    answers = [fresh(*FRESH[code]) for _ in range(2)]  # the first may write bytecode
+    for answer in answers:
+        refused(answer, code)
+    assert min(answer.seconds for answer in answers) < SECONDS * slowness
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_that_cannot_be_written_is_code_5(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    answer = command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / "file" / "x.mp4")
+    refused(answer, 5, "x.mp4")
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: str, code: int) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cltransfer", "transfer", "generations=1000", "patience=1000", "--out", "out"],
+        cwd=tmp_path,
+        env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background shell would have it ignored
+    )
+    try:
+        assert process.stderr is not None
+        process.stderr.readline()  # it works now
+        while not (tmp_path / "out" / "journal.bin").is_file() and process.poll() is None:
+            time.sleep(0.05)
+        process.send_signal(getattr(signal, name))
+        start = time.perf_counter()
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, out) == (code, "")
+    assert "Traceback" not in err
+    last = {"SIGINT": "error: interrupted (the same command with --resume out goes", "SIGTERM": "error: terminated"}
+    assert err.splitlines()[-1].startswith(last[name])
+    assert time.perf_counter() - start < 10
+    assert {p.name for p in (tmp_path / "out").rglob("*")} <= {"journal.bin"}  # nothing half-written

@@ -1,0 +1,257 @@
+"""Cleaning a clip: which part, one shot, no bars; times by pts."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.clips.clip import read_clip, write_video
+from cltransfer.clips.cuts import find_cuts, small_pictures
+from cltransfer.clips.letterbox import find_letterbox
+from cltransfer.clips.open_clip import ASSUMED, open_clip
+from cltransfer.clips.persons import Spot
+from cltransfer.clips.source import ClipSource
+from cltransfer.errors import InputError, UsageError
+
+VIDEOS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "video"
+SIZE = (64, 36)
+
+
+def scenery(seed: int, count: int = 10, drift: int = 1, size: tuple[int, int] = SIZE) -> Tensor:
+    """Frames of a camera that pans over a blotchy wall of its own colours."""
+    random = torch.Generator().manual_seed(seed)
+    coarse = torch.rand(1, 3, 6, 24, generator=random) ** torch.tensor([1.0, 1 + seed % 4, 0.5])[:, None, None]
+    wall = torch.nn.functional.interpolate(coarse, (size[1], 4 * size[0]), mode="bilinear")[0]
+    frames = [wall[:, :, i * drift : i * drift + size[0]] for i in range(count)]
+    return (torch.stack(frames) * 255).round().to(torch.uint8)
+
+
+def small(image: Tensor) -> np.ndarray:
+    return torch.nn.functional.interpolate(image.float(), (18, 32), mode="area").byte().permute(0, 2, 3, 1).numpy()
+
+
+def saved(path: Path, image: Tensor, times: Tensor | None = None) -> ClipSource:
+    write_video(path, image, torch.arange(len(image)).double() / 10 if times is None else times, lossless=True)
+    return ClipSource(path)
+
+
+def images(folder: Path, image: Tensor) -> Path:
+    folder.mkdir()
+    for i, rgb in enumerate(image):
+        assert cv2.imwrite(str(folder / f"{i}.png"), rgb.permute(1, 2, 0).numpy()[..., ::-1])
+    return folder
+
+
+def test_a_cut_is_refused_with_its_frame_and_both_shots(tmp_path: Path) -> None:
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
+    with pytest.raises(InputError, match=r"frame 10: a cut at 1\.000 s") as caught:
+        open_clip(where, 4)
+    assert f"take one: {where.path}#t=0.000,0.900 or {where.path}#t=1.000,1.900; no cut?" in str(caught.value)
+    for part in ((0.0, 0.9), (1.0, 1.9)):
+        clip, _ = open_clip(replace(where, span=part))
+        assert (len(clip), clip.start) == (10, part[0])
+    assert len(open_clip(replace(where, cuts="keep"))[0]) == 20
+
+
+def test_the_shots_of_a_folder_are_named_by_its_rate(tmp_path: Path) -> None:
+    folder = images(tmp_path / "a", torch.cat([scenery(0), scenery(1)]))
+    with pytest.raises(InputError) as caught:
+        open_clip(ClipSource.parse(f"{folder}#fps=10"))
+    assert f"{folder}#t=0.000,0.900&fps=10 or {folder}#t=1.000,1.900&fps=10" in str(caught.value)
+    clip, _ = open_clip(ClipSource.parse(f"{folder}#t=1.000,1.900&fps=10"))
+    assert torch.equal(clip.image, scenery(1))
+    torch.testing.assert_close(clip.times, torch.arange(10).double() / 10)
+
+
+def test_a_shot_is_named_with_all_that_was_asked_of_the_clip(tmp_path: Path) -> None:
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
+    with pytest.raises(InputError) as caught:
+        open_clip(ClipSource.parse(f"{where.path}#person=1&letterbox=keep"))
+    first, second = (f"{where.path}#t={part}&person=1&letterbox=keep" for part in ("0.000,0.900", "1.000,1.900"))
+    assert f"take one: {first} or {second};" in str(caught.value)
+    assert len(open_clip(ClipSource.parse(second))[0]) == 10
+
+
+def test_a_place_is_named_in_the_shot_that_shows_it(tmp_path: Path) -> None:
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
+    with pytest.raises(InputError) as caught:
+        open_clip(ClipSource.parse(f"{where.path}#t=0.5&person=0.4,0.6,1"))
+    assert f"{where.path}#t=0.500,0.900 or {where.path}#t=1.000,1.900&person=0.4,0.6,0.5;" in str(caught.value)
+
+
+def test_the_check_for_cuts_sees_every_frame_that_is_read(tmp_path: Path) -> None:
+    times = torch.arange(20).double() / 24
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]), times)
+    assert len(open_clip(replace(where, span=(0.0, 0.375)))[0]) == 10
+    with pytest.raises(InputError, match=r"frame 10: a cut at 0\.417 s"):
+        open_clip(replace(where, span=(0.0, 0.4166)))  # 10/24 but for rounding: the next shot's first frame is read
+
+
+def test_shots_of_one_frame_are_not_offered(tmp_path: Path) -> None:
+    where = saved(tmp_path / "a.mkv", torch.cat([scenery(0, 1), scenery(1, 1)]))
+    with pytest.raises(InputError, match=r"\(no cut\? #cuts=keep\)"):
+        open_clip(where)
+
+
+@pytest.mark.parametrize("drift", [0, 1, 8, 15])
+def test_a_camera_however_fast_is_no_cut(drift: int) -> None:
+    assert find_cuts(small(scenery(2, 12, drift))) == []
+
+
+def test_a_flash_is_no_cut() -> None:
+    frames = scenery(3, 12)
+    frames[6] = 255
+    assert find_cuts(small(frames)) == []
+
+
+@pytest.mark.parametrize("level", [0, 7, 255])
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 12])
+def test_a_cut_through_pictures_that_show_nothing_is_found(level: int, count: int) -> None:
+    nothing = (level + torch.rand(count, 3, *SIZE[::-1])).clamp(max=255).byte()
+    assert find_cuts(small(torch.cat([scenery(0), nothing, scenery(1)]))) == [10 + count]
+    assert find_cuts(small(torch.cat([scenery(0)[:5], nothing, scenery(0)[5:]]))) == []
+    assert find_cuts(small(torch.cat([nothing, scenery(0), nothing]))) == []
+    assert find_cuts(small(nothing)) == []
+
+
+@pytest.mark.parametrize("to", [0, 255])
+@pytest.mark.parametrize("pause", [1, 4])
+@pytest.mark.parametrize("length", [4, 12, 24])
+def test_a_fade_is_a_cut_where_it_ends_in_another_shot(to: int, pause: int, length: int) -> None:
+    fade = torch.linspace(1, 0, length)[:, None, None, None]
+
+    def faded(frames: Tensor, share: Tensor) -> Tensor:
+        return (to + (frames.float() - to) * share).round().byte()
+
+    def through(first: Tensor, second: Tensor) -> Tensor:
+        nothing = torch.full((pause, 3, *SIZE[::-1]), to, dtype=torch.uint8)
+        ends, begins = faded(first[-length:], fade), faded(second[:length], fade.flip(0))
+        return torch.cat([first[:-length], ends, nothing, begins, second[length:]])
+
+    one, other = scenery(0, 48), scenery(1, 48)
+    (cut,) = find_cuts(small(through(one, other)))
+    assert 48 + pause <= cut < 48 + pause + length / 2
+    assert find_cuts(small(through(one[:24], one[24:]))) == []
+
+
+def test_the_shots_offered_leave_out_the_black_between(tmp_path: Path) -> None:
+    black = torch.zeros(3, 3, *SIZE[::-1], dtype=torch.uint8)
+    where = saved(tmp_path / "a.mkv", torch.cat([black, scenery(0), black, scenery(1), black]))
+    with pytest.raises(InputError, match=r"frame 16: a cut at 1\.600 s") as caught:
+        open_clip(where)
+    assert f"take one: {where.path}#t=0.300,1.200 or {where.path}#t=1.600,2.500; no cut?" in str(caught.value)
+    assert torch.equal(open_clip(replace(where, span=(1.6, 2.5)))[0].image, scenery(1))
+    with pytest.raises(InputError) as caught:
+        open_clip(ClipSource.parse(f"{where.path}#person=0.4,0.6,1"))
+    assert f"{where.path}#t=0.300,1.200&person=0.4,0.6,0.7 or {where.path}#t=1.600,2.500;" in str(caught.value)
+
+
+def test_every_cut_is_found() -> None:
+    assert find_cuts(small(torch.cat([scenery(s, 8) for s in range(4)]))) == [8, 16, 24]
+
+
+@pytest.mark.needs("video/sintel_alley", "video/intel_asl_walk.mkv")
+def test_a_real_shot_has_no_cut_and_two_joined_have_one() -> None:
+    first, second = (small_pictures(VIDEOS / name)[1] for name in ("sintel_alley", "intel_asl_walk.mkv"))
+    assert find_cuts(first) == find_cuts(second) == []
+    assert find_cuts(np.concatenate([first, second])) == [len(first)]
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(5, 0), (0, 8), (4, 6), (0, 0)])
+def test_bars_are_cropped_and_told(tmp_path: Path, rows: int, columns: int) -> None:
+    frames = 40 + scenery(4) // 2
+    frames[:, :, :rows] = frames[:, :, SIZE[1] - rows :] = 3
+    frames[..., :columns] = frames[..., SIZE[0] - columns :] = 3
+    where = saved(tmp_path / "a.mkv", frames)
+    clip, flags = open_clip(where)
+    assert clip.size == (SIZE[0] - 2 * columns, SIZE[1] - 2 * rows)
+    assert torch.equal(clip.image, frames[:, :, rows : SIZE[1] - rows, columns : SIZE[0] - columns])
+    assert len(flags) == (rows + columns > 0)
+    assert open_clip(replace(where, letterbox="keep"))[0].size == SIZE
+
+
+def test_a_dark_picture_and_a_thing_before_black_are_no_letterbox() -> None:
+    whole = (0, 0, *SIZE)
+    assert find_letterbox(torch.zeros(3, 3, SIZE[1], SIZE[0], dtype=torch.uint8)) == whole
+    thing = torch.zeros(3, 3, SIZE[1], SIZE[0], dtype=torch.uint8)
+    y, x = torch.meshgrid(torch.arange(SIZE[1]), torch.arange(SIZE[0]), indexing="ij")
+    thing[:, :, (y - 18) ** 2 + (x - 32) ** 2 < 200] = 200
+    assert find_letterbox(thing) == whole
+    night = 40 + scenery(5) // 2
+    night[:, :, :8] = 2  # a black sky over a lit street: no bar below
+    assert find_letterbox(night) == whole
+
+
+def test_uneven_frames_are_thinned_evenly_in_time(tmp_path: Path) -> None:
+    times = torch.cat([torch.arange(10) * 0.01, 0.1 + torch.arange(10) * 0.1]).double()
+    saved(tmp_path / "a.mkv", scenery(6, 20), times)
+    kept = read_clip(tmp_path / "a.mkv", 5).times
+    torch.testing.assert_close(kept, torch.tensor([0.0, 0.2, 0.5, 0.7, 1.0]).double(), atol=0.055, rtol=0)
+    assert bool((read_clip(tmp_path / "a.mkv", 19).times.diff() > 0).all())
+
+
+def test_a_span_counts_from_the_first_frame_and_keeps_both_ends(tmp_path: Path) -> None:
+    saved(tmp_path / "a.mkv", scenery(7, 10), 5 + torch.arange(10).double() / 10)
+    clip = read_clip(tmp_path / "a.mkv", span=(0.2, 0.5))
+    torch.testing.assert_close(clip.times, torch.tensor([0.0, 0.1, 0.2, 0.3]).double(), atol=1e-6, rtol=0)
+    assert clip.start == pytest.approx(0.2)
+    for end, when in ((3.0, "between 2 and 3 s"), (math.inf, "from 2 s on")):
+        with pytest.raises(InputError, match=rf"a\.mkv: t: no frame {when}: the clip ends at 0\.900 s$"):
+            read_clip(tmp_path / "a.mkv", span=(2.0, end))
+
+
+def test_a_rate_that_nothing_says_is_told(tmp_path: Path) -> None:
+    folder = images(tmp_path / "a", scenery(0, 4))
+    assert open_clip(ClipSource(folder))[1] == (ASSUMED,)
+    assert open_clip(ClipSource(folder, fps=24))[1] == ()
+    (folder / "times.json").write_text("[0, 1, 2, 3]")
+    assert open_clip(ClipSource(folder))[1] == ()
+    assert open_clip(saved(tmp_path / "a.mkv", scenery(0, 4)))[1] == ()
+
+
+@pytest.mark.parametrize(
+    "source", ["a.mp4", "b/a.mp4#t=1.500", "a.mp4#t=0.000,4.000&person=2&cuts=keep", "b/a#person=0.4,0.6,1.5&fps=29.97"]
+)
+def test_a_source_is_named_as_it_was(source: str) -> None:
+    assert ClipSource.parse(source).named == source
+
+
+def test_a_source_names_its_part(tmp_path: Path) -> None:
+    assert ClipSource.parse("a.mp4#t=,4&person=2&letterbox=keep") == ClipSource(
+        Path("a.mp4"), (0.0, 4.0), 2, "keep", None
+    )
+    assert ClipSource.parse("frames#fps=29.97&t=1,2&person=1") == ClipSource(Path("frames"), (1.0, 2.0), 1, fps=29.97)
+    (tmp_path / "b#t=1.mp4").touch()
+    assert ClipSource.parse(str(tmp_path / "b#t=1.mp4")).path.name == "b#t=1.mp4"
+
+
+def test_a_person_is_named_by_a_place_and_a_moment() -> None:
+    times = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float64)
+    assert ClipSource.parse("a.mp4#person=0.25,0.5").who(times, (200, 100)) == Spot(0, 0.25, 0.5, (200, 100))
+    assert ClipSource.parse("a.mp4#person=0.25,0.5,0.6").who(times, (200, 100)) == Spot(1, 0.25, 0.5, (200, 100))
+    assert ClipSource.parse("a.mp4#person=1").who(times, (200, 100)) == 1
+    assert ClipSource.parse("a.mp4").who(times, (200, 100)) is None
+    with pytest.raises(UsageError, match=r"expected up to 1\.000 s, where the frames that are read end, got 3"):
+        ClipSource.parse("a.mp4#person=0.25,0.5,3").who(times, (200, 100))
+
+
+BAD_PERSONS = ["person=-1", "person=0.5", "person=0.5,1.5", "person=0.5,0.5,-1", "person=0.1,0.2,0.3,0.4"]
+BAD_RATES = ["fps=", "fps=0", "fps=-30", "fps=nan", "fps=1e9", "fps=fast", "fps=30&fps=24"]
+
+
+@pytest.mark.parametrize("part", [*BAD_PERSONS, "t=4,1", "t=x", "t=-1,2", "speed=2", "cuts=no", "t=1&t=2", *BAD_RATES])
+def test_a_part_that_cannot_be_meant_is_a_usage_error(part: str) -> None:
+    with pytest.raises(UsageError, match=rf"#{part.partition('=')[0]}"):
+        ClipSource.parse(f"a.mp4#{part}")
+
+
+@pytest.mark.parametrize(("step", "flagged"), [(0.1, False), (2.5, True)])
+def test_frames_far_apart_in_time_are_flagged(tmp_path: Path, step: float, flagged: bool) -> None:
+    where = saved(tmp_path / "clip.mkv", scenery(0), torch.arange(10).double() * step)
+    _, flags = open_clip(where)
+    assert [("frames are 2.5 s apart" in flag) for flag in flags] == ([True] if flagged else [])

@@ -1,0 +1,236 @@
+"""One grammar, checked before anything heavy is imported."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cltransfer.config import load_config, presets, to_yaml
+from cltransfer.config.layers import parse_overrides
+from cltransfer.config.options import RunConfig
+from cltransfer.errors import UsageError
+
+
+def test_every_shipped_preset_loads_and_builds() -> None:
+    for name in presets():
+        config = load_config(overrides=[f"preset={name}"])
+        assert config.preset == name
+        for section in ("renderer", "extractors", "losses", "search"):
+            assert config.build(section)
+
+
+def test_balanced_is_the_default() -> None:
+    assert load_config().preset == "balanced"
+
+
+def test_overrides_win_over_the_file_and_the_file_over_the_preset(tmp_path: Path) -> None:
+    file = tmp_path / "run.yaml"
+    file.write_text("generations: 7\npopsize: 6\n")
+    config = load_config(file, ["generations=3"])
+    assert (config.generations, config.popsize) == (3, 6)
+
+
+def test_a_shipped_file_goes_by_its_name() -> None:
+    file = Path(__file__).parents[2] / "configs" / "networks" / "paper.yaml"
+    assert load_config("networks/paper") == load_config(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("networks/papr", "did you mean 'networks/paper'?"),
+        ("networks/paper.yml", "did you mean 'networks/paper'?"),
+        ("balancd", "did you mean 'balanced'?"),
+        ("ablations/presets", "known: "),
+        ("nope.yaml", "known: balanced, "),
+    ],
+)
+def test_a_file_that_is_not_there_is_answered_with_the_nearest_that_is_shipped(name: str, hint: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_config(name)
+    assert str(caught.value).startswith(f"{name}: no such file (")
+    assert hint in str(caught.value)
+
+
+def test_base_names_one_parent_and_null_removes(tmp_path: Path) -> None:
+    (tmp_path / "full.yaml").write_text("losses: {framing: {weight: 2.0}}\n")
+    child = tmp_path / "no_framing.yaml"
+    child.write_text("base: full.yaml\nlosses: {framing: null}\n")
+    assert "framing" not in load_config(child).losses
+    (tmp_path / "full.yaml").write_text("base: other.yaml\n")
+    with pytest.raises(UsageError, match="a base names no further base"):
+        load_config(child)
+
+
+@pytest.mark.parametrize(
+    "removed", [["losses.filmic_space=null"], ["extractors.scene_flow=null", "search.paper_box={}"]]
+)
+def test_what_is_written_reads_back_without_what_was_removed(tmp_path: Path, removed: list[str]) -> None:
+    config = load_config(overrides=["preset=fast", *removed])
+    (tmp_path / "run.yaml").write_text(to_yaml(config))
+    assert load_config(tmp_path / "run.yaml") == config
+
+
+def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
+    inner = tmp_path / "a" / "b"
+    inner.mkdir(parents=True)
+    (tmp_path / "secret.yaml").write_text("seed: 1\n")
+    (inner / "run.yaml").write_text("base: ../../secret.yaml\n")
+    with pytest.raises(UsageError, match="expected a file in this folder or the one above"):
+        load_config(inner / "run.yaml")
+
+
+def test_naming_another_search_replaces_the_one_below() -> None:
+    assert list(load_config(overrides=["search.paper_box={}"]).search) == ["paper_box"]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("generatons=3", "did you mean 'generations'"),
+        ("losses.framin={}", "did you mean 'framing'"),
+        ("losses.framing.weigh=3", "did you mean 'weight'"),
+        ("extract.iner=image", "extract.iner: no such key (did you mean 'inner'?)"),
+        ("preset=balancd", "did you mean 'balanced'"),
+        ("generations=many", "command line: generations: expected a whole number, got 'many'"),
+        ("generations=0", "expected 1 to 1000000, got 0"),
+        ("popsize=2", "expected 4 to 10000, got 2"),
+        ("extract.corrections=-5", "command line: extract.corrections: expected 0 to 20, got -5"),
+        ("extract.corrections=1000000000", "extract.corrections: expected 0 to 20, got 1000000000"),
+        ("extract.inner=telepathy", "expected one of geometric, image, got 'telepathy'"),
+        ("adam=3", "command line: adam: expected a mapping of keys to values, got 3"),
+        ("generations=???", "generations: is required"),
+        ("losses.framing=3", "expected options as a mapping"),
+        ("losses=3", "expected name: {options}"),
+        ("base=full.yaml", "base: expected in a file, which it lies below (use --config FILE or preset=NAME)"),
+        ("seed=${oc.env:HOME}", "interpolation is not part of the grammar"),
+        (
+            "seed=010",
+            "seed: YAML reads 010 in base 8 (write a number without leading zeros and colons, and text in quotes",
+        ),
+        ("popsize=1:30", "popsize: YAML reads 1:30 in base 60"),
+        ("losses={framing: {weight: 1:30.5}}", "losses: YAML reads 1:30.5 in base 60"),
+        ("frames", "expected key=value"),
+        ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
+        ("losses.shot_size._target_=os.system", "no such option"),
+        ("losses.shot_size.weight=2020-01-01", "losses.shot_size.weight: expected a number, text, true, false, null,"),
+        ("losses={shot_size: {weight: [!!set {a}]}}", "losses: expected a number, text, true, false, null, a list or"),
+    ],
+)
+def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_config(overrides=[override])
+    assert message.lower() in str(caught.value).lower()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_only_resembles_a_number_of_another_base_is_read() -> None:
+    for text, value in (("0", 0), ("1_000", 1000), ("0x1f", 31)):
+        assert load_config(overrides=[f"seed={text}"]).seed == value
+    assert load_config(overrides=["lod=00.5"]).lod == 0.5
+    for text in ("'010'", "clip.mp4#t=1:30", "0.5:30x"):
+        assert parse_overrides([f"references=[{text}]"]) == {"references": [text.strip("'")]}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "not a config"),
+        ("- 1\n- 2\n", "expected a mapping"),
+        ("seed: !!python/object/apply:os.system ['true']\n", "not a config"),
+        ("seed: ${seed}\n", "interpolation"),
+        ("seed: 1\nseed: 2\n", "not a config: while constructing a mapping"),
+        ("3\n", "not a config: expected keys with values, each a number, text,"),
+        ("seed: -0_10\n", "YAML reads -0_10 in base 8"),
+        ("null: 1\n", "not a config: expected keys with values, each a number, text,"),
+        ("losses: !!set {framing}\n", "not a config: expected keys with values, each a number, text,"),
+        ("x" * (2**20 + 1), "expected at most"),
+    ],
+)
+def test_a_hostile_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    with pytest.raises(UsageError) as caught:
+        load_config(file)
+    assert message in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+BUILT = {
+    "losses.framing.weight=heavy": "losses.framing.weight: expected a number, got 'heavy'",
+    "losses.framing.weight=.inf": "losses.framing.weight: expected a finite number, got inf",
+    "losses.filmic_space.min_area=2": "losses.filmic_space.min_area: min_area must be in [0, 1], got 2.0",
+    "extractors.depth_onnx={}": "extractors.depth_onnx.model: is required (expected text)",
+    "extractors.depth_onnx={model: a.onnx}": "depth_onnx.kind: is required (expected one of disparity, depth)",
+    "extractors.layers.near_quantile=null": "extractors.layers.near_quantile: expected a number, got null",
+    "renderer.gaussian_splats.threads=[1]": "renderer.gaussian_splats.threads: expected a whole number, got [1]",
+    "search.subject_orbit.nearest=-1": "search.subject_orbit: expected 0 < nearest < farthest, got -1.0 and 30.0",
+}
+
+
+@pytest.mark.parametrize("override", BUILT)
+def test_an_option_that_does_not_fit_is_named_as_it_is_written(override: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_config(overrides=[override]).build(override.partition(".")[0])
+    assert str(caught.value).startswith("command line: ")
+    assert str(caught.value).endswith(BUILT[override])
+
+
+def test_an_error_names_the_place_where_the_option_was_written_last(tmp_path: Path) -> None:
+    full, child = tmp_path / "full.yaml", tmp_path / "child.yaml"
+    full.write_text("losses: {framing: {weight: heavy}}\n")
+    child.write_text("base: full.yaml\nlosses: {framing: {mode: faithful}}\n")
+    above = tmp_path / "above.yaml"
+    above.write_text("base: full.yaml\nlosses: {framing: {weight: large}}\n")
+    for place, file, overrides, value in (
+        (full, child, [], "heavy"),
+        (above, above, ["losses.framing.mode=robust"], "large"),
+        ("command line", above, ["losses.framing.weight=huge"], "huge"),
+    ):
+        with pytest.raises(UsageError) as caught:
+            load_config(file, overrides).build("losses")
+        assert str(caught.value) == f"{place}: losses.framing.weight: expected a number, got {value!r}"
+
+
+def test_what_was_written_nowhere_names_no_place() -> None:
+    with pytest.raises(UsageError, match=r"^losses\.framing\.weight: expected a number, got 'heavy'$"):
+        RunConfig(losses={"framing": {"weight": "heavy"}}).build("losses")
+
+
+def test_a_mistake_in_a_file_is_the_files_and_one_on_top_is_the_command_lines(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("generations: 0\n")
+    with pytest.raises(UsageError, match=r"run\.yaml: generations: expected 1 to 1000000, got 0$"):
+        load_config(tmp_path / "run.yaml", ["frames=3"])
+    with pytest.raises(UsageError, match=r"^command line: generations: expected a whole number, got 'x'$"):
+        load_config(tmp_path / "run.yaml", ["generations=x"])
+
+
+def test_the_merged_config_reads_back_as_itself(tmp_path: Path) -> None:
+    config = load_config(overrides=["frames=5", "losses.framing.weight=3"])
+    file = tmp_path / "config.yaml"
+    file.write_text(to_yaml(config))
+    assert load_config(file) == config
+
+
+def test_config_errors_need_no_torch() -> None:
+    code = (
+        "import sys\nfrom cltransfer.config import load_config\nfrom cltransfer.errors import UsageError\n"
+        "try:\n    load_config(overrides=['losses.framin={}'])\nexcept UsageError:\n    pass\n"
+        "assert 'torch' not in sys.modules and 'kornia' not in sys.modules, sorted(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_ranges_are_checked_in_python_too() -> None:
+    with pytest.raises(UsageError, match="frames"):
+        RunConfig(frames=0)
+
+
+def test_how_a_plugin_is_let_in_is_told_on_the_command_line_and_in_python() -> None:
+    with pytest.raises(
+        UsageError, match=r"no such loss \(.*a plugin needs --allow-plugin, in Python cltransfer\.plugins\."
+    ):
+        load_config(overrides=["losses.headroom.weight=1"])

@@ -1,0 +1,364 @@
+"""Downloads from an HTTP server on the loopback interface that behaves, and that does not."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+import requests
+
+from cltransfer.errors import CltransferError, InputError, ModelError
+from cltransfer.models.catalogue import Entry, pinned
+from cltransfer.models.download import Resuming, pull
+
+CONTENT = bytes(range(256)) * 2000  # 512,000 bytes
+HASH = hashlib.sha256(CONTENT).hexdigest()
+
+
+class Server(ThreadingHTTPServer):
+    """Serves :data:`CONTENT`; the path says how. ``asked`` keeps path and Range of every request."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.asked: list[tuple[str, str]] = []
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}"
+
+
+class Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    server: Server
+
+    def log_message(self, *values: object) -> None:
+        pass
+
+    def do_GET(self) -> None:
+        wanted = self.headers.get("Range", "")
+        self.server.asked.append((self.path, wanted))
+        begin = int(wanted.removeprefix("bytes=").rstrip("-")) if wanted else 0
+        if begin >= len(CONTENT):
+            self.head(416, 0, Content_Range=f"bytes */{len(CONTENT)}")
+        else:
+            getattr(self, f"serve_{self.path.strip('/')}")(begin)
+
+    def head(self, code: int, length: int | None, **fields: str) -> None:
+        self.send_response(code)
+        for key, value in fields.items():
+            self.send_header(key.replace("_", "-"), value)
+        if length is not None:
+            self.send_header("Content-Length", str(length))
+        else:
+            self.send_header("Connection", "close")
+            self.close_connection = True
+        self.end_headers()
+
+    def part(self, begin: int) -> bytes:
+        """The head of a good answer; gives its bytes."""
+        if begin:
+            self.head(206, len(CONTENT) - begin, Content_Range=f"bytes {begin}-{len(CONTENT) - 1}/{len(CONTENT)}")
+        else:
+            self.head(200, len(CONTENT))
+        return CONTENT[begin:]
+
+    def serve_good(self, begin: int) -> None:
+        self.wfile.write(self.part(begin))
+
+    def serve_whole(self, begin: int) -> None:
+        """Knows no ranges."""
+        self.head(200, len(CONTENT))
+        self.wfile.write(CONTENT)
+
+    def serve_other(self, begin: int) -> None:
+        self.head(200, len(CONTENT))
+        self.wfile.write(CONTENT[::-1])
+
+    def serve_cut(self, begin: int) -> None:
+        """Hangs up after 200,000 bytes each time."""
+        self.wfile.write(self.part(begin)[:200_000])
+        self.close_connection = True
+
+    def serve_dead(self, begin: int) -> None:
+        """Hangs up before the first byte."""
+        self.part(begin)
+        self.close_connection = True
+
+    def serve_shifted(self, begin: int) -> None:
+        """Goes on from another byte than it was asked for."""
+        self.head(206, 10, Content_Range="bytes 5-14/512000")
+        self.wfile.write(CONTENT[5:15])
+
+    def serve_none(self, begin: int) -> None:
+        self.head(404, 0)
+
+    def serve_slow(self, begin: int) -> None:
+        rest = self.part(begin)
+        for start in range(0, len(rest), 64_000):
+            self.wfile.write(rest[start : start + 64_000])
+            self.wfile.flush()
+            time.sleep(0.05)
+
+    def serve_stalled(self, begin: int) -> None:
+        self.wfile.write(self.part(begin)[:1000])
+        self.wfile.flush()
+        time.sleep(3)
+
+    def serve_longer(self, begin: int) -> None:
+        self.head(200, len(CONTENT) + 1)
+        self.wfile.write(CONTENT + b"!")
+
+    def serve_endless(self, begin: int) -> None:
+        """Says no length and does not stop."""
+        self.head(200, None)
+        try:
+            for _ in range(100):
+                self.wfile.write(CONTENT)
+        except OSError:
+            pass
+
+    def serve_elsewhere(self, begin: int) -> None:
+        self.head(302, 0, Location="/good")
+
+    def serve_file(self, begin: int) -> None:
+        self.head(302, 0, Location="file:///etc/passwd")
+
+    def serve_round(self, begin: int) -> None:
+        self.head(302, 0, Location="/round")
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with Server() as running:
+        thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True)
+        thread.start()
+        yield running
+        running.shutdown()
+
+
+@pytest.fixture
+def entry(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Entry]:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("NO_PROXY", "*")
+
+    def make(path: str, **changes: object) -> Entry:
+        usual = Entry("mine", "model", "net.onnx", "masks", "MIT", "me", f"{server.address}/{path}", HASH, len(CONTENT))
+        return replace(usual, **changes)
+
+    return make
+
+
+def silent(step: str, done: int, total: int) -> None:
+    pass
+
+
+def refused(entry: Entry, *parts: str, accept_new: bool = False) -> CltransferError:
+    """The one-line error of pulling ``entry``, which has these parts, the address and the folder; nothing is kept."""
+    with pytest.raises(CltransferError) as caught:
+        pull(entry, accept_new, silent, timeout=0.5)
+    line = str(caught.value)
+    assert "\n" not in line
+    for part in (*parts, entry.file, entry.address):
+        assert part in line
+    assert not entry.path.exists()
+    return caught.value
+
+
+def left(entry: Entry) -> list[str]:
+    """Names in the folder."""
+    return sorted(path.name for path in entry.folder.iterdir()) if entry.folder.exists() else []
+
+
+def test_a_good_file_is_kept_and_not_asked_for_again(server, entry):
+    told: list[tuple[str, int, int]] = []
+    had = pull(entry("good"), False, lambda *values: told.append(values))
+    assert had == entry("good")
+    assert had.path.read_bytes() == CONTENT
+    assert told[-1] == ("net.onnx", len(CONTENT), len(CONTENT))
+    pull(entry("good"), False, silent)
+    assert server.asked == [("/good", "")]
+    assert left(had) == ["net.onnx"]
+
+
+def test_a_file_of_another_hash_is_not_kept_and_the_line_says_both_hashes(entry):
+    other = hashlib.sha256(CONTENT[::-1]).hexdigest()
+    error = refused(entry("other"), HASH, other)
+    assert (error.exit_code, error.field) == (4, "sha256")
+    assert left(entry("other")) == []
+
+
+def test_a_spoiled_file_in_the_cache_is_fetched_anew(entry):
+    pull(entry("good"), False, silent)
+    entry("good").path.write_bytes(b"spoiled")
+    pull(entry("good"), False, silent)
+    assert entry("good").path.read_bytes() == CONTENT
+
+
+def test_a_connection_that_is_cut_goes_on_where_it_broke_off(server, entry):
+    assert pull(entry("cut"), False, silent).path.read_bytes() == CONTENT
+    begins = [int(asked.removeprefix("bytes=").rstrip("-") or 0) for _, asked in server.asked]
+    assert len(begins) == 3
+    assert 0 == begins[0] < begins[1] < begins[2]
+
+
+def test_what_came_before_a_dead_end_is_kept_for_the_next_pull(server, entry):
+    folder = entry("dead").folder
+    folder.mkdir(parents=True)
+    (folder / "net.onnx.part").write_bytes(CONTENT[:300_000])
+    error = refused(entry("dead"), "cut off after 300000 bytes", HASH, str(folder))
+    assert error.field == "download"
+    assert left(entry("dead")) == ["net.onnx.part"]
+    assert pull(entry("good"), False, silent).path.read_bytes() == CONTENT
+    assert server.asked[-1] == ("/good", "bytes=300000-")
+
+
+def test_a_server_without_ranges_is_read_from_the_start(entry):
+    entry("whole").folder.mkdir(parents=True)
+    (entry("whole").folder / "net.onnx.part").write_bytes(b"x" * 1000)
+    assert pull(entry("whole"), False, silent).path.read_bytes() == CONTENT
+
+
+def test_a_part_file_of_something_else_ends_in_a_wrong_hash_and_then_in_a_good_file(entry):
+    entry("good").folder.mkdir(parents=True)
+    (entry("good").folder / "net.onnx.part").write_bytes(b"x" * 1000)
+    refused(entry("good"), "got")
+    assert pull(entry("good"), False, silent).path.read_bytes() == CONTENT
+
+
+def test_a_complete_part_file_needs_no_server_and_a_longer_one_is_started_over(server, entry):
+    entry("good").folder.mkdir(parents=True)
+    part = entry("good").folder / "net.onnx.part"
+    part.write_bytes(CONTENT)
+    assert pull(entry("good"), False, silent).path.read_bytes() == CONTENT
+    assert server.asked == []
+    entry("good").path.unlink()
+    part.write_bytes(CONTENT + b"!")
+    assert pull(entry("good"), False, silent).path.read_bytes() == CONTENT
+    assert [begin for _, begin in server.asked] == ["bytes=512001-", ""]
+
+
+def test_a_server_that_goes_on_elsewhere_is_refused(entry):
+    entry("shifted").folder.mkdir(parents=True)
+    (entry("shifted").folder / "net.onnx.part").write_bytes(CONTENT[:1000])
+    refused(entry("shifted"), "another byte")
+
+
+def test_404_is_told(entry):
+    assert refused(entry("none"), "404 Not Found", HASH, str(entry("none").folder)).exit_code == 4
+
+
+def test_slow_is_no_fault_and_silence_is(entry):
+    assert pull(entry("slow"), False, silent, timeout=0.5).path.read_bytes() == CONTENT
+    entry("slow").path.unlink()
+    start = time.perf_counter()
+    refused(entry("stalled"), "the server said nothing any more")
+    assert time.perf_counter() - start < 4
+
+
+def test_more_bytes_than_the_catalogue_says_are_not_taken(entry):
+    refused(entry("longer"), "expected 512000 bytes, the server has 512001")
+    refused(entry("endless"), "expected at most 512000 bytes")
+    assert left(entry("endless")) == []
+
+
+def test_a_file_of_unknown_size_is_taken_up_to_the_limit(entry, monkeypatch):
+    assert pull(entry("good", size=0), False, silent).path.read_bytes() == CONTENT
+    entry("good").path.unlink()
+    monkeypatch.setattr("cltransfer.models.download.LARGEST", 600_000)
+    refused(entry("endless", size=0), "expected at most 600000 bytes")
+
+
+def test_redirects_lead_to_http_only(entry):
+    assert pull(entry("elsewhere"), False, silent).path.read_bytes() == CONTENT
+    entry("good").path.unlink()
+    refused(entry("file"), "file:///etc/passwd")
+    refused(entry("round"), "redirects")
+
+
+def test_https_is_not_left(entry):
+    answer = requests.Response()
+    answer.status_code, answer.url = 200, "http://example.org/net.onnx"
+    getter = Resuming(entry("good"), silent)
+    with pytest.raises(Exception, match="leads away from https"):
+        getter._check(answer, "https://example.org/net.onnx")
+    getter._check(answer, "http://example.org/net.onnx")
+
+
+def test_nobody_there_is_told_with_file_address_hash_and_folder(entry):
+    entry("good").folder.mkdir(parents=True)
+    for address in ("http://127.0.0.1:9/a", "http://no-such-host.invalid/a"):
+        gone = entry("good", address=address)
+        error = refused(gone, HASH, str(gone.folder))
+        assert (error.exit_code, error.field) == (4, "download")
+    asset = entry("good", kind="asset", address="http://127.0.0.1:9/a")
+    assert isinstance(refused(asset, "connection was refused"), InputError)
+
+
+def test_an_unknown_hash_is_refused_then_accepted_and_pinned(server, entry):
+    new = entry("good", sha256="", size=0)
+    assert isinstance(refused(new, "is not known", "--accept-new"), ModelError)
+    assert server.asked == []
+    had = pull(new, True, silent)
+    assert (had.sha256, had.size) == (HASH, len(CONTENT))
+    assert pinned(new) == had
+    pins = json.loads((new.folder.parent / "pins.json").read_text())
+    assert pins == {"models": {"mine": {"address": new.address, "sha256": HASH, "size": len(CONTENT)}}}
+    refused_later = replace(pinned(new), file="other.onnx")
+    assert pull(refused_later, False, silent).path.read_bytes() == CONTENT
+
+
+def test_a_new_file_is_never_put_together_from_halves(server, entry):
+    new = entry("good", sha256="", size=0)
+    new.folder.mkdir(parents=True)
+    (new.folder / "net.onnx.part").write_bytes(b"x" * 1000)
+    assert pull(new, True, silent).sha256 == HASH
+    assert server.asked == [("/good", "")]
+
+
+def test_a_file_that_is_there_is_replaced_by_a_whole_one_only(server, entry):
+    new = entry("dead", sha256="", size=0)
+    new.folder.mkdir(parents=True)
+    new.path.write_bytes(b"works")
+    with pytest.raises(ModelError, match="cut off"):
+        pull(new, True, silent, timeout=0.5)
+    assert new.path.read_bytes() == b"works"
+    assert [name for name in left(new) if name.startswith(".tmp")] == []
+    asked = len(server.asked)
+    assert pull(new, False, silent) == new
+    assert (new.path.read_bytes(), len(server.asked)) == (b"works", asked)
+    assert pull(entry("good", sha256="", size=0), True, silent).sha256 == HASH
+    assert new.path.read_bytes() == CONTENT
+
+
+def test_a_pinned_entry_with_other_content_is_refused(server, entry):
+    new = entry("good", sha256="", size=0)
+    had = pull(new, True, silent)
+    had.path.write_bytes(CONTENT[::-1])
+    assert pull(pinned(new), False, silent).path.read_bytes() == CONTENT
+    changed = replace(had, address=f"{server.address}/other")
+    had.path.unlink()
+    refused(changed, "got")
+
+
+def test_an_entry_without_an_address_says_how_it_is_made(entry):
+    made = entry("good", address="", made_by="python tools/export_onnx.py")
+    with pytest.raises(ModelError, match=r"not published as such.*tools/export_onnx"):
+        pull(made, False, silent)
+
+
+def test_a_link_out_of_the_cache_is_not_followed(entry, tmp_path):
+    clip = entry("good", kind="asset", file="clip/a.png")
+    (tmp_path / "outside").mkdir()
+    clip.folder.mkdir(parents=True)
+    (clip.folder / "clip").symlink_to(tmp_path / "outside")
+    refused(clip, "is a link out of")
+    assert list((tmp_path / "outside").iterdir()) == []

@@ -1,0 +1,276 @@
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from cltransfer.errors import ModelError, UsageError
+from cltransfer.extractors.depth_onnx import DepthOnnx
+from cltransfer.extractors.detect_yolox import DetectYolox
+from cltransfer.files import content_hash
+from cltransfer.models.catalogue import catalogue
+from cltransfer.models.onnx import Network, find_model, model_content, providers, reading
+from cltransfer.models.outputs import joined
+
+KNOWN = catalogue("model")
+MODELS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "models"
+
+
+def graph(path, node="Relu", batch="batch", dtype=TensorProto.FLOAT, **save):
+    """y = node(x) + 2 w, with x (batch, 3) and w of ones."""
+    weight = numpy_helper.from_array(np.full(3, 2, helper.tensor_dtype_to_np_dtype(dtype)), "w")
+    nodes = [helper.make_node(node, ["x"], ["r"]), helper.make_node("Add", ["r", "w"], ["y"])]
+    x, y = (helper.make_tensor_value_info(n, dtype, [batch, 3]) for n in "xy")
+    model = helper.make_model(
+        helper.make_graph(nodes, "g", [x], [y], [weight]),
+        opset_imports=[helper.make_opsetid("", 17)],
+        ir_version=9,
+    )
+    onnx.save_model(model, str(path), **save)
+    return path
+
+
+def network(path, inputs=None, outputs=None):
+    return Network(path, inputs or {"x": (None, 3)}, outputs or {"y": (None, 3)})
+
+
+def values(rows=4):
+    return np.arange(rows * 3, dtype=np.float32).reshape(rows, 3) - 5
+
+
+def refused(net, field, match):
+    start = time.process_time()
+    with pytest.raises(ModelError, match=match) as caught:
+        net({"x": values()})
+    assert time.process_time() - start < 2
+    assert caught.value.exit_code == 4
+    assert caught.value.field == field
+    assert "\n" not in str(caught.value)
+    assert Path(caught.value.where).name == net.path.name
+
+
+def test_what_was_read_by_another_network_of_the_same_name_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    extractor = DepthOnnx(model="mine.onnx", kind="disparity")
+    keys = [reading(extractor)]
+    for content in (b"first", b"other"):
+        (tmp_path / "mine.onnx").write_bytes(content)
+        keys.append(reading(extractor))
+    assert keys[0]["sha256"] == ""
+    assert len({key["sha256"] for key in keys}) == 3
+    assert keys[0]["model"] == "mine.onnx"
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """A plugin's extractor, whose files stand in options of any name."""
+
+    weights: str = "w.pt"
+    more: tuple[str, ...] = ("x" * 5000, "")
+    model: int = 3
+    folder: str = "./parts"
+
+
+def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "models"))
+    (tmp_path / "models").mkdir()
+    (tmp_path / "parts").mkdir()
+    extractor, places = Weighted(more=("bpe.txt", "x" * 5000, "")), ("w.pt", "bpe.txt", "parts/a", "models/w.pt")
+    keys = [reading(extractor)]
+    for place in places:
+        for content in ("1", "100"):
+            (tmp_path / place).write_text(content)
+            keys.append(reading(extractor))
+    assert all(keys.count(key) == 1 for key in keys)
+    assert reading(extractor) == keys[-1]
+    assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
+
+
+def test_a_file_that_happens_to_bear_the_name_of_an_option_of_ours_is_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ours = DepthOnnx(model="mine.onnx", kind="disparity")
+    before = reading(ours)
+    (tmp_path / ours.output).write_text("of something else")
+    assert reading(ours) == before
+
+
+def test_a_file_of_the_catalogue_has_the_content_it_has_there(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    assert model_content(DetectYolox().model) == KNOWN["yolox_nano"].sha256 != ""
+
+
+@pytest.mark.parametrize("batch", ["batch", 1])
+def test_runs_batches_whether_the_batch_is_free_or_one(tmp_path, batch):
+    got = network(graph(tmp_path / "a.onnx", batch=batch))({"x": values()})
+    np.testing.assert_array_equal(got["y"], np.maximum(values(), 0) + 2)
+
+
+def test_files_that_are_no_network_are_refused(tmp_path):
+    (tmp_path / "a.onnx").write_bytes(b"garbage" * 99)
+    refused(network(tmp_path / "a.onnx"), "model", "protobuf")
+    refused(network(tmp_path / "none.onnx"), "model", "no such file")
+
+
+def test_other_names_shapes_types_and_batches_are_refused(tmp_path):
+    path = graph(tmp_path / "a.onnx")
+    refused(network(path, inputs={"image": (None, 3)}), "inputs", "expected image, got x")
+    refused(network(path, outputs={"z": (None, 3)}), "outputs", "expected z, got y")
+    refused(network(path, inputs={"x": (None, 4)}), "input x", r"expected shape \(None, 4\)")
+    refused(network(path, outputs={"y": (None, 3, 1)}), "output y", "expected shape")
+    refused(network(graph(tmp_path / "d.onnx", dtype=TensorProto.DOUBLE)), "input x", "double")
+    refused(network(graph(tmp_path / "b.onnx", batch=2)), "input x", "batch of 1 or free, got 2")
+
+
+def test_outputs_that_are_not_finite_are_refused(tmp_path):
+    refused(network(graph(tmp_path / "a.onnx", node="Log")), "output y", "not finite")
+
+
+def test_outputs_without_a_row_for_each_input_are_refused(tmp_path):
+    x = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["batch", 3])
+    y = helper.make_tensor_value_info("y", TensorProto.FLOAT, None)
+    node = helper.make_node("ReduceSum", ["x"], ["y"], keepdims=0)
+    model = helper.make_model(
+        helper.make_graph([node], "g", [x], [y]), opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
+    onnx.save_model(model, str(tmp_path / "a.onnx"))
+    refused(network(tmp_path / "a.onnx", outputs={"y": None}), "output y", "a row for each input, got a single value")
+    with pytest.raises(ModelError, match=r"rows of one shape, got \[\(2,\), \(3,\)\]"):
+        joined(tmp_path, "y", [np.zeros((1, 2)), np.zeros((1, 3))])
+
+
+def test_an_error_that_says_nothing_is_told_by_its_kind(tmp_path):
+    failure = network(tmp_path / "a.onnx")._failure("run", RuntimeError(""))
+    assert str(failure).endswith("run: RuntimeError")
+
+
+def test_external_data_are_refused(tmp_path):
+    path = graph(tmp_path / "a.onnx", save_as_external_data=True, location="w.bin", size_threshold=0)
+    assert (tmp_path / "w.bin").exists()
+    refused(network(path), "external data", "refused")
+
+
+GREEDY = """
+import resource, sys
+import numpy as np
+from pathlib import Path
+from cltransfer.errors import ModelError
+from cltransfer.models.onnx import Network
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    Network(Path(sys.argv[1]), {"x": (None, 3)}, {"y": (None, 3)})({"x": np.ones((1, 3), np.float32)})
+except ModelError as error:
+    print(error.field, error)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
+"""
+
+
+@pytest.mark.parametrize("folded", [False, True], ids=["while it runs", "while it is loaded"])
+def test_a_network_takes_no_more_memory_than_is_free(tmp_path, folded):
+    """A file of 200 bytes that asks for 2 GB."""
+    source = ["c"] if folded else ["s"]
+    nodes = [
+        helper.make_node("ReduceSum", ["x"], ["s"], keepdims=0),
+        helper.make_node("Expand", [*source, "shape"], ["large"]),
+        helper.make_node("Sqrt", ["large"], ["root"]),
+        helper.make_node("ReduceSum", ["root"], ["sum"], keepdims=0),
+        helper.make_node("Add", ["x", "sum"], ["y"]),
+    ]
+    known = [numpy_helper.from_array(np.array([2**29]), "shape"), numpy_helper.from_array(np.ones(1, np.float32), "c")]
+    x, y = (helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", 3]) for n in "xy")
+    model = helper.make_model(
+        helper.make_graph(nodes, "g", [x], [y], known), opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
+    onnx.save_model(model, str(tmp_path / "a.onnx"))
+    ran = subprocess.run(
+        [sys.executable, "-c", GREEDY, str(tmp_path / "a.onnx")],
+        env={**os.environ, "CLTRANSFER_MEMORY": "800"}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    told, taken = ran.stdout.splitlines()
+    assert told.startswith("memory ")
+    assert "raise the limit of the system or of CLTRANSFER_MEMORY" in told
+    assert int(taken) < 400
+
+
+def field(tag, content):
+    """A protobuf field of bytes; its length fits in two bytes."""
+    return bytes([tag, len(content) % 128 + 128, len(content) // 128]) + content
+
+
+def test_external_data_are_out_of_reach_when_their_key_is_written_oddly(tmp_path, monkeypatch):
+    model = onnx.load(str(graph(tmp_path / "a.onnx")))
+    weight = TensorProto(name="w", dims=[3], data_type=TensorProto.FLOAT, data_location=TensorProto.EXTERNAL)
+    del model.graph.initializer[:]
+    rest = model.graph.SerializeToString()
+    model.ClearField("graph")
+    location = field(0x0A, b"location") + field(0x12, b"w.bin")  # tag, overlong length, text
+    data = rest + field(0x2A, weight.SerializeToString() + field(0x6A, location))
+    (tmp_path / "odd.onnx").write_bytes(model.SerializeToString() + field(0x3A, data))
+    (tmp_path / "w.bin").write_bytes(np.ones(3, np.float32).tobytes())
+    monkeypatch.chdir(tmp_path)
+    assert onnx.load("odd.onnx").graph.initializer[0].raw_data  # an ordinary reader follows the name
+    refused(network(tmp_path / "odd.onnx"), "model", "External data")
+
+
+def test_a_known_name_with_other_content_is_refused(tmp_path):
+    refused(network(graph(tmp_path / "yolox_nano.onnx")), "sha256", KNOWN["yolox_nano"].sha256)
+
+
+def test_models_are_found_in_each_folder_then_in_the_cache(tmp_path, monkeypatch):
+    for folder in ("one", "two", "cache/models"):
+        (tmp_path / folder).mkdir(parents=True)
+    monkeypatch.setenv("CLTRANSFER_MODELS", os.pathsep.join([str(tmp_path / "one"), str(tmp_path / "two")]))
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    for folder in ("cache/models", "two", "one"):
+        (tmp_path / folder / "a.onnx").touch()
+        assert find_model("a.onnx") == tmp_path / folder / "a.onnx"
+    assert find_model(str(tmp_path / "two" / "a.onnx")) == tmp_path / "two" / "a.onnx"
+
+
+def test_a_missing_model_says_what_to_get_and_where_to_put_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights"))
+    with pytest.raises(ModelError) as caught:
+        find_model("yolox_nano.onnx")
+    known = KNOWN["yolox_nano"]
+    wanted = ("yolox_nano.onnx", known.sha256, known.source, known.licence, "models pull yolox_nano")
+    for part in (*wanted, str(tmp_path / "weights")):
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.needs(f"models/{entry.file}"))
+        for name, entry in sorted(KNOWN.items())
+        if entry.sha256
+    ],
+)
+def test_the_shared_networks_are_the_known_ones(name):
+    assert content_hash(MODELS / KNOWN[name].file) == KNOWN[name].sha256
+    assert (MODELS / KNOWN[name].file).stat().st_size == KNOWN[name].size
+
+
+def test_networks_run_where_the_variable_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "cpu")
+    assert providers() == ["CPUExecutionProvider"]
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "npu")
+    with pytest.raises(UsageError, match="expected auto, cpu or cuda"):
+        providers()
+
+
+@pytest.mark.skipif("CUDAExecutionProvider" in onnxruntime.get_available_providers(), reason="onnxruntime has CUDA")
+def test_cuda_is_never_silently_replaced(monkeypatch, tmp_path):
+    assert providers() == ["CPUExecutionProvider"]
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "cuda")
+    with pytest.raises(ModelError, match="not built for CUDA"):
+        network(graph(tmp_path / "a.onnx"))({"x": values()})
+    listed = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: listed)  # a build whose driver is missing
+    refused(network(graph(tmp_path / "a.onnx")), "CUDA", "did not start")
