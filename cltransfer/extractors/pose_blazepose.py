@@ -89,8 +89,9 @@ class PoseBlazepose:
     ``min_presence`` joints and orientation are NaN and the mask is empty.
 
     Args:
-        model: ONNX file, ``input`` (1, 3, 256, 256) RGB in [0, 1] -> ``output0`` 39 landmarks, ``output1``
-            presence, ``output2`` mask, ``output4`` world landmarks.
+        model: ONNX file, ``input`` (1, 3, 256, 256) RGB in [0, 1] -> ``output0`` (1, 195) 39 landmarks, ``output1``
+            (1, 1) presence, ``output2`` (1, 1, 256, 256) mask, ``output4`` (1, 117) world landmarks; where the file has
+            other names each is known by its shape, channels first or last.
         second_crop: look again at a crop that the first look's landmarks centre and turn upright.
         min_presence: probability of a person that counts as one, in [0, 1].
         give: what of joints (``keypoints``), person's pixels (``subject``) and ``orientation`` to provide, so that
@@ -120,8 +121,9 @@ class PoseBlazepose:
     @cached_property
     def network(self) -> Network:
         """The pose network."""
-        outputs = {"output0": (None, 195), "output1": (None, 1), "output2": (None, 1, SIDE, SIDE)}
-        return Network(find_model(self.model), {"input": (None, 3, SIDE, SIDE)}, {**outputs, "output4": (None, 117)})
+        landmarks, presence, mask = (None, 195), (None, 1), (None, 1, SIDE, SIDE)
+        outputs = {"output0": landmarks, "output1": presence, "output2": mask, "output4": (None, 117)}
+        return Network(find_model(self.model), {"input": (None, 3, SIDE, SIDE)}, outputs, by_shape=True)
 
     def __call__(self, now: Features, before: Features | None = None) -> Features:
         """``now`` with what it gives of ``keypoints``, ``subject`` and ``orientation``.

@@ -42,7 +42,8 @@ class Entry:
         interface: a network's inputs and outputs.
         note: accuracy and speed, and whether anybody ran it.
         made_by: the command that makes the file, where it is not to be had ready.
-        group: assets that are pulled together.
+        group: what is pulled together.
+        stands_in_for: the entry whose network this is too, as somebody else made the file; taken where that is missing.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Entry:
     note: str = ""
     made_by: str = ""
     group: str = ""
+    stands_in_for: str = ""
 
     def __post_init__(self) -> None:
         for key in ("name", "file", "task", "licence", "source"):
@@ -107,12 +109,23 @@ def catalogue(kind: Kind, more: Iterable[Path] = ()) -> dict[str, Entry]:
             if name in entries or entry.file in {other.file for other in entries.values()}:
                 raise UsageError(path, name, "the name or the file is in the catalogue already", "choose another")
             entries[name] = entry
+        for name, entry in entries.items():
+            if entry.stands_in_for and entry.stands_in_for not in entries:
+                raise UsageError(
+                    path, f"{name}.stands_in_for", f"no such {kind} in the catalogue: {entry.stands_in_for}"
+                )
     return {name: pinned(entry) for name, entry in entries.items()}
 
 
 def entry_of_file(name: str) -> Entry | None:
     """The network whose file is called ``name``, None if the catalogue has none."""
     return next((entry for entry in catalogue("model").values() if entry.file == name), None)
+
+
+def stand_ins(name: str) -> list[Entry]:
+    """Networks that are taken where there is no file called ``name``, which has no folder in it."""
+    known = entry_of_file(name)
+    return [] if known is None else [e for e in catalogue("model").values() if e.stands_in_for == known.name]
 
 
 @cache

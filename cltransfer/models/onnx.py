@@ -20,8 +20,8 @@ from ..memory import VARIABLE as MEMORY
 from ..memory import free_bytes
 from ..registry import code_of
 from ..threads import thread_count
-from .catalogue import entry_of_file
-from .outputs import Shape, differs, joined
+from .catalogue import entry_of_file, stand_ins
+from .interface import Port, Shape, differs, joined, ports
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -46,16 +46,16 @@ def model_places(name: str) -> list[Path]:
 
 
 def find_model(name: str) -> Path:
-    """File of the network ``name``, at the first of :func:`model_places` that has it.
+    """File of the network ``name``, at the first of :func:`model_places` that has it, or one that stands in for it.
 
     Raises:
         ModelError: there is no such file; the line says what to get and where to put it.
     """
+    found = _found(name)
+    if found is not None:
+        return found
     places = model_places(name)
-    for place in places:
-        if place.is_file():
-            return place
-    known = entry_of_file(Path(name).name)
+    known = next(iter(stand_ins(Path(name).name)), entry_of_file(Path(name).name))
     if known is None:
         raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
     digest = f" with sha256 {known.sha256}" if known.sha256 else ""
@@ -63,6 +63,13 @@ def find_model(name: str) -> Path:
     get = f"cltransfer models pull {known.name}{accept}" if known.address else known.made_by
     what = f"no such file{digest} ({known.licence}, from {known.source})"
     raise ModelError(name, "model", what, f"run: {get}; or put it in {places[0].parent}")
+
+
+def _found(name: str) -> Path | None:
+    """The file that ``name`` means; a name with a folder in it means itself."""
+    others = [entry.file for entry in stand_ins(name)]
+    places = [place for file in (name, *others) for place in model_places(file)]
+    return next((place for place in places if place.is_file()), None)
 
 
 def reading(extractor: Any) -> dict[str, Any]:
@@ -112,10 +119,10 @@ def model_content(name: str) -> str:
 
     A file of the catalogue is not read for it: one of another content is refused before it runs.
     """
-    known = entry_of_file(Path(name).name)
+    place = _found(name)
+    known = entry_of_file(Path(name).name if place is None else place.name)
     if known is not None and known.sha256:
         return known.sha256
-    place = next((place for place in model_places(name) if place.is_file()), None)
     return "" if place is None else _content(place, place.stat().st_mtime_ns, place.stat().st_size)
 
 
@@ -168,11 +175,14 @@ class Network:
         path: the file; a file of the catalogue must have the content it has there.
         inputs: name and shape of every input, float32.
         outputs: name and shape of the outputs to compute, float32; a shape of None is any.
+        by_shape: inputs and outputs that the file calls otherwise are known by their shapes, images with their channels
+            first or last; feeds and results are as stated here all the same.
     """
 
     path: Path
     inputs: Mapping[str, Shape]
     outputs: Mapping[str, Shape | None]
+    by_shape: bool = False
 
     def __call__(self, feeds: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Outputs (B, ...) float32 of inputs (B, ...) float32.
@@ -196,10 +206,13 @@ class Network:
         return outputs
 
     def _run(self, feeds: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        session, given, taken = self._loaded
+        fed = {given[name].name: given[name].fed(value) for name, value in feeds.items()}
         try:
-            return dict(zip(self.outputs, self.session.run(list(self.outputs), feeds)))
+            got = session.run([port.name for port in taken.values()], fed)
         except Exception as error:  # onnxruntime's errors have no narrower common class
             raise self._failure("run", error) from None
+        return {name: port.read(value) for (name, port), value in zip(taken.items(), got)}
 
     def _failure(self, what: str, error: Exception) -> ModelError:
         bound = memory_bound()
@@ -212,13 +225,18 @@ class Network:
     def _any_batch(self) -> bool:
         return all(not isinstance(entry.shape[0], int) for entry in self.session.get_inputs())
 
-    @cached_property
+    @property
     def session(self) -> InferenceSession:
         """The loaded network.
 
         Raises:
             ModelError: the file is missing, foreign, reaches for other files, or has other inputs or outputs.
         """
+        return self._loaded[0]
+
+    @cached_property
+    def _loaded(self) -> tuple[InferenceSession, dict[str, Port], dict[str, Port]]:
+        """The session, and where it has the inputs and outputs."""
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
@@ -236,9 +254,8 @@ class Network:
             raise self._failure("model", error) from None
         if session.get_providers()[0] != wanted[0]:  # onnxruntime falls back by itself and says so only in its log
             raise ModelError(self.path, "CUDA", "did not start", f"{VARIABLE}=cpu runs it on the CPU")
-        self._check("input", self.inputs, session.get_inputs(), exact=True)
-        self._check("output", self.outputs, session.get_outputs(), exact=False)
-        return session
+        given = ports(self.path, "input", self.inputs, session.get_inputs(), self.by_shape)
+        return session, given, ports(self.path, "output", self.outputs, session.get_outputs(), self.by_shape)
 
     def _read(self) -> bytes:
         if not self.path.is_file():
@@ -257,21 +274,6 @@ class Network:
         if _EXTERNAL in data:
             raise ModelError(self.path, "external data", "weights in another file are refused", "store them inside")
         return data
-
-    def _check(self, kind: str, wanted: Mapping[str, Shape | None], given: list[Any], exact: bool) -> None:
-        found = {entry.name: entry for entry in given}
-        if set(wanted) - set(found) or (exact and set(found) - set(wanted)):
-            reason = f"expected {', '.join(wanted)}, got {', '.join(found)}"
-            raise ModelError(self.path, f"{kind}s", reason)
-        for name, shape in wanted.items():
-            if found[name].type != "tensor(float)":
-                reason = f"expected tensor(float), got {found[name].type}"
-                raise ModelError(self.path, f"{kind} {name}", reason)
-            got = tuple(found[name].shape)
-            if differs(shape, got):
-                raise ModelError(self.path, f"{kind} {name}", f"expected shape {shape}, got {got}")
-            if kind == "input" and isinstance(got[0], int) and got[0] != 1:
-                raise ModelError(self.path, f"{kind} {name}", f"expected a batch of 1 or free, got {got[0]}")
 
 
 def _first_line(error: Exception) -> str:

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import onnx.compose
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
@@ -243,3 +244,33 @@ class TestRealWeights:
         assert not got.subject[empty].any()
         seen = [i for i in range(12) if i not in empty]
         assert (torch.rad2deg(got.orientation[seen, 0]).abs() > 150).all()
+
+    def test_the_same_network_with_channels_last_and_other_names_reads_the_same(self, monkeypatch, tmp_path):
+        """As tf2onnx leaves it, and OpenCV publishes it."""
+        network = onnx.load(str(DATA / "models" / "mp_pose_landmark_lite.onnx"))
+        onnx.save_model(as_tf2onnx_leaves_it(network), str(tmp_path / "other.onnx"))
+        monkeypatch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
+        features = DetectYolox()(read_clip(DATA / "video" / "sav_05_juggle.mp4", frames=2).features())
+        ours, other = PoseBlazepose()(features), PoseBlazepose(model=str(tmp_path / "other.onnx"))(features)
+        for name in ("keypoints", "subject", "orientation"):
+            torch.testing.assert_close(getattr(other, name), getattr(ours, name), rtol=0, atol=0)
+
+
+def as_tf2onnx_leaves_it(network):
+    """``network`` with images channels last, and TensorFlow's names."""
+    graph = onnx.compose.add_prefix(network, "own_").graph
+    image, outputs = graph.input[0], list(graph.output)
+    turn = helper.make_node("Transpose", ["input_1"], [image.name], perm=(0, 3, 1, 2))
+    nodes, given = [turn, *graph.node], []
+    for number, output in enumerate(outputs):
+        name = f"Identity_{number}" if number else "Identity"
+        shape = [d.dim_value for d in output.type.tensor_type.shape.dim]
+        if len(shape) == 4:
+            nodes.append(helper.make_node("Transpose", [output.name], [name], perm=(0, 2, 3, 1)))
+            shape = [shape[i] for i in (0, 2, 3, 1)]
+        else:
+            nodes.append(helper.make_node("Identity", [output.name], [name]))
+        given.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, shape))
+    fed = [helper.make_tensor_value_info("input_1", TensorProto.FLOAT, [1, 256, 256, 3])]
+    made = helper.make_graph(nodes, "tf2onnx", fed, given, graph.initializer)
+    return helper.make_model(made, opset_imports=network.opset_import, ir_version=network.ir_version)

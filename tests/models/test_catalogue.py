@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cltransfer.components import Components
+from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.files import content_hash
 from cltransfer.models.catalogue import Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
@@ -180,3 +182,16 @@ def test_what_is_published_is_not_adopted(tmp_path):
 def test_errors_of_networks_and_of_assets_have_their_own_exit_codes():
     assert isinstance(Entry("mine", "model", **USUAL).error("a", "b"), ModelError)
     assert isinstance(Entry("mine", "asset", **USUAL).error("a", "b"), InputError)
+
+
+def test_what_the_presets_need_is_one_group_whose_hashes_are_known(monkeypatch, tmp_path):
+    monkeypatch.delenv("CLTRANSFER_MODELS", raising=False)
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path))
+    pulled = [entry for entry in catalogue("model").values() if entry.group == "default"]
+    assert all(entry.address and entry.sha256 and entry.size for entry in pulled)
+    for entry in pulled:
+        entry.path.parent.mkdir(exist_ok=True)
+        entry.path.touch()
+    parts = Components.build(load_config()).extractors.values()
+    networks = [part.model for part in parts if hasattr(part, "model")]
+    assert {find_model(name).name for name in networks} == {entry.file for entry in pulled}

@@ -16,8 +16,8 @@ from cltransfer.extractors.depth_onnx import DepthOnnx
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.files import content_hash
 from cltransfer.models.catalogue import catalogue
+from cltransfer.models.interface import joined
 from cltransfer.models.onnx import Network, find_model, model_content, providers, reading
-from cltransfer.models.outputs import joined
 
 KNOWN = catalogue("model")
 MODELS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "models"
@@ -111,6 +111,98 @@ def test_a_file_of_the_catalogue_has_the_content_it_has_there(tmp_path, monkeypa
 def test_runs_batches_whether_the_batch_is_free_or_one(tmp_path, batch):
     got = network(graph(tmp_path / "a.onnx", batch=batch))({"x": values()})
     np.testing.assert_array_equal(got["y"], np.maximum(values(), 0) + 2)
+
+
+def test_by_shape_what_has_other_names_is_known_with_channels_last_too(tmp_path):
+    path = images(tmp_path / "a.onnx", {"in": (1, 2, 5, 3)}, {"score": (1, 1), "out": (1, 2, 5, 3)})
+    wanted = {"image": (None, 3, 2, 5)}, {"picture": (None, 3, 2, 5), "sum": (None, 1)}
+    image = np.arange(60, dtype=np.float32).reshape(2, 3, 2, 5)
+    got = Network(path, *wanted, by_shape=True)({"image": image})
+    np.testing.assert_array_equal(got["picture"], image + 1)
+    np.testing.assert_array_equal(got["sum"], image.sum((1, 2, 3))[:, None])
+    with pytest.raises(ModelError, match="expected image, got in"):
+        Network(path, *wanted)({"image": image})
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "match"),
+    [
+        ({"in": (1, 2, 5, 4)}, {"out": (1, 1)}, r"image: expected .*\(None, 2, 5, 3\), got in \(1, 2, 5, 4\)"),
+        ({"in": (1, 3, "h", "w")}, {"out": (1, 1)}, r"image: expected .*\(None, 2, 5, 3\), got in \(1, 3, 'h', 'w'\)"),
+        (
+            {"in": (1, 3, 2, 5)},
+            {"a": (1, 1), "b": (1, 1)},
+            r"sum: expected one of shape \(None, 1\), got a \(1, 1\), b",
+        ),
+        ({"in": (1, 3, 2, 5), "more": (1, 3, 2, 5)}, {"a": (1, 1)}, "expected image, got in, more"),
+    ],
+)
+def test_by_shape_what_could_be_several_or_none_is_refused(tmp_path, inputs, outputs, match):
+    path = images(tmp_path / "a.onnx", inputs, outputs)
+    with pytest.raises(ModelError, match=match):
+        _ = Network(path, {"image": (None, 3, 2, 5)}, {"sum": (None, 1)}, by_shape=True).session
+
+
+def images(path, inputs, outputs):
+    """An image plus 1 for every output of its rank, and its sum for the others."""
+    first = next(iter(inputs))
+    nodes = [
+        helper.make_node("Add", [first, "one"], [name])
+        if len(shape) == 4
+        else helper.make_node("ReduceSum", [first, "axes"], [f"{name}_4"], keepdims=1)
+        for name, shape in outputs.items()
+    ]
+    flat = [name for name, shape in outputs.items() if len(shape) != 4]
+    nodes += [helper.make_node("Flatten", [f"{name}_4"], [name]) for name in flat]
+    known = {"one": np.ones(1, np.float32), "axes": np.array([1, 2, 3])}
+    ins, outs = (
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in values.items()]
+        for values in (inputs, outputs)
+    )
+    made = helper.make_graph(nodes, "g", ins, outs, [numpy_helper.from_array(v, n) for n, v in known.items()])
+    onnx.save_model(helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), str(path))
+    return path
+
+
+THEIRS = """models:
+  ours: {file: ours.onnx, task: t, licence: l, source: s, made_by: make ours}
+  theirs: {file: theirs.onnx, task: t, licence: l, source: s, address: https://a, sha256: SHA, stands_in_for: NAME}
+"""
+
+
+@pytest.fixture
+def theirs(tmp_path, monkeypatch):
+    """The file of a network that stands in for ``ours``, whose file is missing."""
+    path = tmp_path / "theirs.onnx"
+    path.write_bytes(b"theirs")
+    named = THEIRS.replace("SHA", content_hash(path)).replace("NAME", "ours")
+    (tmp_path / "mine.yaml").write_text(named)
+    monkeypatch.setenv("CLTRANSFER_CATALOGUE", str(tmp_path / "mine.yaml"))
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    return path
+
+
+def test_a_network_stands_in_for_one_that_is_missing_and_for_no_other(theirs):
+    assert find_model("ours.onnx") == theirs
+    assert model_content("ours.onnx") == content_hash(theirs)
+    ours = theirs.with_name("ours.onnx")
+    ours.write_bytes(b"ours")
+    assert find_model("ours.onnx") == ours
+    assert model_content("ours.onnx") == content_hash(ours)
+    theirs.unlink()
+    ours.unlink()
+    with pytest.raises(ModelError, match="run: cltransfer models pull theirs; or put it in"):
+        find_model("ours.onnx")
+    ours.write_bytes(b"ours")
+    with pytest.raises(ModelError, match=r"theirs\.onnx"):
+        find_model("theirs.onnx")
+
+
+def test_a_stand_in_for_nothing_is_refused(theirs):
+    path = theirs.with_name("mine.yaml")
+    path.write_text(path.read_text().replace("stands_in_for: ours", "stands_in_for: our"))
+    with pytest.raises(UsageError, match=r"theirs\.stands_in_for: no such model in the catalogue: our"):
+        find_model("theirs.onnx")
 
 
 def test_files_that_are_no_network_are_refused(tmp_path):
