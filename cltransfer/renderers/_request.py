@@ -40,7 +40,8 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
     Raises:
         ModelError: it raised something of its own, or did not give that; the line names it.
     """
-    who, expected = f"renderer {type(renderer).__name__}", f"expected {', '.join(sorted(buffers))}"
+    who = f"renderer {RENDERERS.name_of(renderer) or type(renderer).__name__}"
+    expected = f"expected {', '.join(sorted(buffers)) or 'features'}"
     with named(who, expected):
         drawn = renderer.render(scene, cameras, buffers)
     if not isinstance(drawn, Features):
@@ -51,12 +52,35 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
     if lacking := [name for name in beside if not drawn.has(name)]:
         hint = "return Features(..., camera=cameras, person=scene.subject)"
         raise ModelError("", who, f"expected {' and '.join(beside)} beside the buffers, got no {lacking[0]}", hint)
-    width, height = cameras.size
-    for name in sorted(buffers & MAPS):
-        shape, got = (len(cameras), *([3] * (name == "image")), height, width), tuple(drawn.require(name).shape)
-        if got != shape:
-            raise ModelError("", who, f"expected {name} of shape {shape}, got {got}")
+    _check_frames(who, drawn, cameras, buffers)
     return drawn
+
+
+def _check_frames(who: str, drawn: Features, cameras: Camera, buffers: frozenset[str]) -> None:
+    """Whether a renderer has ``drawn`` a frame for each of ``cameras``, of their size, and says so.
+
+    Raises:
+        ModelError: it has not.
+    """
+    if not isinstance(drawn.camera, Camera):
+        reason = f"expected the cameras that it was given, got {type(drawn.camera).__name__}"
+        raise ModelError("", who, reason, "return Features(..., camera=cameras)")
+    wanted, hint = _counted(len(cameras), cameras.size), "draw every camera, at cameras.size, and return camera=cameras"
+    for size in (drawn.size, drawn.camera.size):
+        if (came := _counted(len(drawn), size)) != wanted:
+            raise ModelError("", who, f"expected {wanted}, got {came}", hint)
+    for name in sorted(buffers & MAPS):
+        value, size = drawn.require(name), cameras.size
+        shape, got = (len(cameras), *([3] * (name == "image")), size[1], size[0]), tuple(value.shape)
+        if got != shape:
+            raise ModelError("", who, f"expected {name} of shape {shape}, got {got}", hint)
+        if not value.is_floating_point():
+            hint = "divide bytes by 255" if name == "image" else f"return {name}.float()"
+            raise ModelError("", who, f"expected {name} in floating point, got {value.dtype}", hint)
+
+
+def _counted(count: int, size: tuple[int, int]) -> str:
+    return f"{count} frame{'s' * (count != 1)} of {size[0]}x{size[1]}"
 
 
 def check_device(backend: str, device: str) -> None:
