@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..camera import Camera
@@ -20,10 +21,7 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         UsageError: the scene holds another geometry (the line names its renderer), or a buffer is unknown.
         ValueError: there is no camera, or one is not finite or has skew.
     """
-    draws = getattr(scene.geometry, "renderer", "")
-    if draws != name:
-        hint = f"choose: renderer.{draws}={{}}" if draws else ""
-        raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
+    _check_kind(name, scene, (name,))
     if unknown := buffers - provides:
         raise UsageError("", f"renderer {name}", f"has no buffer {', '.join(sorted(unknown))}")
     if len(cameras) == 0:
@@ -34,13 +32,25 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise ValueError("cameras must have no skew: K[0, 1] is not 0")
 
 
+def _check_kind(name: str, scene: Scene, draws: Sequence[str]) -> None:
+    """Whether renderer ``name``, which draws scenes of those that ``draws`` names, draws this one."""
+    kind = getattr(scene.geometry, "renderer", "")
+    if kind not in draws:
+        hint = f"choose: renderer.{kind}={{}}" if kind else ""
+        raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
+
+
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
     """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``, with who looks and who is there.
 
     Raises:
+        UsageError: it says what it draws, and that is another kind of scene.
         ModelError: it raised something of its own, or did not give that; the line names it.
     """
-    who = f"renderer {RENDERERS.name_of(renderer) or type(renderer).__name__}"
+    name = RENDERERS.name_of(renderer) or type(renderer).__name__
+    if hasattr(renderer, "draws"):
+        _check_kind(name, scene, (name, *renderer.draws))
+    who = f"renderer {name}"
     expected = f"expected {', '.join(sorted(buffers)) or 'features'}"
     with named(who, expected):
         drawn = renderer.render(scene, cameras, buffers)
@@ -96,13 +106,15 @@ def check_device(backend: str, device: str) -> None:
 def renderer_of(scene: Scene, configured: Any) -> Any:
     """What draws a scene that the config is not about, as the one a reference was shot in.
 
-    It is ``configured``, unless that draws another geometry: one of ours, or a plugin's that reads scene files of its
-    own. Then it is the one of ours that draws it, and of what a plugin has read that plugin's; with its defaults.
+    It is ``configured``, unless that draws another geometry: one of ours, a plugin's that reads scene files of its own,
+    or one that says what it draws. Then it is the one of ours that draws it, and of what a plugin has read that
+    plugin's; with its defaults.
     """
-    draws, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
-    if not draws or RENDERERS.name_of(configured) == draws:
+    kind, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
+    name = RENDERERS.name_of(configured)
+    if not kind or kind in (name, *getattr(configured, "draws", ())):
         return configured
-    bound = RENDERERS.name_of(configured) in ours or hasattr(configured, "suffixes")
-    if draws in ours:
-        return RENDERERS.build(draws) if bound else configured
-    return RENDERERS.build(draws) if draws in RENDERERS.registered() else configured
+    bound = name in ours or hasattr(configured, "suffixes") or hasattr(configured, "draws")
+    if kind in ours:
+        return RENDERERS.build(kind) if bound else configured
+    return RENDERERS.build(kind) if kind in RENDERERS.registered() else configured
