@@ -266,7 +266,8 @@ def test_of_two_components_of_one_name_either_is_shown(
     command: Callable[..., Any], tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "mine.py").write_text(own_loss.replace('"mine"', '"layers"'))
-    monkeypatch.setattr(LOSSES, "_classes", dict(LOSSES._classes))  # forgotten after the test
+    monkeypatch.setitem(LOSSES._classes, "layers", object)  # to be forgotten after the test
+    del LOSSES._classes["layers"]
     plugin = ("--allow-plugin", tmp_path / "mine.py")
     both = command("plugins", "show", "layers", *plugin)
     assert both.code == 2
