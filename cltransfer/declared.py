@@ -169,6 +169,10 @@ RENDERER = (
     Declared("provides", "the names of its buffers, at least one", 'provides = frozenset({"image"})', _some_names),
     Declared("render", "what cameras see", "def render(self, scene, cameras, buffers)"),
     Declared(
+        "draws", "a tuple of the renderers whose scenes it draws, at least one", 'draws = ("gaussian_splats",)',
+        _some_names, when=lambda cls: hasattr(cls, "draws"),
+    ),
+    Declared(
         "suffixes", f"a tuple of suffixes in small letters, none of {', '.join(SCENE_SUFFIXES)}",
         'suffixes = (".mine",)', _suffixes, when=_reads,
     ),

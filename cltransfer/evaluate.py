@@ -14,6 +14,7 @@ from .components import Components
 from .config.options import RunConfig
 from .errors import InputError
 from .features import Features, nobody
+from .losses.camera_movement import weight_note
 from .objective import Objective
 from .progress import Progress, silent
 from .read_frames import check_maps, read_frames
@@ -69,7 +70,8 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     notes += undefined(scores, objective.defined(features), features, rendered)
-    told = tuple(Flag(None, note) for note in notes)
+    notes.append(weight_note(objective.losses, features.size[0]))
+    told = tuple(Flag(None, note) for note in notes if note)
     return ReportData(title, times, scores, None, None, None, taught, made, told, spent)
 
 

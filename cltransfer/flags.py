@@ -9,6 +9,7 @@ import torch
 
 from .driver.refine import least_curvature
 from .features import nobody
+from .losses.camera_movement import weight_note
 from .losses.shot_size import ShotSize, degenerate
 from .near_plane import drawn_whole, smaller_near
 from .report.data import Flag
@@ -35,7 +36,8 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         yield Flag(None, f"reference: {flag}")
     if result.alignment is not None:
         yield Flag(None, f"depth network: {result.alignment}")
-    for note in (result.schedule.note, result.note):
+    weight = weight_note(result.objective.losses, result.reference.features.size[0])
+    for note in (result.schedule.note, result.note, weight):
         if note:
             yield Flag(None, note)
     yield from _floaters(result)

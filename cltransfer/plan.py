@@ -16,6 +16,7 @@ from typing import Any, Literal
 from .errors import ModelError, UsageError, named
 from .features import Features
 from .models.onnx import Network
+from .registry import EXTRACTORS
 
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})
@@ -176,7 +177,7 @@ class _Planner:
             raise UsageError("", "extractors", f"circle: {' -> '.join((*path, feature))}")
         name = self._provider(feature)
         if name is None:
-            return f"no {self.family} extractor provides {feature!r}"
+            return f"no {self.family} extractor provides {feature!r}{self._hint(feature)}"
         before = (len(self.steps), set(self.buffers), set(self.done))
         for needed in self.extractors[name].requires:
             reason = self.reach(needed, (*path, feature))
@@ -202,6 +203,17 @@ class _Planner:
             if not allowed or self.reach(optional, path):
                 hidden.append(optional)
         return tuple(hidden)
+
+    def _hint(self, feature: str) -> str:
+        """The extractor of an allowed plugin that gives ``feature`` where it is in use; empty where there is none."""
+        for name, cls in EXTRACTORS.registered().items():
+            if cls.__module__.startswith("cltransfer.") or name in self.extractors:
+                continue
+            gives = getattr(cls, "provides", ())  # a property where its options tell, as the family may be
+            reads = self.family == "scene" or getattr(cls, "family", "") != "scene"
+            if reads and isinstance(gives, tuple | list | set | frozenset) and feature in gives:
+                return f" (extractors.{name}={{}} does)"
+        return ""
 
     def _provider(self, feature: str) -> str | None:
         order = (("scene", "both"), ("image",)) if self.family == "scene" else (("image", "both"),)

@@ -72,3 +72,20 @@ def test_what_a_plugin_provides_is_a_feature_whether_it_is_in_the_config_or_not(
     extractor("image")
     for more in ([], ["extractors.gazer={}"]):
         assert "mine" in Components.build(load_config(overrides=[*MINE, *more])).losses
+
+
+def test_the_extractor_of_a_plugin_that_would_give_what_is_missing_is_named(
+    loss: Callable[..., None], extractor: Callable[..., None]
+) -> None:
+    loss("gaze")
+    extractor("image")
+    for family in ("image", "scene"):
+        missing = {
+            bool(more): Components.build(load_config(overrides=[*MINE, *more])).plan(family).missing
+            for more in ([], ["extractors.gazer={}"])
+        }
+        assert missing[False]["gaze"] == f"no {family} extractor provides 'gaze' (extractors.gazer={{}} does)"
+        assert "gaze" not in missing[True]
+    EXTRACTORS.get("gazer").family = "scene"  # of which a clip has none
+    parts = Components.build(load_config(overrides=MINE))
+    assert parts.plan("image").missing["gaze"] == "no image extractor provides 'gaze'"

@@ -65,6 +65,17 @@ def test_the_images_of_a_clip_at_its_rate_score_zero(clip: Path, config: RunConf
         assert report.notes == ()
 
 
+@pytest.mark.parametrize(("weight", "told"), [("40", ["64 times"]), ("0.625", [])])
+def test_a_movement_in_pixels_that_is_weighed_as_if_in_frame_widths_is_told(
+    clip: Path, weight: str, told: list[str]
+) -> None:
+    others = [f"losses.{name}=null" for name in load_config().losses if name != "camera_movement"]
+    options = {"mode": "faithful", "layered": "false", "weight": weight}
+    config = load_config(overrides=[*others, *(f"losses.camera_movement.{k}={v}" for k, v in options.items())])
+    notes = evaluate(str(clip), str(clip), config).notes
+    assert [note.removeprefix("camera_movement counts ").partition(" what")[0] for note in notes] == told
+
+
 def test_images_whose_rate_nothing_says_are_told(clip: Path, config: RunConfig) -> None:
     folder = str(clip.with_name("frames"))
     report = evaluate(str(clip), folder, config)

@@ -13,6 +13,7 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.flags import run_flags
+from cltransfer.losses.camera_movement import CameraMovement
 from cltransfer.losses.shot_size import ShotSize
 from cltransfer.objective import Objective
 from cltransfer.registry import RENDERERS
@@ -167,6 +168,14 @@ def test_a_size_of_the_mask_is_told_where_a_loss_takes_it_from_there(
     objective = Objective(losses if loss is None else {**losses, "shot_size": loss})
     flags = run_flags(replace(plain, reference=reference, objective=objective))
     assert [flag.reason for flag in flags if flag.frame == 1] == told
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_a_movement_in_pixels_that_is_weighed_as_if_in_frame_widths_is_told(plain: Result, mode: Any) -> None:
+    objective = Objective({**plain.objective.losses, "camera_movement": CameraMovement(mode=mode)})
+    told = [flag for flag in run_flags(replace(plain, objective=objective)) if "camera_movement counts" in flag.reason]
+    width = plain.reference.features.size[0]
+    assert [(flag.frame, f" {width} times " in flag.reason) for flag in told] == [(None, True)] * (mode == "faithful")
 
 
 def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:

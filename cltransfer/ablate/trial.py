@@ -185,6 +185,7 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
 
 
 def _run(trial: Trial, job: Job) -> Outcome:
+    from ..losses.camera_movement import weight_note
     from ..transfer import Inputs, transfer
     from .measure import measured
 
@@ -206,9 +207,10 @@ def _run(trial: Trial, job: Job) -> Outcome:
     }
     metrics["total"] = Metric(_number(scores.total), "", int(scores.totals.isfinite().sum()), "")
     ways = {name: Metric(_number(way.mean), way.unit, way.defined, "") for name, way in found.directions.items()}
+    weight = weight_note(result.objective.losses, result.reference.features.size[0])
     return Outcome(
-        trial.key, trial.row, trial.case, "", metrics, len(scores.totals),
-        result.spent.evaluations, result.spent.network_passes, directions=ways, note=result.schedule.note,
+        trial.key, trial.row, trial.case, "", metrics, len(scores.totals), result.spent.evaluations,
+        result.spent.network_passes, directions=ways, note="; ".join(filter(None, (result.schedule.note, weight))),
     )  # fmt: skip
 
 

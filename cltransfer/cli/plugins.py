@@ -26,7 +26,7 @@ def plugins_list(allow_plugin: Allow = None, as_json: Json = False) -> None:
 
 @app.command("show")
 def pluginsshow(
-    name: Annotated[str, typer.Argument(help="Component, e.g. shot_size.")],
+    name: Annotated[str, typer.Argument(help="Component, e.g. shot_size or losses.shot_size.")],
     allow_plugin: Allow = None,
     as_json: Json = False,
 ) -> None:
@@ -35,15 +35,10 @@ def pluginsshow(
     from ..plugins import allow
 
     allow(allow_plugin or [])
-    found = [(section, registry) for section, registry in SECTIONS.items() if name in registry.names()]
-    if not found:
-        known = [n for registry in SECTIONS.values() for n in registry.names()]
-        from ..typed import nearest
-
-        raise UsageError("", name, "no such component", nearest(name, known))
-    section, registry = found[0]
-    cls = registry.get(name)
-    options = {key: repr(value) for key, value in registry.options(name).items()}
+    section, _, own = _key(name).partition(".")
+    registry = SECTIONS[section]
+    cls = registry.get(own)
+    options = {option: repr(value) for option, value in registry.options(own).items()}
     values: dict[str, Any] = {
         "section": section,
         "about": (cls.__doc__ or "").strip(),
@@ -51,9 +46,27 @@ def pluginsshow(
         "provides": sorted(getattr(cls, "provides", ())),
         "options": options,
         "reads": sorted(getattr(cls, "suffixes", ())),
+        "draws": sorted(getattr(cls, "draws", ())),
     }
-    lines = [f"{section}.{name}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
-    lines += [f"provides: {', '.join(values['provides'])}"] if values["provides"] else []
-    lines += [f"reads: {', '.join(values['reads'])}"] if values["reads"] else []
-    lines += [f"  {key} = {value}" for key, value in options.items()]
+    lines = [f"{section}.{own}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
+    lines += [f"{what}: {', '.join(values[what])}" for what in ("provides", "reads", "draws") if values[what]]
+    lines += [f"  {option} = {value}" for option, value in options.items()]
     show(values, "\n".join(lines), as_json)
+
+
+def _key(name: str) -> str:
+    """The component that is named ``shot_size`` or ``losses.shot_size``, as a config has it.
+
+    Raises:
+        UsageError: there is none, or several of one name.
+    """
+    from ..config.options import SECTIONS
+    from ..typed import nearest
+
+    keys = {f"{section}.{n}": n for section, registry in SECTIONS.items() for n in registry.names()}
+    found = [key for key, n in keys.items() if name in (key, n)]
+    if not found:
+        raise UsageError("", name, "no such component", nearest(name, [*keys, *keys.values()]))
+    if len(found) > 1:
+        raise UsageError("", name, f"{len(found)} components have this name", f"show one: {', '.join(found)}")
+    return found[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Literal
@@ -66,7 +67,27 @@ def movement_residuals(
     return residuals.flatten(1).masked_fill(~there.any(-1, keepdim=True), float("nan"))
 
 
+def weight_note(losses: Mapping[str, object], width: int) -> str:
+    """What is wrong with the weight of camera movement against a reference ``width`` px wide; empty where nothing is.
+
+    Modes differ in their unit: the weight that is meant for one makes the other all of the total, or nothing of it. A
+    weight of 0 is meant.
+    """
+    loss = losses.get("camera_movement")
+    if not isinstance(loss, CameraMovement) or loss.weight == 0:
+        return ""
+    usual, unit = (WEIGHT / width, f"pixels of frames {width} wide") if loss.mode == "faithful" else (WEIGHT, loss.unit)
+    share = loss.weight / usual
+    if 1 / OTHER_MODE < share < OTHER_MODE:
+        return ""
+    counts = f"{share:.0f} times" if share > 1 else f"1/{1 / share:.0f} of"
+    asked = f"camera_movement counts {counts} what its tolerance asks for, mode {loss.mode} being in {unit}"
+    return f"{asked}: set losses.camera_movement.weight={usual:.3g}"
+
+
 WHIP = 0.25  # a whip pan: a quarter of the frame width in one frame
+WEIGHT = 40.0  # 1 / (5 * tolerance) for a tolerance of 0.005 frame widths
+OTHER_MODE = 50.0  # a weight so many times too large or too small is that of the other mode: of frames as many px wide
 
 
 @LOSSES.register("camera_movement")
@@ -86,7 +107,8 @@ class CameraMovement:
         min_area: smallest layer, in (0, 1] of the frame (robust).
         min_share: smallest part of a layer's area in the reference that the render must show, in [0, 1] (robust): a
             field seen through a keyhole says nothing about the frame.
-        weight: lambda of Eq. 15; tolerance 0.005 frame widths.
+        weight: lambda of Eq. 15; tolerance 0.005 frame widths. It is by the unit: for ``faithful`` divide it by the
+            width of the reference [px], see :func:`weight_note`.
 
     The penalty is a quarter of the frame width in one frame, a whip pan, and the most that a layer can differ by, so
     that to lose one never pays; faithful: that of a frame 1280 wide.
@@ -97,7 +119,7 @@ class CameraMovement:
     mismatch: float = 0.02
     min_area: float = 0.005
     min_share: float = 0.2
-    weight: float = 40.0
+    weight: float = WEIGHT
 
     requires: ClassVar[tuple[str, ...]] = ("flow", "layers")
     uses: ClassVar[tuple[str, ...]] = ("flow_confidence",)

@@ -17,6 +17,9 @@ class Renderer(Protocol):
     reads (``ClassVar[tuple[str, ...]]``, in small letters with the dot, none of ours), and ``read(path)``, a static or
     class method that makes a :class:`~cltransfer.scenes.geometry.Geometry` of one and raises InputError where the file
     is damaged. It keeps in mind that files come from strangers: no pickle, sizes looked at before memory is taken.
+
+    One that draws what another renderer does says of which: ``draws = ("gaussian_splats",)``. It is then given no other
+    scene, and a reference scene of another kind is drawn by what draws that.
     """
 
     provides: ClassVar[frozenset[str]]

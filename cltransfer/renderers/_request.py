@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..camera import Camera
@@ -20,10 +21,7 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         UsageError: the scene holds another geometry (the line names its renderer), or a buffer is unknown.
         ValueError: there is no camera, or one is not finite or has skew.
     """
-    draws = getattr(scene.geometry, "renderer", "")
-    if draws != name:
-        hint = f"choose: renderer.{draws}={{}}" if draws else ""
-        raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
+    _check_kind(name, scene, (name,))
     if unknown := buffers - provides:
         raise UsageError("", f"renderer {name}", f"has no buffer {', '.join(sorted(unknown))}")
     if len(cameras) == 0:
@@ -34,13 +32,26 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise ValueError("cameras must have no skew: K[0, 1] is not 0")
 
 
+def _check_kind(name: str, scene: Scene, draws: Sequence[str]) -> None:
+    """Whether renderer ``name``, which draws scenes of those that ``draws`` names, draws this one."""
+    kind = getattr(scene.geometry, "renderer", "")
+    if kind not in draws:
+        hint = f"choose: renderer.{kind}={{}}" if kind else ""
+        raise UsageError(scene.name, f"renderer {name}", f"does not draw {type(scene.geometry).__name__}", hint)
+
+
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
     """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``, with who looks and who is there.
 
     Raises:
+        UsageError: it says what it draws, and that is another kind of scene.
         ModelError: it raised something of its own, or did not give that; the line names it.
     """
-    who, expected = f"renderer {type(renderer).__name__}", f"expected {', '.join(sorted(buffers))}"
+    name = RENDERERS.name_of(renderer) or type(renderer).__name__
+    if hasattr(renderer, "draws"):
+        _check_kind(name, scene, (name, *renderer.draws))
+    who = f"renderer {name}"
+    expected = f"expected {', '.join(sorted(buffers)) or 'features'}"
     with named(who, expected):
         drawn = renderer.render(scene, cameras, buffers)
     if not isinstance(drawn, Features):
@@ -51,12 +62,35 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
     if lacking := [name for name in beside if not drawn.has(name)]:
         hint = "return Features(..., camera=cameras, person=scene.subject)"
         raise ModelError("", who, f"expected {' and '.join(beside)} beside the buffers, got no {lacking[0]}", hint)
-    width, height = cameras.size
-    for name in sorted(buffers & MAPS):
-        shape, got = (len(cameras), *([3] * (name == "image")), height, width), tuple(drawn.require(name).shape)
-        if got != shape:
-            raise ModelError("", who, f"expected {name} of shape {shape}, got {got}")
+    _check_frames(who, drawn, cameras, buffers)
     return drawn
+
+
+def _check_frames(who: str, drawn: Features, cameras: Camera, buffers: frozenset[str]) -> None:
+    """Whether a renderer has ``drawn`` a frame for each of ``cameras``, of their size, and says so.
+
+    Raises:
+        ModelError: it has not.
+    """
+    if not isinstance(drawn.camera, Camera):
+        reason = f"expected the cameras that it was given, got {type(drawn.camera).__name__}"
+        raise ModelError("", who, reason, "return Features(..., camera=cameras)")
+    wanted, hint = _counted(len(cameras), cameras.size), "draw every camera, at cameras.size, and return camera=cameras"
+    for size in (drawn.size, drawn.camera.size):
+        if (came := _counted(len(drawn), size)) != wanted:
+            raise ModelError("", who, f"expected {wanted}, got {came}", hint)
+    for name in sorted(buffers & MAPS):
+        value, size = drawn.require(name), cameras.size
+        shape, got = (len(cameras), *([3] * (name == "image")), size[1], size[0]), tuple(value.shape)
+        if got != shape:
+            raise ModelError("", who, f"expected {name} of shape {shape}, got {got}", hint)
+        if not value.is_floating_point():
+            hint = "divide bytes by 255" if name == "image" else f"return {name}.float()"
+            raise ModelError("", who, f"expected {name} in floating point, got {value.dtype}", hint)
+
+
+def _counted(count: int, size: tuple[int, int]) -> str:
+    return f"{count} frame{'s' * (count != 1)} of {size[0]}x{size[1]}"
 
 
 def check_device(backend: str, device: str) -> None:
@@ -72,13 +106,15 @@ def check_device(backend: str, device: str) -> None:
 def renderer_of(scene: Scene, configured: Any) -> Any:
     """What draws a scene that the config is not about, as the one a reference was shot in.
 
-    It is ``configured``, unless that draws another geometry: one of ours, or a plugin's that reads scene files of its
-    own. Then it is the one of ours that draws it, and of what a plugin has read that plugin's; with its defaults.
+    It is ``configured``, unless that draws another geometry: one of ours, a plugin's that reads scene files of its own,
+    or one that says what it draws. Then it is the one of ours that draws it, and of what a plugin has read that
+    plugin's; with its defaults.
     """
-    draws, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
-    if not draws or RENDERERS.name_of(configured) == draws:
+    kind, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
+    name = RENDERERS.name_of(configured)
+    if not kind or kind in (name, *getattr(configured, "draws", ())):
         return configured
-    bound = RENDERERS.name_of(configured) in ours or hasattr(configured, "suffixes")
-    if draws in ours:
-        return RENDERERS.build(draws) if bound else configured
-    return RENDERERS.build(draws) if draws in RENDERERS.registered() else configured
+    bound = name in ours or hasattr(configured, "suffixes") or hasattr(configured, "draws")
+    if kind in ours:
+        return RENDERERS.build(kind) if bound else configured
+    return RENDERERS.build(kind) if kind in RENDERERS.registered() else configured

@@ -270,6 +270,7 @@ def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(
     refused(command("transfer", "builtin:nowhere"), 2, "nowhere", "courtyard")
     refused(command("transfer", "builtin:courtyard", "builtin:nowhere"), 2, "nowhere", "push_in")
     refused(command("plugins", "show", "framng"), 2, "framng", "did you mean 'framing'")
+    refused(command("plugins", "show", "losses.framng"), 2, "framng", "did you mean 'losses.framing'")
     refused(command("transfr"), 2, "transfr")
 
 

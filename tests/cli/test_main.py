@@ -262,6 +262,20 @@ def test_plugins_are_listed_and_shown(command: Callable[..., Any]) -> None:
     assert "keypoints" in shown["requires"]
 
 
+def test_of_two_components_of_one_name_either_is_shown(
+    command: Callable[..., Any], tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(own_loss.replace('"mine"', '"layers"'))
+    monkeypatch.setitem(LOSSES._classes, "layers", object)  # to be forgotten after the test
+    del LOSSES._classes["layers"]
+    plugin = ("--allow-plugin", tmp_path / "mine.py")
+    both = command("plugins", "show", "layers", *plugin)
+    assert both.code == 2
+    assert both.err == "error: layers: 2 components have this name (show one: extractors.layers, losses.layers)\n"
+    for section, line in (("extractors", "provides: layers"), ("losses", "requires: keypoints")):
+        assert line in command("plugins", "show", f"{section}.layers", *plugin).out.splitlines()
+
+
 def test_doctor_finds_this_computer_fit(command: Callable[..., Any]) -> None:
     answer = command("doctor", "--json")
     assert answer.code == 0, answer.out

@@ -8,7 +8,8 @@ import torch
 
 from cltransfer.features import Features
 from cltransfer.losses._affine_flow import affine_flow_residuals, fit_affine_flow
-from cltransfer.losses.camera_movement import CameraMovement
+from cltransfer.losses.camera_movement import CameraMovement, weight_note
+from cltransfer.losses.shot_size import ShotSize
 from cltransfer.testing import sample_features
 
 NAN = float("nan")
@@ -25,6 +26,37 @@ def moving(field: list[list[float]], size: tuple[int, int] = (64, 36)) -> Featur
     band = (torch.arange(height) * 3 // height)[:, None].expand(height, width)
     layers = torch.stack([band == k for k in range(3)])[None]
     return replace(sample_features(0, 1), size=size, flow=flow, layers=layers)
+
+
+@pytest.mark.parametrize(
+    ("loss", "width", "told"),
+    [
+        (CameraMovement(), 640, ""),
+        (CameraMovement(mode="faithful", weight=0.0625), 640, ""),
+        (CameraMovement(mode="faithful", weight=0.0625), 160, ""),  # the preset's, of other clips
+        (CameraMovement(mode="faithful", weight=0.0625), 1920, ""),
+        (CameraMovement(weight=1.0), 640, ""),  # a choice
+        (CameraMovement(weight=0.0), 640, ""),
+        (ShotSize(weight=4000.0), 640, ""),
+        (
+            CameraMovement(mode="faithful"),
+            640,
+            "640 times what its tolerance asks for, mode faithful being in pixels of frames 640 wide: "
+            "set losses.camera_movement.weight=0.0625",
+        ),
+        (
+            CameraMovement(weight=0.0625),
+            160,
+            "1/640 of what its tolerance asks for, mode robust being in frame widths: "
+            "set losses.camera_movement.weight=40",
+        ),
+    ],
+)
+def test_a_weight_that_is_meant_for_the_other_mode_is_told_with_the_right_one(
+    loss: CameraMovement | ShotSize, width: int, told: str
+) -> None:
+    assert weight_note({"camera_movement": loss}, width) == (told and f"camera_movement counts {told}")
+    assert weight_note({}, width) == ""
 
 
 STILL = [[0.0, 0, 0], [0.0, 0, 0]]

@@ -110,3 +110,35 @@ def test_views_of_another_number_or_size_are_named(shape: tuple[int, ...], line:
     odd = Odd(lambda cameras: Features(SIZE, image=torch.zeros(shape), camera=cameras, person=scene.subject))
     with pytest.raises(ModelError, match=f"^renderer Odd: expected {line}"):
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image"}))
+
+
+NOT_ALL = r"\(draw every camera, at cameras.size, and return camera=cameras\)$"
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"size": (64, 36)}, rf"expected 2 frames of 32x18, got 2 frames of 64x36 {NOT_ALL}"),
+        ({"camera": sample_cameras(0, 2, (64, 36))}, rf"expected 2 frames of 32x18, got 2 frames of 64x36 {NOT_ALL}"),
+        (
+            {"image": None, "camera": sample_cameras(0, 1, SIZE)},
+            rf"expected 2 frames of 32x18, got 1 frame .*{NOT_ALL}",
+        ),
+        (
+            {"camera": torch.eye(4)[None].repeat(2, 1, 1)},
+            "expected the cameras that it was given, got Tensor .*camera=",
+        ),
+        ({"image": torch.zeros(2, 3, 18, 32).byte()}, r"expected image in floating point, got torch.uint8 \(divide "),
+        ({"depth": torch.zeros(2, 18, 32).int()}, r"expected depth in floating point, .* \(return depth.float\(\)\)$"),
+    ],
+    ids=["size", "size of the cameras", "one camera of two", "no camera", "bytes", "integers"],
+)
+def test_what_is_no_frame_of_the_cameras_is_refused_under_the_name_that_a_config_has(
+    change: dict[str, Any], line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(RENDERERS._classes, "odd_one", Odd)
+    scene, path = builtin_scene("courtyard"), builtin_reference("static", SIZE, 2)[1]
+    given = {"size": SIZE, "image": torch.zeros(2, 3, 18, 32), "camera": path.camera, "person": scene.subject, **change}
+    buffers = frozenset(given.keys() & {"image", "depth"} if given["image"] is not None else ())
+    with pytest.raises(ModelError, match=f"^renderer odd_one: {line}"):
+        drawn_by(Odd(lambda cameras: Features(**given)), scene, path.camera, buffers)

@@ -20,7 +20,7 @@ from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
-from cltransfer.renderers._request import renderer_of
+from cltransfer.renderers._request import drawn_by, renderer_of
 from cltransfer.scenes import Scene
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.geometry import Geometry, lacking
@@ -208,6 +208,25 @@ def test_a_scene_is_drawn_by_what_has_read_it_whatever_the_config_is_about(file:
     another = Drawer()  # of our splats, as it reads nothing
     assert renderer_of(ours, another) is another
     assert renderer_of(theirs, another) == points
+
+
+def test_a_renderer_that_says_what_it_draws_is_given_no_other_scene() -> None:
+    @dataclass(frozen=True)
+    class Dots(Drawer):
+        draws: ClassVar[tuple[str, ...]] = ("gaussian_splats",)
+
+    RENDERERS.register("dots")(Dots)
+    splats, dots, cameras = load_scene("builtin:plaza"), Dots(), sample_cameras(0, 1)
+    mesh = replace(splats, geometry=Mesh.plain(torch.rand(3, 3), torch.tensor([[0, 1, 2]])))
+    assert renderer_of(splats, dots) is dots
+    assert renderer_of(mesh, dots) == RENDERERS.build("mesh")
+    with pytest.raises(ModelError, match=r"^renderer dots: expected image, it raised NotImplementedError"):
+        drawn_by(dots, splats, cameras, frozenset({"image"}))
+    with pytest.raises(UsageError, match=r"^plaza: renderer dots: does not draw Mesh \(choose: renderer.mesh=\{\}\)$"):
+        drawn_by(dots, mesh, cameras, frozenset({"image"}))
+    Dots.draws = "gaussian_splats"  # type: ignore[assignment]  # as it is easily written
+    with pytest.raises(ModelError, match=r"has draws = .*expected a tuple .*write draws = \(\"gaussian_splats\",\)"):
+        RENDERERS.register("dots")(Dots)
 
 
 READER = """
