@@ -193,8 +193,8 @@ def _header(
     """What the answers of a run depend on."""
     networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
     named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
-    named["the scene"] = scene.geometry
-    code = {name: code_of(part) for name, part in named.items()}
+    # what a scene's file says is in its digest; a path that stands in it is nobody's option
+    code = {name: code_of(part) for name, part in {**named, "the scene": scene.geometry}.items()}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,

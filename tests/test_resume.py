@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
@@ -161,3 +162,33 @@ def test_a_journal_is_of_the_code_and_the_files_of_every_plugin(tmp_path: Path) 
     parts = replace(parts, renderer=Plugin(colours=str(tmp_path / "lut")))
     with_file = _header(given, config, parts, SubjectOrbit(), scene, reference)
     assert {key for key in with_file if with_file[key] != plugged.get(key)} == {"files of the renderer"}
+
+
+class Plain:
+    """A geometry of a plugin that is no dataclass; its file names another file."""
+
+    label = torch.zeros(1)
+
+    def __init__(self, texture: str) -> None:
+        self.texture = texture
+
+
+@dataclass(frozen=True, eq=False)
+class Textured:
+    """One that is."""
+
+    texture: str
+    label: torch.Tensor = Plain.label
+
+
+@pytest.mark.parametrize("kind", [Plain, Textured])
+def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, other = Components.build(config), tmp_path / "other"
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    scene, told = replace(load_scene("builtin:plaza"), geometry=kind(str(other))), []
+    for content in ("one", "another"):
+        other.write_text(content)
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert told[0] == told[1]
+    assert told[0]["code of the scene"] == content_hash(Path(__file__))
