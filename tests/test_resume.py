@@ -192,3 +192,25 @@ def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_pa
         told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert told[0] == told[1]
     assert told[0]["code of the scene"] == content_hash(Path(__file__))
+
+
+@dataclass(frozen=True)
+class Gaze:
+    """A loss of a plugin, and its extractor."""
+
+    weights: str = ""
+
+
+def test_a_journal_is_of_an_extractor_that_bears_the_name_of_a_loss(tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, weights = Components.build(config), tmp_path / "gaze.pt"
+    scene, reference = (
+        load_scene("builtin:plaza"),
+        read_reference("builtin:static", parts, Reading(2, 64, "scene")),
+    )
+    parts = replace(parts, extractors={"gaze": Gaze(str(weights))}, losses={"gaze": Gaze()})
+    told = []
+    for content in ("one", "another"):
+        weights.write_text(content)
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert {key for key in told[0] if told[0][key] != told[1][key]} == {"files of extractor gaze"}
