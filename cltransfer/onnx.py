@@ -79,8 +79,9 @@ def own_model(component: Any) -> str | None:
 
 
 def files_content(component: Any) -> dict[str, str]:
-    """SHA-256 of every file that a plugin's options name, by its name; a folder counts where it is named with a slash.
+    """SHA-256 of every file that a plugin's options name, by its name.
 
+    A folder counts where it is named with a slash and is not around the one that we are in: a text is a path by chance.
     What comes with cltransfer names its one file as :func:`own_model`.
     """
     if type(component).__module__.partition(".")[0] == "cltransfer":
@@ -91,7 +92,7 @@ def files_content(component: Any) -> dict[str, str]:
         for place in dict.fromkeys([Path(name), *model_places(name)]):
             if os.path.isfile(place):  # no error of a text that can be no path
                 found[str(place)] = _content(place, place.stat().st_mtime_ns, place.stat().st_size)
-            elif Path(name).name != name and os.path.isdir(place):
+            elif Path(name).name != name and os.path.isdir(place) and not Path.cwd().is_relative_to(place.resolve()):
                 found[str(place)] = content_hash(place)
     return found
 

@@ -94,6 +94,14 @@ def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkey
     assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
 
 
+@pytest.mark.parametrize("text", ["/", "./", "../", "."])
+def test_a_text_that_is_the_folder_one_works_in_or_one_around_it_is_no_folder_of_weights(text, tmp_path, monkeypatch):
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setattr("cltransfer.onnx.content_hash", lambda path: pytest.fail(f"{path} was read"))
+    assert "files" not in reading(Weighted(folder=text))
+
+
 def test_a_file_that_happens_to_bear_the_name_of_an_option_of_ours_is_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ours = DepthOnnx(model="mine.onnx", kind="disparity")
