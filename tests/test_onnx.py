@@ -94,6 +94,18 @@ def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkey
     assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
 
 
+def test_a_file_of_a_plugin_counts_by_its_content_wherever_models_are_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    keys = []
+    for home in ("here", "there"):
+        (tmp_path / home).mkdir()
+        (tmp_path / home / "w.pt").write_text("1")
+        monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / home))
+        keys.append(reading(Weighted()))
+    assert keys[0] == keys[1]
+    assert "w.pt" in keys[0]["files"]
+
+
 @pytest.mark.parametrize("text", ["/", "./", "../", "."])
 def test_a_text_that_is_the_folder_one_works_in_or_one_around_it_is_no_folder_of_weights(text, tmp_path, monkeypatch):
     (tmp_path / "work").mkdir()
