@@ -17,6 +17,7 @@ from ..scenes.foreign import reader_of
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 
+Digest = Callable[[str | None], str]
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
@@ -64,6 +65,6 @@ def digest(source: str | None, content: Callable[[Path], str] = _content) -> str
     raise InputError(path, "", "no such file")
 
 
-def digests() -> Callable[[str | None], str]:
+def digests() -> Digest:
     """:func:`digest` that reads no file twice; for one sweep, as files may be edited before the next."""
     return functools.partial(digest, content=functools.cache(_content))
