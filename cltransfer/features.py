@@ -115,10 +115,16 @@ class Features:
         raise ValueError("features are empty: no field is set")
 
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int]) -> Features:
-        """Frames of ``index``; an integer keeps a batch of one, the same object each time."""
+        """Frames of ``index``; an integer keeps a batch of one, the same object each time.
+
+        Raises:
+            IndexError: there is no such frame.
+        """
         rows = batch_index(index)
         if not isinstance(rows, int):
             return self._map(lambda value: value[rows])
+        if not -len(self) <= rows < len(self):  # a slice of one would be empty, and no loop over frames would end
+            raise IndexError(f"expected a frame from {-len(self)} to {len(self) - 1}, got {rows}")
         one = slice(rows, rows + 1 or None)
         return self.once(("frame", rows), lambda: self._map(lambda value: value[one]))
 

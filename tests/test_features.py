@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -56,6 +58,15 @@ def test_a_sequence_of_any_kind_is_taken_along_the_batch(several: Any) -> None:
         assert torch.equal(part.require("depth"), features.require("depth")[[0, 2]])
         assert torch.equal(part.require("camera").K, features.require("camera").K[[0, 2]])
     assert len(features[()]) == len(features.require("camera")[()]) == 0
+
+
+def test_frames_end_where_there_are_no_more() -> None:
+    features: Any = sample_features(0, 3)
+    assert [frame is features[i] for i, frame in enumerate(itertools.islice(features, 9))] == [True] * 3
+    assert not isinstance(features, Iterable)  # Lightning would look for the size of a batch in it without end
+    for beyond in (3, -4):
+        with pytest.raises(IndexError, match=rf"^expected a frame from -3 to 2, got {beyond}$"):
+            features[beyond]
 
 
 def test_what_is_asked_of_features_is_computed_once_and_not_for_others_made_of_them() -> None:
