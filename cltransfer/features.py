@@ -199,10 +199,14 @@ class Features:
 
     @staticmethod
     def concatenate(parts: Sequence[Features]) -> Features:
-        """One batch of several that hold the same features at the same size."""
+        """One batch of several that hold the same features at the same size.
+
+        Raises:
+            ValueError: they do not.
+        """
+        if unlike := _unlike(parts):
+            raise ValueError(f"features of a batch must be of one size and have the same names, {unlike}")
         first = parts[0]
-        if any(p.size != first.size or p.names() != first.names() for p in parts):
-            raise ValueError("features to concatenate must have the same names and size")
 
         def join(name: str) -> Any:
             values = [p.require(name) for p in parts]
@@ -214,6 +218,17 @@ class Features:
 
 
 NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))
+
+
+def _unlike(parts: Sequence[Features]) -> str:
+    """Why ``parts`` are no batch; empty where they are."""
+    if not parts:
+        return "got no frames"
+    if len(sizes := {part.size: None for part in parts}) > 1:
+        return f"got {' and '.join(map(str, sizes))}; give all clips one size"
+    names = [part.names() for part in parts]
+    lacking = frozenset.union(*names) - frozenset.intersection(*names)
+    return f"not all have {', '.join(sorted(lacking))}; leave them out with only" if lacking else ""
 
 
 def _misshapen(name: str, value: object) -> Exception:

@@ -69,6 +69,16 @@ def test_frames_end_where_there_are_no_more() -> None:
             features[beyond]
 
 
+def test_frames_that_are_no_batch_are_told_apart() -> None:
+    one, none = sample_features(0, 1), "features of a batch must be of one size and have the same names"
+    with pytest.raises(ValueError, match=rf"^{none}, got \(64, 36\) and \(32, 18\); give all clips one size$"):
+        Features.concatenate([one, replace(one, size=(32, 18))])
+    with pytest.raises(ValueError, match=rf"^{none}, not all have depth, flow; leave them out with only$"):
+        Features.concatenate([one, replace(one, depth=None), replace(one, flow=None)])
+    with pytest.raises(ValueError, match=f"^{none}, got no frames$"):
+        Features.concatenate([])
+
+
 def test_what_is_asked_of_features_is_computed_once_and_not_for_others_made_of_them() -> None:
     features, asked = sample_features(0, 2), []
 
