@@ -199,7 +199,7 @@ class Features:
 
     @staticmethod
     def concatenate(parts: Sequence[Features]) -> Features:
-        """One batch of several that hold the same features at the same size.
+        """One batch of several that hold the same features at the same size; of no person where they are of several.
 
         Raises:
             ValueError: they do not.
@@ -214,7 +214,8 @@ class Features:
 
         new = {n: join(n) for n in first._batched()}
         extras = {n: new.pop(n) for n in first.extras}
-        return replace(first, **new, extras=extras)
+        person = first.person if all(p.person is first.person for p in parts) else None
+        return replace(first, **new, extras=extras, person=person)
 
 
 NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))

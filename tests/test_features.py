@@ -13,7 +13,7 @@ import torch
 
 from cltransfer import LOSSES
 from cltransfer.features import Features
-from cltransfer.testing.samples import sample_cameras, sample_features
+from cltransfer.testing.samples import sample_cameras, sample_features, sample_subject
 
 
 def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> None:
@@ -67,6 +67,12 @@ def test_frames_end_where_there_are_no_more() -> None:
     for beyond in (3, -4):
         with pytest.raises(IndexError, match=rf"^expected a frame from -3 to 2, got {beyond}$"):
             features[beyond]
+
+
+def test_a_batch_of_frames_of_two_persons_is_of_neither() -> None:
+    one, other = sample_features(0, 1), replace(sample_features(1, 1), person=replace(sample_subject(), height=3.0))
+    assert Features.concatenate([one, one[:1]]).person is one.person
+    assert not Features.concatenate([one, other]).has("person")
 
 
 def test_frames_that_are_no_batch_are_told_apart() -> None:
