@@ -101,6 +101,8 @@ class Features:
             elif shape[0] != count:
                 raise _unequal(first, count, name, shape[0])
         for name, value in (("camera", self.camera), *self.extras.items()):
+            if name in self.extras and not (isinstance(value, Tensor) and value.ndim):
+                raise _rowless(name, value)
             if count < 0 and value is not None:
                 first, count = name, len(value)
             elif value is not None and len(value) != count:
@@ -245,6 +247,12 @@ def _misshapen(name: str, value: object) -> Exception:
     elif name == "keypoints" and value.shape[-2:-1] in ((33,), (39,)):
         hint = "cltransfer.skeleton.from_blazepose makes 14 of BlazePose's"
     return ValueError(f"{name} must be ({wanted}), got {tuple(value.shape)}; {hint}")
+
+
+def _rowless(name: str, value: object) -> TypeError:
+    came = "a single value" if isinstance(value, Tensor) else type(value).__name__
+    hint = "add a batch dimension" if isinstance(value, Tensor) else "torch.as_tensor makes one"
+    return TypeError(f"{name} must be a tensor with one row a frame, got {came}; {hint}")
 
 
 def _unequal(first: str, count: int, name: str, other: int) -> ValueError:

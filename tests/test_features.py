@@ -163,6 +163,14 @@ MISSHAPEN: dict[str, tuple[dict[str, Any], str]] = {
         {"keypoints": torch.rand(4, 14, 3), "camera": sample_cameras(0, 2)},
         "features must have one number of frames, got 4 in keypoints and 2 in camera",
     ),
+    "a plugin's single value": (
+        {"keypoints": torch.rand(4, 14, 3), "extras": {"gaze": torch.tensor(1.0)}},
+        "gaze must be a tensor with one row a frame, got a single value; add a batch dimension",
+    ),
+    "a plugin's number": (
+        {"extras": {"gaze": 0.5}},
+        "gaze must be a tensor with one row a frame, got float; torch.as_tensor makes one",
+    ),
     "a plugin's own": (
         {"extras": {"gaze": torch.rand(4, 2), "heat": torch.rand(5)}},
         "features must have one number of frames, got 4 in gaze and 5 in heat",
