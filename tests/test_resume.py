@@ -19,7 +19,7 @@ import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.journal import _read
+from cltransfer.driver.journal import _begun_so, _read
 from cltransfer.files import content_hash
 from cltransfer.preparation import Inputs, _header
 from cltransfer.reference import Reading, read_reference
@@ -117,6 +117,15 @@ def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
     assert reason in refused.err
     assert refused.err.count("\n") == 1
     assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
+
+
+def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
+    assert (
+        _begun_so("init", "my views/a.json") == "go on with --init 'my views/a.json', or start over with another --out"
+    )
+    assert _begun_so("config.warm_start", True).startswith("go on with warm_start=true, or")
+    assert _begun_so("config.preset", "Mine $(date)").startswith("go on with 'preset=Mine $(date)', or")
+    assert _begun_so("threads", "1; date").startswith("go on with CLTRANSFER_THREADS='1; date', or")
 
 
 def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:

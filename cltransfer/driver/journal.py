@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -156,11 +157,14 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
 
 def _begun_so(key: str, value: object) -> str:
     """How the run is gone on with, or begun anew."""
-    again = "or start over with another --out"
+    again = "start over with another --out"
     if key == "threads":
-        return f"go on with CLTRANSFER_THREADS={value}, {again}"
-    if key == "init":
-        return f"go on with --init {value}, {again}"
-    if key.startswith("config.") and isinstance(value, str | int | float):
-        return f"go on with {key.removeprefix('config.')}={str(value).lower()}, {again}"
-    return again.removeprefix("or ")
+        word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
+    elif key == "init":
+        word = f"--init {shlex.quote(str(value))}"
+    elif key.startswith("config.") and isinstance(value, str | int | float):
+        said = str(value).lower() if isinstance(value, bool) else value
+        word = shlex.quote(f"{key.removeprefix('config.')}={said}")
+    else:
+        return again
+    return f"go on with {word}, or {again}"
