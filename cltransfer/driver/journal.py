@@ -14,6 +14,7 @@ Record: length, crc32, then crc32 of the cameras asked, rows, columns, float64 a
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 import struct
@@ -66,7 +67,7 @@ class Journal:
     @classmethod
     def begun(cls, path: Path, header: Mapping[str, object]) -> bool:
         """Whether ``path`` holds answers of a run of this ``header``."""
-        records = _read(path)[0] if path.is_file() else []
+        records = _read(path, 2)[0] if path.is_file() else []
         return len(records) > 1 and records[0] == _coded(header)
 
     def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
@@ -112,11 +113,11 @@ def _open(path: Path, end: int) -> BinaryIO:
     return stream
 
 
-def _read(path: Path) -> tuple[list[bytes], int]:
-    """All whole records, and where the last one ends; whatever follows a torn or flipped one is left out."""
-    records, end = [], 0
+def _read(path: Path, most: float = math.inf) -> tuple[list[bytes], int]:
+    """The first ``most`` whole records and where they end; whatever follows a torn or flipped one is left out."""
+    records, end = list[bytes](), 0
     with path.open("rb") as stream:
-        while len(head := stream.read(_FRAME.size)) == _FRAME.size:
+        while len(records) < most and len(head := stream.read(_FRAME.size)) == _FRAME.size:
             length, crc = _FRAME.unpack(head)
             if not 0 < length <= RECORD_LIMIT:
                 break
