@@ -202,6 +202,7 @@ def _header(
         "scene": scene.digest,
         "person": scene.person_digest,
         "reference": reference.digest,
+        "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun
         "part of the reference": Path(inputs.reference).name.partition("#")[2],
         "init": inputs.init,
         **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},

@@ -20,6 +20,7 @@ import torch
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.journal import _begun_so, _read
+from cltransfer.features import OfThisRun
 from cltransfer.files import content_hash
 from cltransfer.preparation import Inputs, _header
 from cltransfer.reference import Reading, read_reference
@@ -201,6 +202,18 @@ def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_pa
         told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert told[0] == told[1]
     assert told[0]["code of the scene"] == content_hash(Path(__file__))
+
+
+def test_a_journal_is_of_what_could_be_read_of_the_reference_this_time() -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, scene = Components.build(config), load_scene("builtin:plaza")
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    told = []
+    for late in ({}, {"depth": "7 of 24 frames"}, {"depth": "9 of 24 frames"}):
+        reasons = {name: OfThisRun(f"time ran out with {when}") for name, when in late.items()}
+        read = replace(reference, features=replace(reference.features, reasons=reasons))
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, read))
+    assert told[1] == told[2] != told[0]
 
 
 @dataclass(frozen=True)
