@@ -48,14 +48,18 @@ def digest(source: str | None, content: Callable[[Path], str] = _content) -> str
     """
     if source is None or source == "auto":
         return str(source)
+    split = split_scene(source)
+    if split is None:
+        return _of_one(source, content)
+    person = Path(split[1]).with_name(SUBJECT)  # as it is read
+    parts = [_of_one(part, content) for part in split]
+    return "@".join([*parts, content(person)] if person.is_file() else parts)
+
+
+def _of_one(source: str, content: Callable[[Path], str]) -> str:
     path = Path(source)
     if path.exists():
         return content(path)
-    split = split_scene(source)
-    if split is not None:
-        person = Path(split[1]).with_name(SUBJECT)  # as it is read
-        parts = [digest(part, content) for part in split]
-        return "@".join([*parts, content(person)] if person.is_file() else parts)
     if source.startswith("builtin:"):
         return source
     for mark in "#:":  # CLIP#PART, SET:INDEX
