@@ -101,6 +101,8 @@ class Features:
             elif shape[0] != count:
                 raise _unequal(first, count, name, shape[0])
         for name, value in (("camera", self.camera), *self.extras.items()):
+            if name in self.extras and not (isinstance(value, Tensor) and value.ndim):
+                raise _rowless(name, value)
             if count < 0 and value is not None:
                 first, count = name, len(value)
             elif value is not None and len(value) != count:
@@ -115,10 +117,16 @@ class Features:
         raise ValueError("features are empty: no field is set")
 
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int]) -> Features:
-        """Frames of ``index``; an integer keeps a batch of one, the same object each time."""
+        """Frames of ``index``; an integer keeps a batch of one, the same object each time.
+
+        Raises:
+            IndexError: there is no such frame.
+        """
         rows = batch_index(index)
         if not isinstance(rows, int):
             return self._map(lambda value: value[rows])
+        if not -len(self) <= rows < len(self):  # a slice of one would be empty, and no loop over frames would end
+            raise IndexError(f"expected a frame from {-len(self)} to {len(self) - 1}, got {rows}")
         one = slice(rows, rows + 1 or None)
         return self.once(("frame", rows), lambda: self._map(lambda value: value[one]))
 
@@ -193,10 +201,14 @@ class Features:
 
     @staticmethod
     def concatenate(parts: Sequence[Features]) -> Features:
-        """One batch of several that hold the same features at the same size."""
+        """One batch of several that hold the same features at the same size; of no person where they are of several.
+
+        Raises:
+            ValueError: they do not.
+        """
+        if unlike := _unlike(parts):
+            raise ValueError(f"features of a batch must be of one size and have the same names, {unlike}")
         first = parts[0]
-        if any(p.size != first.size or p.names() != first.names() for p in parts):
-            raise ValueError("features to concatenate must have the same names and size")
 
         def join(name: str) -> Any:
             values = [p.require(name) for p in parts]
@@ -204,10 +216,22 @@ class Features:
 
         new = {n: join(n) for n in first._batched()}
         extras = {n: new.pop(n) for n in first.extras}
-        return replace(first, **new, extras=extras)
+        person = first.person if all(p.person is first.person for p in parts) else None
+        return replace(first, **new, extras=extras, person=person)
 
 
 NAMES = tuple(f.name for f in fields(Features) if f.name not in ("size", "extras", "reasons", "_known"))
+
+
+def _unlike(parts: Sequence[Features]) -> str:
+    """Why ``parts`` are no batch; empty where they are."""
+    if not parts:
+        return "got no frames"
+    if len(sizes := {part.size: None for part in parts}) > 1:
+        return f"got {' and '.join(map(str, sizes))}; give all clips one size"
+    names = [part.names() for part in parts]
+    lacking = frozenset.union(*names) - frozenset.intersection(*names)
+    return f"not all have {', '.join(sorted(lacking))}; leave them out with only" if lacking else ""
 
 
 def _misshapen(name: str, value: object) -> Exception:
@@ -223,6 +247,12 @@ def _misshapen(name: str, value: object) -> Exception:
     elif name == "keypoints" and value.shape[-2:-1] in ((33,), (39,)):
         hint = "cltransfer.skeleton.from_blazepose makes 14 of BlazePose's"
     return ValueError(f"{name} must be ({wanted}), got {tuple(value.shape)}; {hint}")
+
+
+def _rowless(name: str, value: object) -> TypeError:
+    came = "a single value" if isinstance(value, Tensor) else type(value).__name__
+    hint = "add a batch dimension" if isinstance(value, Tensor) else "torch.as_tensor makes one"
+    return TypeError(f"{name} must be a tensor with one row a frame, got {came}; {hint}")
 
 
 def _unequal(first: str, count: int, name: str, other: int) -> ValueError:

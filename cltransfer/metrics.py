@@ -192,8 +192,13 @@ def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | None = Non
 
     Args:
         losses: their options by name; None is the paper's five.
+
+    Raises:
+        ValueError: there is none.
     """
     chosen: Mapping[str, Mapping[str, Any]] = {name: {} for name in PAPER} if losses is None else losses
+    if not chosen:
+        raise ValueError("expected one loss or more, got none; leave them out for the paper's five")
     metrics: dict[str, Metric | MetricCollection] = {"total": TotalMetric(chosen)}
     metrics |= {name: LossMetric(name, options) for name, options in chosen.items()}
     metrics |= {f"{name}_coverage": CoverageMetric(name, options) for name, options in chosen.items()}

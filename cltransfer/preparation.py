@@ -192,14 +192,17 @@ def _header(
 ) -> dict[str, Any]:
     """What the answers of a run depend on."""
     networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
-    named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
-    named["the scene"] = scene.geometry
-    code = {name: code_of(part) for name, part in named.items()}
+    named = {f"extractor {name}": extractor for name, extractor in parts.extractors.items()}
+    named |= {f"loss {name}": loss for name, loss in parts.losses.items()}  # an extractor may have the same name
+    named |= {"the renderer": parts.renderer, "the search": search}
+    # what a scene's file says is in its digest; a path that stands in it is nobody's option
+    code = {name: code_of(part) for name, part in {**named, "the scene": scene.geometry}.items()}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,
         "person": scene.person_digest,
         "reference": reference.digest,
+        "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun
         "part of the reference": Path(inputs.reference).name.partition("#")[2],
         "init": inputs.init,
         **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},

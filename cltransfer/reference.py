@@ -23,7 +23,7 @@ from .graph import run_clip
 from .models.onnx import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
-from .read_frames import read_frames
+from .read_frames import check_maps, read_frames
 from .registry import code_of
 from .run_files import kept_frames
 from .scene_source import split_scene
@@ -133,8 +133,15 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
 
 
 def _with_pixels(features: Features, clip: Clip, plan: Plan) -> Features:
-    """What the cache keeps of a ``clip``, and its pixels where the plan wants them: they are in the clip itself."""
-    return replace(features, image=clip.features().image) if "image" in plan.wanted else features
+    """What the cache keeps of a ``clip``, and its pixels where the plan wants them: they are in the clip itself.
+
+    Raises:
+        ResourceError: there is no memory for them, as where the clip is read.
+    """
+    if "image" not in plan.wanted:
+        return features
+    check_maps(clip.image)
+    return replace(features, image=clip.features().image)
 
 
 def _pixels(image: Tensor) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+LONGEST = 2**13  # characters; a path has 4,096 at most, and every @ is tried
+
 
 def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
     """Scene and trajectory of ``SCENE@TRAJECTORY.json``; None of anything else, such as a file with an @ in its name.
@@ -22,7 +24,7 @@ def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
     if source.startswith("builtin:"):
         scene, at, path = source.partition("@")
         return (scene, path) if at else None
-    if "@" not in source or not source.endswith(".json") or os.path.exists(folder / source):
+    if "@" not in source or not source.endswith(".json") or len(source) > LONGEST or os.path.exists(folder / source):
         return None
     splits = [(source[:i], source[i + 1 :]) for i in reversed(range(len(source))) if source[i] == "@"]
     known = [split for split in splits if _is_there(folder, split[0])] or splits

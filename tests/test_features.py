@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +13,7 @@ import torch
 
 from cltransfer import LOSSES
 from cltransfer.features import Features
-from cltransfer.testing.samples import sample_cameras, sample_features
+from cltransfer.testing.samples import sample_cameras, sample_features, sample_subject
 
 
 def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> None:
@@ -56,6 +58,31 @@ def test_a_sequence_of_any_kind_is_taken_along_the_batch(several: Any) -> None:
         assert torch.equal(part.require("depth"), features.require("depth")[[0, 2]])
         assert torch.equal(part.require("camera").K, features.require("camera").K[[0, 2]])
     assert len(features[()]) == len(features.require("camera")[()]) == 0
+
+
+def test_frames_end_where_there_are_no_more() -> None:
+    features: Any = sample_features(0, 3)
+    assert [frame is features[i] for i, frame in enumerate(itertools.islice(features, 9))] == [True] * 3
+    assert not isinstance(features, Iterable)  # Lightning would look for the size of a batch in it without end
+    for beyond in (3, -4):
+        with pytest.raises(IndexError, match=rf"^expected a frame from -3 to 2, got {beyond}$"):
+            features[beyond]
+
+
+def test_a_batch_of_frames_of_two_persons_is_of_neither() -> None:
+    one, other = sample_features(0, 1), replace(sample_features(1, 1), person=replace(sample_subject(), height=3.0))
+    assert Features.concatenate([one, one[:1]]).person is one.person
+    assert not Features.concatenate([one, other]).has("person")
+
+
+def test_frames_that_are_no_batch_are_told_apart() -> None:
+    one, none = sample_features(0, 1), "features of a batch must be of one size and have the same names"
+    with pytest.raises(ValueError, match=rf"^{none}, got \(64, 36\) and \(32, 18\); give all clips one size$"):
+        Features.concatenate([one, replace(one, size=(32, 18))])
+    with pytest.raises(ValueError, match=rf"^{none}, not all have depth, flow; leave them out with only$"):
+        Features.concatenate([one, replace(one, depth=None), replace(one, flow=None)])
+    with pytest.raises(ValueError, match=f"^{none}, got no frames$"):
+        Features.concatenate([])
 
 
 def test_what_is_asked_of_features_is_computed_once_and_not_for_others_made_of_them() -> None:
@@ -135,6 +162,14 @@ MISSHAPEN: dict[str, tuple[dict[str, Any], str]] = {
     "cameras": (
         {"keypoints": torch.rand(4, 14, 3), "camera": sample_cameras(0, 2)},
         "features must have one number of frames, got 4 in keypoints and 2 in camera",
+    ),
+    "a plugin's single value": (
+        {"keypoints": torch.rand(4, 14, 3), "extras": {"gaze": torch.tensor(1.0)}},
+        "gaze must be a tensor with one row a frame, got a single value; add a batch dimension",
+    ),
+    "a plugin's number": (
+        {"extras": {"gaze": 0.5}},
+        "gaze must be a tensor with one row a frame, got float; torch.as_tensor makes one",
     ),
     "a plugin's own": (
         {"extras": {"gaze": torch.rand(4, 2), "heat": torch.rand(5)}},

@@ -105,6 +105,11 @@ def test_a_collection_says_the_same_by_forward_as_by_update() -> None:
     assert float(alone["framing_coverage"]) == 1.0
 
 
+def test_a_collection_of_no_loss_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^expected one loss or more, got none; leave them out for the paper's five$"):
+        camera_language_metrics({})
+
+
 def test_metrics_are_plotted_as_any_torchmetric() -> None:
     metric = LossMetric("framing")
     metric.update(REFERENCE, RENDERED)

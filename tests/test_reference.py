@@ -15,6 +15,7 @@ from cltransfer import reference
 from cltransfer.clips import decoding
 from cltransfer.components import Components
 from cltransfer.config import load_config
+from cltransfer.errors import ResourceError
 from cltransfer.features import Features, OfThisRun
 from cltransfer.files import cache_dir
 from cltransfer.reference import Reading, read_reference
@@ -137,7 +138,7 @@ class OfPixels:
 
 
 def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
-    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     parts = Components.build(load_config(overrides=mean_flow))
     parts = replace(parts, losses={**parts.losses, "of_pixels": OfPixels()})
@@ -146,6 +147,9 @@ def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
     assert len(readings) == 1
     assert torch.equal(first.require("image"), second.require("image"))
     assert first.names() == second.names()
+    monkeypatch.setattr("cltransfer.memory.free_bytes", lambda: 3 * 3 * 64 * 36)  # the clip, but not as floats
+    with pytest.raises(ResourceError, match=r"the maps of frames, 3 of 64x36, need .* thin the clip by frames="):
+        read_reference(source, parts, Reading())
 
 
 def test_a_reading_by_other_rules_of_who_is_who_is_not_used(

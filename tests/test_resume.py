@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.driver.journal import _read
+from cltransfer.driver.journal import _begun_so, _read
+from cltransfer.features import OfThisRun
 from cltransfer.files import content_hash
 from cltransfer.preparation import Inputs, _header
 from cltransfer.reference import Reading, read_reference
@@ -118,6 +120,15 @@ def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
     assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
 
 
+def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
+    assert (
+        _begun_so("init", "my views/a.json") == "go on with --init 'my views/a.json', or start over with another --out"
+    )
+    assert _begun_so("config.warm_start", True).startswith("go on with warm_start=true, or")
+    assert _begun_so("config.preset", "Mine $(date)").startswith("go on with 'preset=Mine $(date)', or")
+    assert _begun_so("threads", "1; date").startswith("go on with CLTRANSFER_THREADS='1; date', or")
+
+
 def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     begun = json.loads((run / "manifest.json").read_text())["threads"]
@@ -161,3 +172,67 @@ def test_a_journal_is_of_the_code_and_the_files_of_every_plugin(tmp_path: Path) 
     parts = replace(parts, renderer=Plugin(colours=str(tmp_path / "lut")))
     with_file = _header(given, config, parts, SubjectOrbit(), scene, reference)
     assert {key for key in with_file if with_file[key] != plugged.get(key)} == {"files of the renderer"}
+
+
+class Plain:
+    """A geometry of a plugin that is no dataclass; its file names another file."""
+
+    label = torch.zeros(1)
+
+    def __init__(self, texture: str) -> None:
+        self.texture = texture
+
+
+@dataclass(frozen=True, eq=False)
+class Textured:
+    """One that is."""
+
+    texture: str
+    label: torch.Tensor = Plain.label
+
+
+@pytest.mark.parametrize("kind", [Plain, Textured])
+def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, other = Components.build(config), tmp_path / "other"
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    scene, told = replace(load_scene("builtin:plaza"), geometry=kind(str(other))), []
+    for content in ("one", "another"):
+        other.write_text(content)
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert told[0] == told[1]
+    assert told[0]["code of the scene"] == content_hash(Path(__file__))
+
+
+def test_a_journal_is_of_what_could_be_read_of_the_reference_this_time() -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, scene = Components.build(config), load_scene("builtin:plaza")
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    told = []
+    for late in ({}, {"depth": "7 of 24 frames"}, {"depth": "9 of 24 frames"}):
+        reasons = {name: OfThisRun(f"time ran out with {when}") for name, when in late.items()}
+        read = replace(reference, features=replace(reference.features, reasons=reasons))
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, read))
+    assert told[1] == told[2] != told[0]
+
+
+@dataclass(frozen=True)
+class Gaze:
+    """A loss of a plugin, and its extractor."""
+
+    weights: str = ""
+
+
+def test_a_journal_is_of_an_extractor_that_bears_the_name_of_a_loss(tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, weights = Components.build(config), tmp_path / "gaze.pt"
+    scene, reference = (
+        load_scene("builtin:plaza"),
+        read_reference("builtin:static", parts, Reading(2, 64, "scene")),
+    )
+    parts = replace(parts, extractors={"gaze": Gaze(str(weights))}, losses={"gaze": Gaze()})
+    told = []
+    for content in ("one", "another"):
+        weights.write_text(content)
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert {key for key in told[0] if told[0][key] != told[1][key]} == {"files of extractor gaze"}

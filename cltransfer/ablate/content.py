@@ -17,6 +17,7 @@ from ..scenes.foreign import reader_of
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 
+Digest = Callable[[str | None], str]
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
@@ -47,14 +48,18 @@ def digest(source: str | None, content: Callable[[Path], str] = _content) -> str
     """
     if source is None or source == "auto":
         return str(source)
+    split = split_scene(source)
+    if split is None:
+        return _of_one(source, content)
+    person = Path(split[1]).with_name(SUBJECT)  # as it is read
+    parts = [_of_one(part, content) for part in split]
+    return "@".join([*parts, content(person)] if person.is_file() else parts)
+
+
+def _of_one(source: str, content: Callable[[Path], str]) -> str:
     path = Path(source)
     if path.exists():
         return content(path)
-    split = split_scene(source)
-    if split is not None:
-        person = Path(split[1]).with_name(SUBJECT)  # as it is read
-        parts = [digest(part, content) for part in split]
-        return "@".join([*parts, content(person)] if person.is_file() else parts)
     if source.startswith("builtin:"):
         return source
     for mark in "#:":  # CLIP#PART, SET:INDEX
@@ -64,6 +69,6 @@ def digest(source: str | None, content: Callable[[Path], str] = _content) -> str
     raise InputError(path, "", "no such file")
 
 
-def digests() -> Callable[[str | None], str]:
+def digests() -> Digest:
     """:func:`digest` that reads no file twice; for one sweep, as files may be edited before the next."""
     return functools.partial(digest, content=functools.cache(_content))

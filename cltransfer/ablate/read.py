@@ -121,20 +121,24 @@ def place(text: str, field: str, where: Any, fence: Path | None) -> str:
     Raises:
         UsageError: it leads out of ``fence``, where there is one.
     """
-    split = split_scene(text, fence or Path())
-    if split is not None:
-        return "@".join(place(part, field, where, fence) for part in split)
+    parts = split_scene(text, fence or Path()) or (text,)
+    return "@".join(_place(part, field, where, fence) for part in parts)
+
+
+def _place(text: str, field: str, where: Any, fence: Path | None) -> str:
+    """One file of them."""
+    file = part = ""
     full = ((fence or Path()) / text).resolve()
     if not full.exists():
         if text.startswith(BUILTIN):
             return text
-        for mark in "#:":
-            file, there, part = text.rpartition(mark)
-            if there:
-                return f"{place(file, field, where, fence)}{mark}{part}"
+        mark = next((mark for mark in "#:" if mark in text), "")
+        if mark:
+            file, _, part = text.rpartition(mark)
+            full, part = ((fence or Path()) / file).resolve(), mark + part
     if fence is not None and not full.is_relative_to(fence):
-        raise UsageError(where, field, f"{text} leads out of the file's folder", "name it on the command line")
-    return str(full)
+        raise UsageError(where, field, f"{file or text} leads out of the file's folder", "name it on the command line")
+    return f"{full}{part}"
 
 
 def _typed(raw: Mapping[str, Any], where: Any, origins: Mapping[str, str]) -> SweepFile:

@@ -16,6 +16,7 @@ from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
 from ..revision import commit
 from ..run_files import DONE
+from .content import digests
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
@@ -87,8 +88,9 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         Components.build(row.config)
         row.config.build_one("search")
     Components.build(sweep.metrics)
-    check_sources(sweep)
-    asked = trials(sweep, draw_references(sweep, options.out))
+    digest = digests()
+    check_sources(sweep, digest)
+    asked = trials(sweep, draw_references(sweep, options.out), digest)
     write_text(options.out / FILE, sweep.to_yaml())
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]

@@ -10,19 +10,23 @@ from ..scene_source import split_scene
 from ..scenes.builtin import read_name
 from ..scenes.load import BUILTIN
 from ..shots import own_setup
-from .content import digests
+from .content import Digest, digests
 from .read import DRAWN
 from .sweep import SceneConfig, Sweep
 
 
-def check_sources(sweep: Sweep) -> None:
+def check_sources(sweep: Sweep, digest: Digest | None = None) -> None:
     """Look for every scene, view, person and reference of ``sweep``; what is drawn is checked where it is drawn.
+
+    Args:
+        sweep: the ablation.
+        digest: what identifies a source, for one who will ask again.
 
     Raises:
         UsageError: there is no such built-in scene or shot.
         InputError: a file is missing or damaged.
     """
-    digest = digests()
+    digest = digest or digests()
     for key, scene in _scenes(sweep).items():
         for name, source in (("scene", scene.scene), ("init", scene.init), ("subject", scene.subject)):
             with _under(f"{key}.{name}"):

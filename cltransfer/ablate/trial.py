@@ -19,7 +19,7 @@ from .. import __version__
 from ..config.options import RunConfig
 from ..errors import CltransferError
 from ..scene_source import split_scene
-from .content import digests, parts_content
+from .content import Digest, digests, parts_content
 from .sweep import SceneConfig, Sweep
 
 
@@ -123,25 +123,27 @@ class Outcome:
         return cls(**{**raw, "case": Case(**raw["case"])})
 
 
-def trials(sweep: Sweep, drawn: dict[tuple[str, int], str]) -> list[Trial]:
+def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | None = None) -> list[Trial]:
     """Every row on every case, case by case, so that a sweep that is cut short has compared something.
 
     Args:
         sweep: the ablation.
         drawn: references that were made for it, by name and seed.
+        digest: what identifies a source, where some were read before.
 
     Raises:
         InputError: a file is missing.
     """
-    found, digest = [], digests()
+    found, digest = [], digest or digests()
+    parts = [parts_content(row.config) for row in sweep.rows]
+    measures = parts_content(sweep.metrics)
     for scene, reference, case in _cases(sweep):
         source = drawn.get((reference, case.seed), reference)
-        for row in sweep.rows:
+        for row, own in zip(sweep.rows, parts):
             used = row.scene or scene
             config = replace(row.config, seed=case.seed)
             content = [digest(used.scene), digest(used.init), digest(used.subject), used.up, digest(source)]
-            parts = [parts_content(config), parts_content(sweep.metrics)]
-            answers = [__version__, asdict(config), asdict(sweep.metrics), content, parts]
+            answers = [__version__, asdict(config), asdict(sweep.metrics), content, [own, measures]]
             key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
             found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
     return found

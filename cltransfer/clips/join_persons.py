@@ -27,6 +27,7 @@ MOST = 9  # boxes that it is taken of at most: 36 pairs
 LATEST = 3  # boxes of which the median says where a person was last
 ROUGH = 0.03  # of a box's sides together, below which it is off by the detector and not by the person
 AHEAD = 2.0  # how far ahead it is believed, in terms of how long it was seen
+KEPT = 1000  # largest tracks that are told of: 80 MB in the longest clip, where a crafted one could need gigabytes
 WAY = 9  # places that are looked at between where a person was seen last and would be now
 
 
@@ -231,13 +232,13 @@ def _gathered(tracks: list[Track], count: int) -> Track | None:
 
 
 def _persons(tracks: list[Track], count: int) -> Persons:
-    """Finished tracks of ``count`` frames, the largest first."""
+    """Finished tracks of ``count`` frames, the ``KEPT`` largest, those first."""
     whole = _gathered(tracks, count)
     if whole is not None:
         for track in tracks:
             track.seen = {frame: box for frame, box in track.seen.items() if box is not whole.seen.get(frame)}
         tracks = [whole, *(track for track in tracks if track.seen)]
-    order = sorted(tracks, key=lambda track: -track.weight)
+    order = sorted(tracks, key=lambda track: -track.weight)[:KEPT]
     boxes = np.full((len(order), count, 5), np.nan)
     for row, track in zip(boxes, order):
         row[list(track.seen)] = list(track.seen.values())

@@ -14,7 +14,9 @@ Record: length, crc32, then crc32 of the cameras asked, rows, columns, float64 a
 from __future__ import annotations
 
 import json
+import math
 import os
+import shlex
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -65,7 +67,7 @@ class Journal:
     @classmethod
     def begun(cls, path: Path, header: Mapping[str, object]) -> bool:
         """Whether ``path`` holds answers of a run of this ``header``."""
-        records = _read(path)[0] if path.is_file() else []
+        records = _read(path, 2)[0] if path.is_file() else []
         return len(records) > 1 and records[0] == _coded(header)
 
     def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
@@ -111,11 +113,11 @@ def _open(path: Path, end: int) -> BinaryIO:
     return stream
 
 
-def _read(path: Path) -> tuple[list[bytes], int]:
-    """All whole records, and where the last one ends; whatever follows a torn or flipped one is left out."""
-    records, end = [], 0
+def _read(path: Path, most: float = math.inf) -> tuple[list[bytes], int]:
+    """The first ``most`` whole records and where they end; whatever follows a torn or flipped one is left out."""
+    records, end = list[bytes](), 0
     with path.open("rb") as stream:
-        while len(head := stream.read(_FRAME.size)) == _FRAME.size:
+        while len(records) < most and len(head := stream.read(_FRAME.size)) == _FRAME.size:
             length, crc = _FRAME.unpack(head)
             if not 0 < length <= RECORD_LIMIT:
                 break
@@ -156,11 +158,14 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
 
 def _begun_so(key: str, value: object) -> str:
     """How the run is gone on with, or begun anew."""
-    again = "or start over with another --out"
+    again = "start over with another --out"
     if key == "threads":
-        return f"go on with CLTRANSFER_THREADS={value}, {again}"
-    if key == "init":
-        return f"go on with --init {value}, {again}"
-    if key.startswith("config.") and isinstance(value, str | int | float):
-        return f"go on with {key.removeprefix('config.')}={str(value).lower()}, {again}"
-    return again.removeprefix("or ")
+        word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
+    elif key == "init":
+        word = f"--init {shlex.quote(str(value))}"
+    elif key.startswith("config.") and isinstance(value, str | int | float):
+        said = str(value).lower() if isinstance(value, bool) else value
+        word = shlex.quote(f"{key.removeprefix('config.')}={said}")
+    else:
+        return again
+    return f"go on with {word}, or {again}"

@@ -85,9 +85,10 @@ def own_model(component: Any) -> str | None:
     return component.model if "model" in named and isinstance(component.model, str) else None
 
 
-def files_content(component: Any) -> dict[str, str]:
-    """SHA-256 of every file that a plugin's options name, by its name; a folder counts where it is named with a slash.
+def files_content(component: Any) -> dict[str, list[str]]:
+    """SHA-256 of every file that a plugin's options name, by how it is named there; of several places in order.
 
+    A folder counts where it is named with a slash and is not around the one that we are in: a text is a path by chance.
     What comes with cltransfer names its one file as :func:`own_model`.
     """
     if type(component).__module__.partition(".")[0] == "cltransfer":
@@ -95,12 +96,17 @@ def files_content(component: Any) -> dict[str, str]:
     found = {}
     options = [getattr(component, field.name) for field in fields(component)]
     for name in sorted(set(_texts(options))):
-        for place in dict.fromkeys([Path(name), *model_places(name)]):
-            if os.path.isfile(place):  # no error of a text that can be no path
-                found[str(place)] = _content(place, place.stat().st_mtime_ns, place.stat().st_size)
-            elif Path(name).name != name and os.path.isdir(place):
-                found[str(place)] = content_hash(place)
+        places = dict.fromkeys([Path(name), *model_places(name)])
+        if contents := [content for place in places if (content := _named_content(name, place))]:
+            found[name] = contents
     return found
+
+
+def _named_content(name: str, place: Path) -> str:
+    if os.path.isfile(place):  # no error of a text that can be no path
+        return _content(place, place.stat().st_mtime_ns, place.stat().st_size)
+    folder = Path(name).name != name and os.path.isdir(place) and not Path.cwd().is_relative_to(place.resolve())
+    return content_hash(place) if folder else ""
 
 
 def _texts(value: Any) -> Iterator[str]:

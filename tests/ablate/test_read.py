@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from cltransfer.ablate.read import ablations, read_sweep
+from cltransfer.ablate.sources import check_sources
 from cltransfer.config import load_config
-from cltransfer.errors import UsageError
+from cltransfer.errors import CltransferError, UsageError
 
 Written = Callable[[str], str]
 
@@ -49,6 +52,17 @@ def test_what_the_issue_asks_for_is_shipped() -> None:
     assert {*wanted, "presets"} <= set(ablations())
     assert len(read_sweep("leave_one_out").rows) == 6
     assert len(read_sweep("losses_x_optimiser").rows) == 4
+
+
+@pytest.mark.parametrize("name", ["@" * 15_000 + ".json", "a.json@" * 1100 + "b.json", "#/" * 2000, "a:" * 2000])
+def test_a_name_without_end_is_told_at_once(written: Written, name: str) -> None:
+    begun, folder = (
+        time.process_time(),
+        written(f"references: ['{name}']\nscenes: ['builtin:plaza']\nrows: {{a: {{}}}}\n"),
+    )
+    with suppress(CltransferError, OSError):
+        check_sources(read_sweep(folder))
+    assert time.process_time() - begun < 5
 
 
 def test_rows_lie_over_the_base_over_the_preset_and_the_command_line_over_all(written: Written) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.run import Options, ablate
 from cltransfer.ablate.sources import check_sources
-from cltransfer.ablate.trial import trials
+from cltransfer.ablate.trial import Outcome, Trial, trials
 from cltransfer.features import Features
 from cltransfer.files import content_hash
 from cltransfer.plugins import allow
@@ -72,6 +74,31 @@ def test_each_file_is_read_once_for_all_its_trials(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("cltransfer.ablate.content.content_hash", counted)
     assert len(trials(read_sweep(str(tmp_path / "sweep.yaml")), {})) == 4
     assert sorted(read) == ["clip.mp4", "scene.ply", "shot.json"]
+
+
+def test_an_ablation_reads_each_file_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"clip")
+    (tmp_path / "scene.ply").write_bytes(b"scene")
+    (tmp_path / "weights").mkdir()
+    (tmp_path / "weights" / "w.pt").write_bytes(b"weights")
+    base = f"{{extractors: {{weighted: {{weights: '{tmp_path}/weights'}}}}}}"
+    told = f"references: [clip.mp4]\nscenes: [scene.ply]\nrows: {{full: {{}}}}\nseeds: [0, 1]\nbase: {base}\n"
+    (tmp_path / "sweep.yaml").write_text(told)
+    read: list[str] = []
+
+    def counted(path: Path) -> str:
+        read.append(path.name)
+        return content_hash(path)
+
+    def failed(trials: Sequence[Trial], *_: Any) -> Iterator[Outcome]:
+        return (Outcome(t.key, t.row, t.case, failed="not run") for t in trials)
+
+    monkeypatch.setitem(EXTRACTORS._classes, "weighted", Weighted)
+    monkeypatch.setattr("cltransfer.ablate.run.outcomes", failed)
+    monkeypatch.setattr("cltransfer.ablate.content.content_hash", counted)
+    monkeypatch.setattr("cltransfer.onnx.content_hash", counted)
+    assert ablate(read_sweep(str(tmp_path / "sweep.yaml")), Options(tmp_path / "out")).failed == 2
+    assert sorted(read) == ["clip.mp4", "scene.ply", "weights", "weights"]  # those of the row, and of the metrics
 
 
 def test_another_part_of_a_scene_is_another_trial(keys: Callable[..., list[str]], tmp_path: Path) -> None:

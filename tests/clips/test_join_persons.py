@@ -131,6 +131,15 @@ def test_a_large_one_who_cannot_be_followed_does_not_give_way_to_a_small_one() -
     assert any("the largest person could not be followed" in flag for flag in told)
 
 
+def test_of_thousands_who_come_and_go_those_who_are_large_are_kept() -> None:
+    count = 80
+    lead, places = standing(-500, count=count), np.random.default_rng(0).uniform(0, 10**6, (count, 20))
+    crowds = [[lead[i], *(standing(x, 20, 1)[0] for x in row)] for i, row in enumerate(places)]
+    persons = join([np.pad(boxes, ((0, 0), (0, 1)), constant_values=0.5) for boxes in crowds])
+    assert len(persons.boxes) == 1000
+    np.testing.assert_array_equal(persons.boxes[0, :, :4], lead)
+
+
 def test_one_who_is_lost_in_many_frames_where_others_as_large_come_and_go_is_told() -> None:
     rng = np.random.default_rng(1)
     lead, extra = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,21 @@ def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path: Path, content
 def test_without_resume_the_answers_are_discarded(tmp_path: Path) -> None:
     ask_all(tmp_path / "j", False)
     assert ask_all(tmp_path / "j", False)[1] == 5
+
+
+def test_whether_a_run_was_begun_is_told_without_reading_all_of_its_journal(tmp_path: Path) -> None:
+    assert not Journal.begun(tmp_path / "j", HEADER)
+    journal, large = Journal(tmp_path / "j", HEADER, False), torch.zeros(1000, 1000, dtype=torch.float64)
+    assert not Journal.begun(tmp_path / "j", HEADER)
+    for cameras in questions():
+        journal.answer(cameras, lambda: large)
+    tracemalloc.start()
+    try:
+        assert Journal.begun(tmp_path / "j", HEADER)
+        assert not Journal.begun(tmp_path / "j", {**HEADER, "seed": 1})
+        assert tracemalloc.get_traced_memory()[1] < 2 * large.nbytes
+    finally:
+        tracemalloc.stop()
 
 
 def test_cut_at_every_byte_of_the_last_records_at_most_one_batch_is_computed_again(tmp_path: Path) -> None:

@@ -94,6 +94,26 @@ def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkey
     assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
 
 
+def test_a_file_of_a_plugin_counts_by_its_content_wherever_models_are_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    keys = []
+    for home in ("here", "there"):
+        (tmp_path / home).mkdir()
+        (tmp_path / home / "w.pt").write_text("1")
+        monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / home))
+        keys.append(reading(Weighted()))
+    assert keys[0] == keys[1]
+    assert "w.pt" in keys[0]["files"]
+
+
+@pytest.mark.parametrize("text", ["/", "./", "../", "."])
+def test_a_text_that_is_the_folder_one_works_in_or_one_around_it_is_no_folder_of_weights(text, tmp_path, monkeypatch):
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setattr("cltransfer.onnx.content_hash", lambda path: pytest.fail(f"{path} was read"))
+    assert "files" not in reading(Weighted(folder=text))
+
+
 def test_a_file_that_happens_to_bear_the_name_of_an_option_of_ours_is_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ours = DepthOnnx(model="mine.onnx", kind="disparity")
