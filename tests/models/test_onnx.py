@@ -110,7 +110,7 @@ def test_a_file_of_a_plugin_counts_by_its_content_wherever_models_are_kept(tmp_p
 def test_a_text_that_is_the_folder_one_works_in_or_one_around_it_is_no_folder_of_weights(text, tmp_path, monkeypatch):
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
-    monkeypatch.setattr("cltransfer.onnx.content_hash", lambda path: pytest.fail(f"{path} was read"))
+    monkeypatch.setattr("cltransfer.models.onnx.content_hash", lambda path: pytest.fail(f"{path} was read"))
     assert "files" not in reading(Weighted(folder=text))
 
 
