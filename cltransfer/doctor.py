@@ -109,7 +109,7 @@ def _models() -> list[Finding]:
     from .errors import ModelError
     from .extractors.detect_yolox import DetectYolox
     from .extractors.pose_blazepose import PoseBlazepose
-    from .models.onnx import find_model
+    from .models.places import find_model
 
     def look(name: str) -> Finding:
         try:

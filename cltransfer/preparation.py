@@ -25,7 +25,7 @@ from .driver.stage import Stage
 from .driver.starts import Starting, Starts
 from .errors import UsageError
 from .features import Features
-from .models.onnx import files_content, model_content, own_model
+from .models.content import files_content, model_content, own_model
 from .objective import Objective
 from .plan import Family
 from .progress import Progress

@@ -20,7 +20,7 @@ from .feature_file import LIMIT, FeatureFile
 from .features import Features
 from .files import cache_dir, content_hash, into_cache
 from .graph import run_clip
-from .models.onnx import reading
+from .models.content import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import check_maps, read_frames

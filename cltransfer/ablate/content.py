@@ -10,7 +10,7 @@ from typing import Any
 from ..config.options import SECTIONS, RunConfig
 from ..errors import InputError
 from ..files import content_hash
-from ..models.onnx import files_content, model_content, own_model
+from ..models.content import files_content, model_content, own_model
 from ..registry import code_of
 from ..scene_source import split_scene
 from ..scenes.foreign import reader_of

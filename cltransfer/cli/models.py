@@ -210,7 +210,7 @@ def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) ->
 
 def _place(entry: Entry) -> Path | None:
     """Where the file is, None where it is not."""
-    from ..models.onnx import model_places
+    from ..models.places import model_places
 
     places = model_places(entry.file) if entry.kind == "model" else [entry.path]
     return next((place for place in places if place.is_file()), None)

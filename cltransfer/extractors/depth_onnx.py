@@ -14,7 +14,8 @@ from torch import Tensor
 
 from ..errors import UsageError
 from ..features import Features
-from ..models.onnx import Network, find_model
+from ..models.onnx import Network
+from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._disparity import Align, aligned, depth_from_disparity
 from ._pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8

@@ -14,7 +14,8 @@ from torch.nn.functional import interpolate
 
 from ..errors import ModelError
 from ..features import Features
-from ..models.onnx import Network, find_model
+from ..models.onnx import Network
+from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._flow_check import round_trip_confidence
 from ._pixels import to_uint8

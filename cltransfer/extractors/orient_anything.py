@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ..errors import ModelError
 from ..features import Features
-from ..models.onnx import Network, find_model
+from ..models.onnx import Network
+from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._crops import about_boxes
 from ._pixels import normalised, to_uint8

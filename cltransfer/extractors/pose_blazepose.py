@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from ..features import Features
-from ..models.onnx import Network, find_model
+from ..models.onnx import Network
+from ..models.places import find_model
 from ..orientation import orientation_from_axes
 from ..registry import EXTRACTORS
 from ..skeleton import from_blazepose, unseen_outside

@@ -10,7 +10,8 @@ import numpy as np
 import torch
 
 from ..features import Features
-from ..models.onnx import Network, find_model
+from ..models.onnx import Network
+from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ..skeleton import from_coco, unseen_outside
 from ._crops import Crops, about_boxes

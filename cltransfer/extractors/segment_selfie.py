@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 from ..features import Features
-from ..models.onnx import Network, find_model
+from ..models.onnx import Network
+from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._pixels import to_uint8
 

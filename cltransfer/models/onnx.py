@@ -1,4 +1,4 @@
-"""ONNX networks: found by name, checked before they run, checked after."""
+"""ONNX networks: checked before they run, checked after."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ import functools
 import hashlib
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ModelError, UsageError
-from ..files import cache_dir, content_hash
 from ..memory import VARIABLE as MEMORY
 from ..memory import free_bytes
-from ..registry import code_of
 from ..threads import thread_count
-from .catalogue import entry_of_file, stand_ins
+from .catalogue import entry_of_file
 from .interface import Port, Shape, differs, joined, ports
 
 if TYPE_CHECKING:
@@ -31,110 +29,6 @@ VARIABLE = "CLTRANSFER_NETWORKS"
 CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 _ARENA = "BFCArena"  # names whose limit it was, in onnxruntime's errors
 _EXTERNAL = b"\n\x08location"  # the key by which a tensor names another file
-
-
-def model_places(name: str) -> list[Path]:
-    """Where the network ``name`` is looked for: the folders of ``CLTRANSFER_MODELS``, then the cache.
-
-    A name with a folder in it (``weights/depth.onnx``) is taken as it stands.
-    """
-    if Path(name).name != name:
-        return [Path(name)]
-    named = os.environ.get("CLTRANSFER_MODELS", "").split(os.pathsep)
-    folders = [Path(folder) for folder in named if folder] + [cache_dir() / "models"]
-    return [folder / name for folder in folders]
-
-
-def find_model(name: str) -> Path:
-    """File of the network ``name``, at the first of :func:`model_places` that has it, or one that stands in for it.
-
-    Raises:
-        ModelError: there is no such file; the line says what to get and where to put it.
-    """
-    found = _found(name)
-    if found is not None:
-        return found
-    places = model_places(name)
-    known = next(iter(stand_ins(Path(name).name)), entry_of_file(Path(name).name))
-    if known is None:
-        raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
-    digest = f" with sha256 {known.sha256}" if known.sha256 else ""
-    accept = "" if known.sha256 else " --accept-new"
-    get = f"cltransfer models pull {known.name}{accept}" if known.address else known.made_by
-    what = f"no such file{digest} ({known.licence}, from {known.source})"
-    raise ModelError(name, "model", what, f"run: {get}; or put it in {places[0].parent}")
-
-
-def _found(name: str) -> Path | None:
-    """The file that ``name`` means; a name with a folder in it means itself."""
-    others = [entry.file for entry in stand_ins(name)]
-    places = [place for file in (name, *others) for place in model_places(file)]
-    return next((place for place in places if place.is_file()), None)
-
-
-def reading(extractor: Any) -> dict[str, Any]:
-    """What an extractor's answers depend on: its options, what its files hold, and its code where it is a plugin."""
-    model, files = own_model(extractor), files_content(extractor)
-    network = {} if model is None else {"sha256": model_content(model)}
-    return {**asdict(extractor), **network, **({"files": files} if files else {}), "code": code_of(extractor)}
-
-
-def own_model(component: Any) -> str | None:
-    """The network that a component names in its option ``model``, None where it has no such option."""
-    named = {field.name for field in fields(component)}
-    return component.model if "model" in named and isinstance(component.model, str) else None
-
-
-def files_content(component: Any) -> dict[str, list[str]]:
-    """SHA-256 of every file that a plugin's options name, by how it is named there; of several places in order.
-
-    A folder counts where it is named with a slash and is not around the one that we are in: a text is a path by chance.
-    What comes with cltransfer names its one file as :func:`own_model`.
-    """
-    if type(component).__module__.partition(".")[0] == "cltransfer":
-        return {}
-    found = {}
-    options = [getattr(component, field.name) for field in fields(component)]
-    for name in sorted(set(_texts(options))):
-        places = dict.fromkeys([Path(name), *model_places(name)])
-        if contents := [content for place in places if (content := _named_content(name, place))]:
-            found[name] = contents
-    return found
-
-
-def _named_content(name: str, place: Path) -> str:
-    if os.path.isfile(place):  # no error of a text that can be no path
-        return _content(place, place.stat().st_mtime_ns, place.stat().st_size)
-    folder = Path(name).name != name and os.path.isdir(place) and not Path.cwd().is_relative_to(place.resolve())
-    return content_hash(place) if folder else ""
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Every text in an option, whatever holds it."""
-    if isinstance(value, str | Path):
-        yield str(value)
-    elif isinstance(value, Mapping):
-        yield from _texts(list(value.values()))
-    elif isinstance(value, Sequence):
-        for item in value:
-            yield from _texts(item)
-
-
-def model_content(name: str) -> str:
-    """SHA-256 of the network ``name``; empty where there is no such file, so that nothing was read by it.
-
-    A file of the catalogue is not read for it: one of another content is refused before it runs.
-    """
-    place = _found(name)
-    known = entry_of_file(Path(name).name if place is None else place.name)
-    if known is not None and known.sha256:
-        return known.sha256
-    return "" if place is None else _content(place, place.stat().st_mtime_ns, place.stat().st_size)
-
-
-@functools.cache
-def _content(path: Path, changed: int, size: int) -> str:
-    return content_hash(path)
 
 
 def providers() -> list[str]:

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..features import Features
 from ..files import cache_dir, into_cache
 from ..graph import run
-from ..models.onnx import reading
+from ..models.content import reading
 from ..plan import CLIP_SOURCE, Plan, make_plan
 from ..registry import code_of
 from ..renderers._request import drawn_by

@@ -96,7 +96,7 @@ def test_an_ablation_reads_each_file_once(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setitem(EXTRACTORS._classes, "weighted", Weighted)
     monkeypatch.setattr("cltransfer.ablate.run.outcomes", failed)
     monkeypatch.setattr("cltransfer.ablate.content.content_hash", counted)
-    monkeypatch.setattr("cltransfer.models.onnx.content_hash", counted)
+    monkeypatch.setattr("cltransfer.models.content.content_hash", counted)
     assert ablate(read_sweep(str(tmp_path / "sweep.yaml")), Options(tmp_path / "out")).failed == 2
     assert sorted(read) == ["clip.mp4", "scene.ply", "weights", "weights"]  # those of the row, and of the metrics
 

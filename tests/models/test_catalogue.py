@@ -11,7 +11,8 @@ from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.files import content_hash
 from cltransfer.models.catalogue import Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
-from cltransfer.models.onnx import Network, find_model
+from cltransfer.models.onnx import Network
+from cltransfer.models.places import find_model
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 HASH = "0123456789abcdef" * 4

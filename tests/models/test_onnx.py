@@ -2,7 +2,6 @@ import os
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +11,10 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.extractors.depth_onnx import DepthOnnx
-from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.files import content_hash
 from cltransfer.models.catalogue import catalogue
 from cltransfer.models.interface import joined
-from cltransfer.models.onnx import Network, find_model, model_content, providers, reading
+from cltransfer.models.onnx import Network, providers
 
 KNOWN = catalogue("model")
 MODELS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "models"
@@ -54,77 +51,6 @@ def refused(net, field, match):
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
     assert Path(caught.value.where).name == net.path.name
-
-
-def test_what_was_read_by_another_network_of_the_same_name_is_told_apart(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
-    extractor = DepthOnnx(model="mine.onnx", kind="disparity")
-    keys = [reading(extractor)]
-    for content in (b"first", b"other"):
-        (tmp_path / "mine.onnx").write_bytes(content)
-        keys.append(reading(extractor))
-    assert keys[0]["sha256"] == ""
-    assert len({key["sha256"] for key in keys}) == 3
-    assert keys[0]["model"] == "mine.onnx"
-
-
-@dataclass(frozen=True)
-class Weighted:
-    """A plugin's extractor, whose files stand in options of any name."""
-
-    weights: str = "w.pt"
-    more: tuple[str, ...] = ("x" * 5000, "")
-    model: int = 3
-    folder: str = "./parts"
-
-
-def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "models"))
-    (tmp_path / "models").mkdir()
-    (tmp_path / "parts").mkdir()
-    extractor, places = Weighted(more=("bpe.txt", "x" * 5000, "")), ("w.pt", "bpe.txt", "parts/a", "models/w.pt")
-    keys = [reading(extractor)]
-    for place in places:
-        for content in ("1", "100"):
-            (tmp_path / place).write_text(content)
-            keys.append(reading(extractor))
-    assert all(keys.count(key) == 1 for key in keys)
-    assert reading(extractor) == keys[-1]
-    assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
-
-
-def test_a_file_of_a_plugin_counts_by_its_content_wherever_models_are_kept(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    keys = []
-    for home in ("here", "there"):
-        (tmp_path / home).mkdir()
-        (tmp_path / home / "w.pt").write_text("1")
-        monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / home))
-        keys.append(reading(Weighted()))
-    assert keys[0] == keys[1]
-    assert "w.pt" in keys[0]["files"]
-
-
-@pytest.mark.parametrize("text", ["/", "./", "../", "."])
-def test_a_text_that_is_the_folder_one_works_in_or_one_around_it_is_no_folder_of_weights(text, tmp_path, monkeypatch):
-    (tmp_path / "work").mkdir()
-    monkeypatch.chdir(tmp_path / "work")
-    monkeypatch.setattr("cltransfer.models.onnx.content_hash", lambda path: pytest.fail(f"{path} was read"))
-    assert "files" not in reading(Weighted(folder=text))
-
-
-def test_a_file_that_happens_to_bear_the_name_of_an_option_of_ours_is_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    ours = DepthOnnx(model="mine.onnx", kind="disparity")
-    before = reading(ours)
-    (tmp_path / ours.output).write_text("of something else")
-    assert reading(ours) == before
-
-
-def test_a_file_of_the_catalogue_has_the_content_it_has_there(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
-    assert model_content(DetectYolox().model) == KNOWN["yolox_nano"].sha256 != ""
 
 
 @pytest.mark.parametrize("batch", ["batch", 1])
@@ -182,47 +108,6 @@ def images(path, inputs, outputs):
     made = helper.make_graph(nodes, "g", ins, outs, [numpy_helper.from_array(v, n) for n, v in known.items()])
     onnx.save_model(helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), str(path))
     return path
-
-
-THEIRS = """models:
-  ours: {file: ours.onnx, task: t, licence: l, source: s, made_by: make ours}
-  theirs: {file: theirs.onnx, task: t, licence: l, source: s, address: https://a, sha256: SHA, stands_in_for: NAME}
-"""
-
-
-@pytest.fixture
-def theirs(tmp_path, monkeypatch):
-    """The file of a network that stands in for ``ours``, whose file is missing."""
-    path = tmp_path / "theirs.onnx"
-    path.write_bytes(b"theirs")
-    named = THEIRS.replace("SHA", content_hash(path)).replace("NAME", "ours")
-    (tmp_path / "mine.yaml").write_text(named)
-    monkeypatch.setenv("CLTRANSFER_CATALOGUE", str(tmp_path / "mine.yaml"))
-    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
-    return path
-
-
-def test_a_network_stands_in_for_one_that_is_missing_and_for_no_other(theirs):
-    assert find_model("ours.onnx") == theirs
-    assert model_content("ours.onnx") == content_hash(theirs)
-    ours = theirs.with_name("ours.onnx")
-    ours.write_bytes(b"ours")
-    assert find_model("ours.onnx") == ours
-    assert model_content("ours.onnx") == content_hash(ours)
-    theirs.unlink()
-    ours.unlink()
-    with pytest.raises(ModelError, match="run: cltransfer models pull theirs; or put it in"):
-        find_model("ours.onnx")
-    ours.write_bytes(b"ours")
-    with pytest.raises(ModelError, match=r"theirs\.onnx"):
-        find_model("theirs.onnx")
-
-
-def test_a_stand_in_for_nothing_is_refused(theirs):
-    path = theirs.with_name("mine.yaml")
-    path.write_text(path.read_text().replace("stands_in_for: ours", "stands_in_for: our"))
-    with pytest.raises(UsageError, match=r"theirs\.stands_in_for: no such model in the catalogue: our"):
-        find_model("theirs.onnx")
 
 
 def test_files_that_are_no_network_are_refused(tmp_path):
@@ -333,27 +218,6 @@ def test_external_data_are_out_of_reach_when_their_key_is_written_oddly(tmp_path
 
 def test_a_known_name_with_other_content_is_refused(tmp_path):
     refused(network(graph(tmp_path / "yolox_nano.onnx")), "sha256", KNOWN["yolox_nano"].sha256)
-
-
-def test_models_are_found_in_each_folder_then_in_the_cache(tmp_path, monkeypatch):
-    for folder in ("one", "two", "cache/models"):
-        (tmp_path / folder).mkdir(parents=True)
-    monkeypatch.setenv("CLTRANSFER_MODELS", os.pathsep.join([str(tmp_path / "one"), str(tmp_path / "two")]))
-    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
-    for folder in ("cache/models", "two", "one"):
-        (tmp_path / folder / "a.onnx").touch()
-        assert find_model("a.onnx") == tmp_path / folder / "a.onnx"
-    assert find_model(str(tmp_path / "two" / "a.onnx")) == tmp_path / "two" / "a.onnx"
-
-
-def test_a_missing_model_says_what_to_get_and_where_to_put_it(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights"))
-    with pytest.raises(ModelError) as caught:
-        find_model("yolox_nano.onnx")
-    known = KNOWN["yolox_nano"]
-    wanted = ("yolox_nano.onnx", known.sha256, known.source, known.licence, "models pull yolox_nano")
-    for part in (*wanted, str(tmp_path / "weights")):
-        assert part in str(caught.value)
 
 
 @pytest.mark.parametrize(

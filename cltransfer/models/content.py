@@ -1,0 +1,80 @@
+"""What the answers of a component depend on: the content of its networks and of other files that its options name."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+from ..files import content_hash
+from ..registry import code_of
+from .catalogue import entry_of_file
+from .places import found_model, model_places
+
+
+def reading(extractor: Any) -> dict[str, Any]:
+    """What an extractor's answers depend on: its options, what its files hold, and its code where it is a plugin."""
+    model, files = own_model(extractor), files_content(extractor)
+    network = {} if model is None else {"sha256": model_content(model)}
+    return {**asdict(extractor), **network, **({"files": files} if files else {}), "code": code_of(extractor)}
+
+
+def own_model(component: Any) -> str | None:
+    """The network that a component names in its option ``model``, None where it has no such option."""
+    named = {field.name for field in fields(component)}
+    return component.model if "model" in named and isinstance(component.model, str) else None
+
+
+def files_content(component: Any) -> dict[str, list[str]]:
+    """SHA-256 of every file that a plugin's options name, by how it is named there; of several places in order.
+
+    A folder counts where it is named with a slash and is not around the one that we are in: a text is a path by chance.
+    What comes with cltransfer names its one file as :func:`own_model`.
+    """
+    if type(component).__module__.partition(".")[0] == "cltransfer":
+        return {}
+    found = {}
+    options = [getattr(component, field.name) for field in fields(component)]
+    for name in sorted(set(_texts(options))):
+        places = dict.fromkeys([Path(name), *model_places(name)])
+        if contents := [content for place in places if (content := _named_content(name, place))]:
+            found[name] = contents
+    return found
+
+
+def _named_content(name: str, place: Path) -> str:
+    if os.path.isfile(place):  # no error of a text that can be no path
+        return _content(place, place.stat().st_mtime_ns, place.stat().st_size)
+    folder = Path(name).name != name and os.path.isdir(place) and not Path.cwd().is_relative_to(place.resolve())
+    return content_hash(place) if folder else ""
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Every text in an option, whatever holds it."""
+    if isinstance(value, str | Path):
+        yield str(value)
+    elif isinstance(value, Mapping):
+        yield from _texts(list(value.values()))
+    elif isinstance(value, Sequence):
+        for item in value:
+            yield from _texts(item)
+
+
+def model_content(name: str) -> str:
+    """SHA-256 of the network ``name``; empty where there is no such file, so that nothing was read by it.
+
+    A file of the catalogue is not read for it: one of another content is refused before it runs.
+    """
+    place = found_model(name)
+    known = entry_of_file(Path(name).name if place is None else place.name)
+    if known is not None and known.sha256:
+        return known.sha256
+    return "" if place is None else _content(place, place.stat().st_mtime_ns, place.stat().st_size)
+
+
+@functools.cache
+def _content(path: Path, changed: int, size: int) -> str:
+    return content_hash(path)
