@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -23,6 +24,7 @@ from ...files import cache_dir
 
 SOURCES = Path(__file__).parent
 UNUSED = 30 * 24 * 3600  # [s] after which what other sources were compiled to is deleted
+NAME = re.compile("kernels-[0-9a-f]{16}")  # of a folder; anybody may keep others beside them
 
 _CONFIG: Any = numba.config
 
@@ -73,9 +75,16 @@ def _opened(place: Path) -> Path:
     """
     if not place.is_dir():
         place.mkdir(parents=True, exist_ok=True)
-        for other in place.parent.glob("kernels-*"):
-            if time.time() - other.stat().st_mtime > UNUSED:
+        for other in place.parent.iterdir():
+            if NAME.fullmatch(other.name) and _unused(other):
                 shutil.rmtree(other, ignore_errors=True)
     tempfile.TemporaryFile(dir=place).close()
     os.utime(place)  # it is in use
     return place
+
+
+def _unused(place: Path) -> bool:
+    try:
+        return time.time() - place.stat().st_mtime > UNUSED
+    except OSError:  # another process has deleted it
+        return False

@@ -77,10 +77,12 @@ def test_beside_an_installation_that_cannot_be_written_the_cache_is_used(package
     assert Path(weighed(package, tmp_path / "home")[2]).parent == tmp_path / "home"
 
 
-def test_what_nothing_has_used_for_a_month_is_deleted(tmp_path: Path) -> None:
-    for name, days in (("kernels-old", 40), ("kernels-new", 3), ("other", 40)):
+def test_what_nothing_has_used_for_a_month_is_deleted_and_nothing_else(tmp_path: Path) -> None:
+    old, new, own = (f"kernels-{letter * 16}" for letter in "0ab")
+    for name, days in ((old, 40), (new, 3), ("kernels-of-mine", 40), ("other", 40)):
         (tmp_path / name).mkdir()
         then = (tmp_path / name).stat().st_mtime - days * 24 * 3600
         os.utime(tmp_path / name, (then, then))
-    compiled._opened(tmp_path / "kernels-own")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-new", "kernels-own", "other"]
+    (tmp_path / f"kernels-{'c' * 16}").symlink_to("gone")  # as if another process had just deleted it
+    assert compiled._opened(tmp_path / own) == tmp_path / own
+    assert sorted(path.name for path in tmp_path.iterdir() if path.exists()) == [new, own, "kernels-of-mine", "other"]
