@@ -12,6 +12,7 @@ import os
 import re
 import shutil
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -27,20 +28,29 @@ UNUSED = 30 * 24 * 3600  # [s] after which what other sources were compiled to i
 NAME = re.compile("kernels-[0-9a-f]{16}")  # of a folder; anybody may keep others beside them
 
 _CONFIG: Any = numba.config
+_DECORATING = threading.Lock()
 
 
 def kernel(**options: Any) -> Callable[[Any], Any]:
     """``numba.njit`` with ``options``, whose machine code is kept in :func:`folder`; compiled at each start without."""
 
     def compiled(function: Any) -> Any:
-        usual, place = _CONFIG.CACHE_DIR, folder()
-        _CONFIG.CACHE_DIR = str(place or "")  # read when a function is decorated
-        try:
+        with _kept() as place:
             return numba.njit(cache=place is not None, **options)(function)
-        finally:
-            _CONFIG.CACHE_DIR = usual
 
     return compiled
+
+
+@contextlib.contextmanager
+def _kept() -> Iterator[Path | None]:
+    """Numba keeps in :func:`folder` alone; it asks its settings, which threads share, when a function is decorated."""
+    with _DECORATING:
+        place, usual = folder(), {name: getattr(_CONFIG, name, "") for name in ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")}
+        vars(_CONFIG).update(CACHE_DIR=str(place or ""), CACHE_LOCATOR_CLASSES="")
+        try:
+            yield place
+        finally:
+            vars(_CONFIG).update(usual)
 
 
 @cache

@@ -6,8 +6,12 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
 
 import cltransfer
@@ -43,26 +47,49 @@ def package(tmp_path: Path) -> Path:
     return copy
 
 
-def weighed(package: Path, home: Path) -> list[str]:
+def weighed(package: Path, home: Path, **settings: str) -> list[str]:
     """The greatest share of a pixel by that program, whether it was compiled before, and where."""
     changed = {name: str(home) for name in ("HOME", "XDG_CACHE_HOME", "CLTRANSFER_CACHE")}
     variables = {**os.environ, **changed, "PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
-    variables.pop("NUMBA_CACHE_DIR", None)
+    for name in ("NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES"):
+        variables.pop(name, None)
+    variables |= settings
     done = subprocess.run(
         [sys.executable, "-c", WEIGH], capture_output=True, text=True, check=True, env=variables, cwd=package.parent
     )
     return done.stdout.strip().split("|")
 
 
-def test_what_another_file_says_is_compiled_anew_where_it_changes(package: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("settings", [{}, {"NUMBA_CACHE_LOCATOR_CLASSES": "InTreeCacheLocator"}])
+def test_what_another_file_says_is_compiled_anew_where_it_changes(
+    package: Path, tmp_path: Path, settings: dict[str, str]
+) -> None:
     kernels = package / "renderers" / "kernels"
-    first, again = weighed(package, tmp_path), weighed(package, tmp_path)
+    first, again = weighed(package, tmp_path, **settings), weighed(package, tmp_path, **settings)
     assert first[:2] == ["0.99", "0"]
     assert again == ["0.99", "1", first[2]]
     assert Path(first[2]).parent == kernels / "__pycache__"
     source = kernels / "splat_composite.py"
     source.write_text(source.read_text().replace("MAX_ALPHA = 0.99", "MAX_ALPHA = 0.50"))
-    assert weighed(package, tmp_path)[:2] == ["0.5", "0"]
+    assert weighed(package, tmp_path, **settings)[:2] == ["0.5", "0"]
+
+
+def test_threads_that_import_at_once_keep_their_kernels_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual, njit, seen = numba.config.CACHE_DIR, numba.njit, []
+
+    def slow(**options: Any) -> Any:
+        time.sleep(0.2 if threading.current_thread() is early else 0.4)  # one ends while the other waits
+        seen.append(numba.config.CACHE_DIR)
+        return njit(**options)
+
+    monkeypatch.setattr(numba, "njit", slow)
+    early, late = (threading.Thread(target=lambda: compiled.kernel()(lambda x: x)) for _ in range(2))
+    early.start()
+    late.start()
+    early.join()
+    late.join()
+    assert seen == [str(compiled.folder())] * 2
+    assert usual == numba.config.CACHE_DIR
 
 
 def test_where_no_folder_can_be_written_kernels_work_and_the_doctor_says_so(package: Path) -> None:
