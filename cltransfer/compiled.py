@@ -1,7 +1,7 @@
 """Where compiled kernels are kept, so that no change of a source leaves old machine code in use.
 
 Numba keys its cache by the file of a function and does not look at what that takes from others. So the folder is named
-by the content of all kernel sources.
+by the content of all sources of kernels.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from typing import Any
 
 import numba
 
-from ...files import cache_dir
+from .files import cache_dir
 
-SOURCES = Path(__file__).parent
+PACKAGE = Path(__file__).parent
+SOURCES = ("*/_kernels.py", "*/kernels/*.py")
 UNUSED = 30 * 24 * 3600  # [s] after which what other sources were compiled to is deleted
 NAME = re.compile("kernels-[0-9a-f]{16}")  # of a folder; anybody may keep others beside them
 
@@ -56,7 +57,7 @@ def _kept() -> Iterator[Path | None]:
 @cache
 def folder() -> Path | None:
     """The first folder that can be written, ``NUMBA_CACHE_DIR``, beside the sources or in the cache; None without."""
-    name = f"kernels-{_content(SOURCES)}"
+    name = f"kernels-{_content()}"
     for place in _places():
         with contextlib.suppress(OSError, RuntimeError):
             return _opened(place() / name)
@@ -66,14 +67,14 @@ def folder() -> Path | None:
 def _places() -> Iterator[Callable[[], Path]]:
     if named := str(_CONFIG.CACHE_DIR):
         yield lambda: Path(named)
-    yield lambda: SOURCES / "__pycache__"
+    yield lambda: PACKAGE / "__pycache__"
     yield cache_dir
 
 
-def _content(sources: Path) -> str:
+def _content() -> str:
     told = hashlib.sha256()
-    for path in sorted(sources.glob("*.py")):
-        told.update(f"{path.name} {path.stat().st_size} ".encode() + path.read_bytes())
+    for path in sorted(path for pattern in SOURCES for path in PACKAGE.glob(pattern)):
+        told.update(f"{path.relative_to(PACKAGE).as_posix()} {path.stat().st_size} ".encode() + path.read_bytes())
     return told.hexdigest()[:16]
 
 

@@ -15,11 +15,13 @@ import numba
 import pytest
 
 import cltransfer
-from cltransfer.renderers.kernels import compiled
+from cltransfer import compiled
 
 WEIGH = """
 import numpy as np
 from cltransfer.doctor import _kernels
+from cltransfer.extractors._kernels import static_flow
+from cltransfer.losses._kernels import depth_modes
 from cltransfer.renderers.kernels.splat_project import Slab, Tiles
 from cltransfer.renderers.kernels.splat_weight import weigh
 from cltransfer.renderers.kernels.splat_cull import Settings, make_view
@@ -31,6 +33,8 @@ slab = Slab(record, np.zeros((1, 6), np.int32), np.zeros(1, np.float32), *np.zer
 tiles = Tiles(np.zeros(1, np.uint8), np.array([0, 1], np.int32), *np.zeros((2, 1), np.int32))
 weights = np.zeros(1, np.float32)
 weigh(view, slab, tiles, np.ones((1, 1), np.float32), weights)
+assert depth_modes(np.ones((1, 1, 1), np.float32), np.ones((1, 1, 1, 1), bool)) == 1
+assert static_flow.py_func
 try:
     where = _kernels()
 except RuntimeError as error:
@@ -64,22 +68,21 @@ def weighed(package: Path, home: Path, **settings: str) -> list[str]:
 def test_what_another_file_says_is_compiled_anew_where_it_changes(
     package: Path, tmp_path: Path, settings: dict[str, str]
 ) -> None:
-    kernels = package / "renderers" / "kernels"
     first, again = weighed(package, tmp_path, **settings), weighed(package, tmp_path, **settings)
     assert first[:2] == ["0.99", "0"]
     assert again == ["0.99", "1", first[2]]
-    assert Path(first[2]).parent == kernels / "__pycache__"
-    source = kernels / "splat_composite.py"
+    assert Path(first[2]).parent == package / "__pycache__"
+    source = package / "renderers" / "kernels" / "splat_composite.py"
     source.write_text(source.read_text().replace("MAX_ALPHA = 0.99", "MAX_ALPHA = 0.50"))
     assert weighed(package, tmp_path, **settings)[:2] == ["0.5", "0"]
 
 
 def test_threads_that_import_at_once_keep_their_kernels_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    usual, njit, seen = numba.config.CACHE_DIR, numba.njit, []
+    usual, njit, seen = compiled._CONFIG.CACHE_DIR, numba.njit, []
 
     def slow(**options: Any) -> Any:
         time.sleep(0.2 if threading.current_thread() is early else 0.4)  # one ends while the other waits
-        seen.append(numba.config.CACHE_DIR)
+        seen.append(compiled._CONFIG.CACHE_DIR)
         return njit(**options)
 
     monkeypatch.setattr(numba, "njit", slow)
@@ -89,18 +92,19 @@ def test_threads_that_import_at_once_keep_their_kernels_in_one_place(monkeypatch
     early.join()
     late.join()
     assert seen == [str(compiled.folder())] * 2
-    assert usual == numba.config.CACHE_DIR
+    assert usual == compiled._CONFIG.CACHE_DIR
 
 
 def test_where_no_folder_can_be_written_kernels_work_and_the_doctor_says_so(package: Path) -> None:
-    (package / "renderers" / "kernels" / "__pycache__").write_text("no folder")
+    for folder in (package, package / "losses", package / "extractors"):
+        (folder / "__pycache__").write_text("no folder")
     share, hits, where = weighed(package, package / "cli.py")  # a home that is a file
     assert (share, hits) == ("0.99", "0")
     assert where.startswith("not kept: each start compiles them anew; set NUMBA_CACHE_DIR")
 
 
 def test_beside_an_installation_that_cannot_be_written_the_cache_is_used(package: Path, tmp_path: Path) -> None:
-    (package / "renderers" / "kernels" / "__pycache__").write_text("no folder")
+    (package / "__pycache__").write_text("no folder")
     assert Path(weighed(package, tmp_path / "home")[2]).parent == tmp_path / "home"
 
 
