@@ -177,6 +177,19 @@ def test_a_reader_that_needs_options_or_is_missing_is_refused() -> None:
             RENDERERS.register("points")(cls)
 
 
+def test_suffixes_that_only_a_component_could_tell_are_refused() -> None:
+    @dataclass(frozen=True)
+    class Late(Drawer):
+        read = staticmethod(lambda path: RIGHT)
+
+        @property
+        def suffixes(self) -> tuple[str, ...]:
+            return (".pts",)
+
+    with pytest.raises(ModelError, match=r"class Late has suffixes = <property.*write suffixes = \(\"\.mine\",\)"):
+        RENDERERS.register("points")(Late)
+
+
 def test_every_suffix_that_cannot_be_taken_is_read_by_us(tmp_path: Path) -> None:
     for suffix in SCENE_SUFFIXES:
         with pytest.raises(InputError, match="no such file"):
