@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
 import os
 import re
 import shutil
@@ -28,6 +29,7 @@ SOURCES = ("*/_kernels.py", "*/kernels/*.py")
 UNUSED = 30 * 24 * 3600  # [s] after which what other sources were compiled to is deleted
 NAME = re.compile("kernels-[0-9a-f]{16}")  # of a folder; anybody may keep others beside them
 
+_log = logging.getLogger("cltransfer")
 _CONFIG: Any = numba.config
 _DECORATING = threading.Lock()
 
@@ -37,9 +39,30 @@ def kernel(**options: Any) -> Callable[[Any], Any]:
 
     def compiled(function: Any) -> Any:
         with _kept() as place:
-            return numba.njit(cache=place is not None, **options)(function)
+            made = numba.njit(cache=place is not None, **options)(function)
+        if place is not None and hasattr(made, "_cache"):  # a plain function under NUMBA_DISABLE_JIT
+            made._cache.save_overload = _if_it_can(made._cache.save_overload, place)
+        return made
 
     return compiled
+
+
+def _if_it_can(save: Callable[..., None], place: Path) -> Callable[..., None]:
+    """``save``, which a full disk ends after the kernel has been compiled: it can be called, only not kept."""
+
+    def saved(*given: Any) -> None:
+        try:
+            save(*given)
+        except OSError as error:
+            _tell(place, error.strerror or str(error))
+
+    return saved
+
+
+@cache
+def _tell(place: Path, reason: str) -> None:
+    """Once, of however many kernels."""
+    _log.warning("%s: %s: each start compiles kernels anew", place, reason)
 
 
 @contextlib.contextmanager

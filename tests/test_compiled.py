@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -11,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numba
+import numba.core.caching
 import pytest
 
 import cltransfer
@@ -101,6 +102,19 @@ def test_where_no_folder_can_be_written_kernels_work_and_the_doctor_says_so(pack
     share, hits, where = weighed(package, package / "cli.py")  # a home that is a file
     assert (share, hits) == ("0.99", "0")
     assert where.startswith("not kept: each start compiles them anew; set NUMBA_CACHE_DIR")
+
+
+def test_a_full_disk_costs_no_more_than_compiling_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(self: Any, name: str, data: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(compiled, "folder", lambda: tmp_path)
+    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "_save_data", full)
+    twice, thrice = compiled.kernel()(lambda x: 2 * x), compiled.kernel()(lambda x: 3 * x)
+    assert (twice(2), thrice(2), twice(3)) == (4, 6, 6)
+    assert caplog.messages == [f"{tmp_path}: No space left on device: each start compiles kernels anew"]
 
 
 def test_beside_an_installation_that_cannot_be_written_the_cache_is_used(package: Path, tmp_path: Path) -> None:
