@@ -194,7 +194,7 @@ def _header(
     networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
     named = {**parts.extractors, **parts.losses, "the renderer": parts.renderer, "the search": search}
     named["the scene"] = scene.geometry
-    code = {name: code_of(part) for name, part in named.items()}
+    code = {**{name: code_of(part) for name, part in named.items()}, "the scene": scene.code}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,

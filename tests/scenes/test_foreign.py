@@ -243,11 +243,15 @@ class Drawer:
 """
 
 
-def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path: Path) -> None:
+OURS = "from cltransfer.bench.synthetic_room import synthetic_room\n"
+
+
+@pytest.mark.parametrize("source", [READER, OURS + READER.replace("Dots()", "synthetic_room(50)")])
+def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path: Path, source: str) -> None:
     (tmp_path / "stage.dots").write_bytes(b"")
     seen = set()
     for change in ("", "# it reads other primitives now\n"):
-        (tmp_path / "dots.py").write_text(READER + change)
+        (tmp_path / "dots.py").write_text(source + change)
         allow([tmp_path / "dots.py"])
         seen |= {str(cached_lift(load_scene(tmp_path / "stage.dots"), {})), digest(str(tmp_path / "stage.dots"))}
         del RENDERERS._classes["dots"]
