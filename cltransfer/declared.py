@@ -43,6 +43,7 @@ class Declared:
         example: how it is written.
         right: whether a value of it can be meant.
         option: it is a field, so that a config can set it.
+        of_class: it is asked of the class, before there is any component.
         when: of which classes it is expected.
     """
 
@@ -51,6 +52,7 @@ class Declared:
     example: str
     right: Callable[[Any], bool] = callable
     option: bool = False
+    of_class: bool = False
     when: Callable[[type[Any]], bool] = _always
 
     def found(self, cls: type[Any]) -> str:
@@ -61,7 +63,7 @@ class Declared:
             return f"has no option {self.name}"
         if value is _ABSENT:
             return "" if is_option else f"has no {self.name}"
-        told_by_each = isinstance(value, property | cached_property | MemberDescriptorType)
+        told_by_each = not self.of_class and isinstance(value, property | cached_property | MemberDescriptorType)
         return "" if told_by_each or self.right(value) else f"has {self.name} = {reprlib.repr(value)}"
 
 
@@ -174,11 +176,11 @@ RENDERER = (
     ),
     Declared(
         "suffixes", f"a tuple of suffixes in small letters, none of {', '.join(SCENE_SUFFIXES)}",
-        'suffixes = (".mine",)', _suffixes, when=_reads,
+        'suffixes = (".mine",)', _suffixes, of_class=True, when=_reads,
     ),
     Declared(
         "read", "a static or class method that reads a file of its suffixes", "@staticmethod def read(path)",
-        _of_the_class, when=_reads,
+        _of_the_class, of_class=True, when=_reads,
     ),
 )  # fmt: skip
 SEARCH = (

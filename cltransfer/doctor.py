@@ -95,7 +95,7 @@ def _cache() -> str:
 
 
 def _kernels() -> str:
-    from .renderers.kernels.compiled import folder
+    from .compiled import folder
 
     place = folder()
     if place is None:

@@ -11,6 +11,7 @@ from .errors import ResourceError, UsageError
 
 VARIABLE = "CLTRANSFER_MEMORY"
 LITTLE = 2**26  # bytes that are taken without asking: a look at what is free takes 0.1 ms
+THREAD = 80 * 2**20  # bytes that its stack and heap reserve, which `ulimit -v` counts
 _CGROUP = Path("/sys/fs/cgroup")
 
 
@@ -51,12 +52,18 @@ def require_free(need: int, where: str | Path, what: str, hint: str) -> None:
         raise ResourceError(where, "memory", reason, f"raise the limit of the system or of {VARIABLE}, or {hint}")
 
 
-def affordable(workers: int, each: int) -> int:
-    """How many of ``workers`` there is memory for at once where each takes ``each`` bytes; one at least."""
+def affordable(workers: int, each: int, beside: int = 0) -> int:
+    """How many of ``workers`` there is memory for at once; one at least.
+
+    Args:
+        workers: threads that there are.
+        each: bytes that one takes, beside its stack and heap.
+        beside: bytes that all together take, however many there are.
+    """
     if workers * each <= LITTLE:
         return workers
     free = free_bytes()
-    return workers if free is None else max(1, min(workers, free // each))
+    return workers if free is None else max(1, min(workers, (free - beside) // (each + THREAD)))
 
 
 def _of_machine() -> list[int]:

@@ -196,7 +196,7 @@ def _header(
     named |= {f"loss {name}": loss for name, loss in parts.losses.items()}  # an extractor may have the same name
     named |= {"the renderer": parts.renderer, "the search": search}
     # what a scene's file says is in its digest; a path that stands in it is nobody's option
-    code = {name: code_of(part) for name, part in {**named, "the scene": scene.geometry}.items()}
+    code = {**{name: code_of(part) for name, part in named.items()}, "the scene": scene.code}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "scene": scene.digest,

@@ -24,7 +24,6 @@ from .models.content import reading
 from .plan import Family, Plan
 from .progress import Progress, silent
 from .read_frames import check_maps, read_frames
-from .registry import code_of
 from .run_files import kept_frames
 from .scene_source import split_scene
 
@@ -187,7 +186,7 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         return replace(rendered, image=images[-1].float() / 255)
 
     features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
-    told = [scene.digest, scene.person_digest, path.to_json(), *filter(None, [code_of(scene.geometry)])]
+    told = [scene.digest, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
     name = source.removeprefix("builtin:").replace("@", "-")

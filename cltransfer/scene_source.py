@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-LONGEST = 2**13  # characters; a path has 4,096 at most, and every @ is tried
+MARKS = 64  # @ that are tried, the last ones: a file that anybody has written may hold any number of them
 
 
 def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
@@ -24,13 +24,14 @@ def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
     if source.startswith("builtin:"):
         scene, at, path = source.partition("@")
         return (scene, path) if at else None
-    if "@" not in source or not source.endswith(".json") or len(source) > LONGEST or os.path.exists(folder / source):
+    if "@" not in source or not source.endswith(".json") or os.path.exists(folder / source):
         return None
-    splits = [(source[:i], source[i + 1 :]) for i in reversed(range(len(source))) if source[i] == "@"]
+    marks = [i for i in range(1, len(source)) if source[i] == "@"][-MARKS:]
+    splits = [(source[:i], source[i + 1 :]) for i in reversed(marks)]
     known = [split for split in splits if _is_there(folder, split[0])] or splits
-    return next((split for split in known if os.path.exists(folder / split[1])), known[0])
+    return next((split for split in known if os.path.exists(folder / split[1])), known[0] if known else None)
 
 
 def _is_there(folder: Path, scene: str) -> bool:
-    file, mark, _ = scene.rpartition("#")  # man.glb#t=0.6
-    return os.path.exists(folder / scene) or (mark != "" and os.path.exists(folder / file))
+    file = scene.rpartition("#")[0]  # man.glb#t=0.6
+    return os.path.exists(folder / scene) or (file != "" and os.path.exists(folder / file))

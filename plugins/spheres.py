@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -16,7 +17,14 @@ from cltransfer.errors import InputError, UsageError
 from cltransfer.files import check_size
 
 LIMIT = 2**20  # bytes of a file, and of what is packed in it: about 35,000 spheres
-COLUMNS = {"centers": (3,), "radii": (), "colors": (3,), "label": ()}  # what a row of each is
+PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # numpy's; others unpack to more than the size they state
+AT_ONCE = 2**22  # rays times spheres that are drawn at once: 100 MB
+COLUMNS: dict[str, tuple[tuple[int, ...], str, Callable[[Tensor], Tensor]]] = {  # what a row of each is
+    "centers": ((3,), "finite numbers", torch.isfinite),
+    "radii": ((), "finite numbers above 0", lambda values: (values > 0) & values.isfinite()),
+    "colors": ((3,), "numbers in [0, 1]", lambda values: (values >= 0) & (values <= 1)),
+    "label": ((), "numbers in [0, 1]", lambda values: (values >= 0) & (values <= 1)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +82,20 @@ class Spheres:
         check_size(path, LIMIT)
         try:
             with zipfile.ZipFile(path) as packed:
-                if (size := sum(member.file_size for member in packed.infolist())) > LIMIT:
-                    raise InputError(path, "", f"expected at most {LIMIT} bytes unpacked, got {size}")
+                members = packed.infolist()
+            if sum(member.file_size for member in members) > LIMIT or {m.compress_type for m in members} - PACKED:
+                raise ValueError(f"at most {LIMIT} bytes unpacked, of np.savez or np.savez_compressed")
             with np.load(path, allow_pickle=False) as arrays:
                 columns = {name: torch.from_numpy(arrays[name].astype(np.float32)) for name in COLUMNS}
-        except (ValueError, KeyError, OSError, zipfile.BadZipFile) as error:
+        except Exception as error:  # zipfile, zlib and numpy raise ten kinds, and MemoryError of a shape that lies
             raise InputError(path, "", f"expected an .npz of {', '.join(COLUMNS)}: {error}") from None
-        for name, row in COLUMNS.items():
-            shape, got = (len(columns["radii"]), *row), tuple(columns[name].shape)
+        count = max(1, columns["radii"].numel())
+        for name, (row, wanted, right) in COLUMNS.items():
+            shape, got = (count, *row), tuple(columns[name].shape)
             if got != shape:
                 raise InputError(path, name, f"expected {shape}, got {got}")
-        if not bool((columns["radii"] > 0).all()):
-            raise InputError(path, "radii", f"expected more than 0, got {float(columns['radii'].min()):g}")
+            if not bool(right(columns[name]).all()):
+                raise InputError(path, name, f"expected {wanted}")
         return Ball(**columns)
 
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
@@ -98,15 +108,16 @@ class Spheres:
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     def _frame(self, ball: Ball, camera: Camera) -> dict[str, Tensor]:
-        """Each pixel's nearest sphere, by the first root of |eye + t ray - center|^2 = radius^2."""
+        """Each pixel's nearest sphere, lit."""
         width, height = camera.size
         x, y = torch.meshgrid(torch.arange(width) + 0.5, torch.arange(height) + 0.5, indexing="xy")
         pixels = torch.stack([x, y, torch.ones_like(x)], -1).double().reshape(-1, 3)
         rays = (pixels @ camera.K[0].inverse().T @ camera.w2c[0, :3, :3]).float()  # t is the depth: 1 along the axis
         away = camera.center[0].float() - ball.centers  # (N, 3)
-        a, b, c = (rays**2).sum(1, keepdim=True), rays @ away.T, (away**2).sum(1) - ball.radii**2
-        first = (-b - (b**2 - a * c).sqrt()) / a  # (H W, N); NaN past the sphere
-        depth, which = torch.where(first > self.near, first, torch.inf).min(1)
+        depth, which = torch.empty(len(rays)), torch.empty(len(rays), dtype=torch.long)
+        step = max(1, AT_ONCE // len(ball))
+        for i in range(0, len(rays), step):
+            depth[i : i + step], which[i : i + step] = self._met(ball, away, rays[i : i + step])
         seen = depth.isfinite()
         outward = (depth.nan_to_num(posinf=0)[:, None] * rays + away[which]) / ball.radii[which, None]
         light = -(outward * torch.nn.functional.normalize(rays, dim=1)).sum(1, keepdim=True).clamp(-1, 0)
@@ -117,3 +128,10 @@ class Spheres:
             "label": (ball.label[which] * seen).reshape(height, width),
             "depth": depth.masked_fill(~seen, torch.nan).reshape(height, width),
         }
+
+    def _met(self, ball: Ball, away: Tensor, rays: Tensor) -> tuple[Tensor, Tensor]:
+        """How far along R rays their nearest sphere is, and which: the first root of |away + t ray|^2 = radius^2."""
+        a, b, c = (rays**2).sum(1, keepdim=True), rays @ away.T, (away**2).sum(1) - ball.radii**2
+        first = (-b - (b**2 - a * c).sqrt()) / a  # (R, N); NaN past the sphere
+        distance, which = torch.where(first > self.near, first, torch.inf).min(1)
+        return distance, which

@@ -9,8 +9,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.camera import Camera
+from cltransfer.errors import ModelError
 from cltransfer.features import Features
-from cltransfer.testing import LossCase, sample_features
+from cltransfer.renderers._request import drawn_by
+from cltransfer.scenes import Scene
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.testing import LossCase, RendererCase, sample_features
 
 
 @dataclass(frozen=True)
@@ -40,3 +45,25 @@ class TestGazeMatch(LossCase):
 def test_a_feature_that_the_frames_lack_is_named_with_how_to_give_it(test: str) -> None:
     with pytest.raises(AssertionError, match=r"^sample gives no gaze: override sample\(self, seed, batch\), .*'gaze'"):
         getattr(Unaware(), test)()
+
+
+@dataclass(frozen=True)
+class Alone:
+    """Draws nothing, and does not say whom."""
+
+    provides: ClassVar[frozenset[str]] = frozenset({"alpha"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        return Features(cameras.size, alpha=torch.zeros(len(cameras), *cameras.size[::-1]), camera=cameras)
+
+
+class Forgetful(RendererCase):
+    component: ClassVar[Any] = Alone()
+    scene, points = builtin_scene("plaza"), torch.zeros(1, 3)
+
+
+def test_a_renderer_that_the_program_refuses_does_not_keep_to_the_contract() -> None:
+    with pytest.raises(ModelError, match="expected camera and person beside the buffers, got no person"):
+        drawn_by(Alone(), Forgetful.scene, Forgetful().cameras(1), Alone.provides)
+    with pytest.raises(AssertionError, match=r"return Features\(\.\.\., camera=cameras, person=scene\.subject\)"):
+        Forgetful().test_renders_the_buffers_asked_for_and_no_more()

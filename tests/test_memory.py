@@ -8,7 +8,7 @@ import pytest
 
 from cltransfer import memory
 from cltransfer.errors import ResourceError, UsageError
-from cltransfer.memory import LITTLE, VARIABLE, affordable, free_bytes, require_free
+from cltransfer.memory import LITTLE, THREAD, VARIABLE, affordable, free_bytes, require_free
 
 
 @pytest.fixture
@@ -79,10 +79,10 @@ def test_what_is_more_than_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
     assert str(caught.value) == f"a.glb: memory: meshes need 3 MB, 1 MB are free ({hint})"
 
 
-@pytest.mark.parametrize(
-    ("free", "workers"), [(None, 8), (9 * LITTLE, 8), (3 * LITTLE + 1, 3), (LITTLE - 1, 1), (0, 1)]
-)
-def test_as_many_work_as_there_is_memory_for(monkeypatch: pytest.MonkeyPatch, free: int | None, workers: int) -> None:
-    monkeypatch.setattr(memory, "free_bytes", lambda: free)
+@pytest.mark.parametrize(("free", "workers"), [(None, 8), (9.0, 8), (3.1, 3), (2.9, 2), (0.9, 1), (0, 1)])
+def test_as_many_work_as_there_is_memory_for(monkeypatch: pytest.MonkeyPatch, free: float | None, workers: int) -> None:
+    there = None if free is None else int(free * (LITTLE + THREAD))
+    monkeypatch.setattr(memory, "free_bytes", lambda: there)
     assert affordable(8, LITTLE) == workers
     assert affordable(8, LITTLE // 8) == 8  # too little to ask
+    assert affordable(8, LITTLE, beside=10 * (LITTLE + THREAD)) == (8 if free is None else 1)

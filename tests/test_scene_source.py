@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -27,8 +28,18 @@ SPLIT = {
     "a@b/scene.ply@a@b/none.json": ("a@b/scene.ply", "a@b/none.json"),
     "none.ply@shot.json": ("none.ply", "shot.json"),
     "no@ne.ply@none.json": ("no@ne.ply", "none.json"),
+    "@none.ply@none.json": ("@none.ply", "none.json"),
+    "#@none.ply@none.json": ("#@none.ply", "none.json"),
 }
-WHOLE = ("my@take.json", "a@b/shot.json", "a@b/clip.mp4", "a@b/clip.mp4#t=0,1", "a@b/none.mp4", "none.json")
+WHOLE = (
+    "@shot.json",
+    "my@take.json",
+    "a@b/shot.json",
+    "a@b/clip.mp4",
+    "a@b/clip.mp4#t=0,1",
+    "a@b/none.mp4",
+    "none.json",
+)
 
 
 @pytest.fixture
@@ -52,6 +63,17 @@ def test_a_file_is_no_scene_with_a_trajectory(folder: Path, source: str, monkeyp
     assert split_scene(source, folder) is None
     monkeypatch.chdir(folder)
     assert not is_scene(source)
+
+
+@pytest.mark.parametrize("name", ["@", "scene.ply@", "no@"])
+def test_a_name_of_many_marks_takes_no_memory(folder: Path, name: str) -> None:
+    source = f"{name * 10_000}.json"
+    tracemalloc.start()
+    found = split_scene(source, folder)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found == tuple(source.rsplit("@", 1))
+    assert peak < 200 * len(source)
 
 
 def test_a_reference_is_read_from_a_folder_with_an_at(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from ..files import content_hash
 from ..models.content import files_content, model_content, own_model
 from ..registry import code_of
 from ..scene_source import split_scene
-from ..scenes.foreign import reader_of
+from ..scenes.foreign import reader_code
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
 
@@ -31,9 +31,9 @@ def _content(path: Path) -> str:
     """SHA-256 of a file or folder and of what goes with it: parts of a scene, labels of a person, a plugin's reader."""
     if path.suffix.lower() in MADE_OF_FILES:
         return load_scene(path).digest
-    labels, reader = path.with_name(LABELS), reader_of(path)
+    labels = path.with_name(LABELS)
     beside = content_hash(labels) if path.name == SUBJECT and labels.is_file() else ""
-    return content_hash(path) + beside + ("" if reader is None else code_of(reader))
+    return content_hash(path) + beside + reader_code(path)
 
 
 def digest(source: str | None, content: Callable[[Path], str] = _content) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 
-@njit(cache=True, nogil=True)
+
+@kernel(nogil=True)
 def static_flow(depth: NDArray, turn: NDArray, shift: NDArray, size: tuple[float, float]) -> NDArray:
     """Backward flow (B, 2, H, W) float32 [px of ``size``] of a static scene; NaN where undefined.
 

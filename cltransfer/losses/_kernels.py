@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ..compiled import kernel
 
 BINS = 256
 PIXELS = 160 * 90  # Scott's rule counts a layer's pixels as in a frame of this many
@@ -14,7 +15,7 @@ FLOOR = 0.01  # least bandwidth, as a part of the range of log depth
 TIE = 1e-6  # peaks that differ by less than this part of the highest count as equally high
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _bin_linearly(values: NDArray, low: float, step: float, histogram: NDArray) -> None:
     """Share each value between its two nearest bin centres, ``low + i * step``."""
     for value in values:
@@ -24,7 +25,7 @@ def _bin_linearly(values: NDArray, low: float, step: float, histogram: NDArray) 
         histogram[i + 1] += place - i
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _smooth(histogram: NDArray, sigma: float) -> NDArray:
     """Histogram convolved with a Gaussian of ``sigma`` bins, cut at 4 sigma."""
     reach = min(int(4 * sigma) + 1, BINS - 1)
@@ -37,7 +38,7 @@ def _smooth(histogram: NDArray, sigma: float) -> NDArray:
     return density
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _highest(density: NDArray, median: float) -> float:
     """Place of the highest peak in bins, refined by a parabola; of equal ones the nearest to ``median``."""
     limit = density.max() * (1 - TIE)
@@ -52,7 +53,7 @@ def _highest(density: NDArray, median: float) -> float:
     return best + (0.5 * (before - after) / bend if bend < 0 else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def mode_of_log(values: NDArray, area: float) -> float:
     """Mode of the Gaussian KDE of ``values``, (N,), N >= 1, on ``area`` in (0, 1] of the frame."""
     low, high = values.min(), values.max()
@@ -67,7 +68,7 @@ def mode_of_log(values: NDArray, area: float) -> float:
     return low + step * _highest(density, median)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def depth_modes(depth: NDArray, masks: NDArray) -> NDArray:
     """Modes (B, K) of depth (B, H, W) under masks (B, K, H, W) bool; NaN where a mask holds no depth > 0."""
     batch, layers, height, width = masks.shape
@@ -87,7 +88,7 @@ def depth_modes(depth: NDArray, masks: NDArray) -> NDArray:
     return modes
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def flow_sums(flow: NDArray, weight: NDArray, layers: NDArray) -> NDArray:
     """Weighted sums (B, K, 12) over each layer's pixels that have a flow.
 

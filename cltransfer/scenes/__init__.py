@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
+from ..registry import code_of
 from ..subject import Subject
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ class Scene:
         subject: the person, None until lifted.
         up: unit vector upwards, (3,) float64.
         name: for tables and folders.
-        digest: SHA-256 of what it was read from, the key of every cache about it.
+        digest: SHA-256 of what it was read from, the key of every cache about it, with :attr:`code`.
+        read_by: SHA-256 of the plugin's code that has read it, empty where we have.
     """
 
     geometry: Splats | Any
@@ -33,6 +35,12 @@ class Scene:
     up: Tensor  # (3,)
     name: str
     digest: str
+    read_by: str = ""
+
+    @property
+    def code(self) -> str:
+        """SHA-256 of the plugin's code that the geometry comes from, empty for ours: it may make another tomorrow."""
+        return self.read_by or code_of(self.geometry)
 
     @property
     def person_digest(self) -> str:

@@ -29,7 +29,8 @@ INSET = 0.5  # voxels by which the shell lies inside the surface, so that its ou
 MARGIN = 2  # empty cells around the shell
 PER_CELL = 3.0  # samples along a cell's edge
 VERTEX_BYTES, SAMPLE_BYTES = 300, 420  # of a grid while it is baked, measured and rounded up
-SPLAT_BYTES, FACE_BYTES = 480, 160  # of a Gaussian and of a face while Gaussians are baked, likewise
+SPLAT_BYTES, FACE_BYTES = 480, 160  # of a Gaussian and of a face while they are baked, likewise
+BLOCK = 2**18  # faces whose area is worked out at once: 40 MB
 _PLASTIC = 1.32471795724474602596  # its powers give the most even sequence of points in a triangle
 
 
@@ -63,8 +64,9 @@ def sample_surface(mesh: Mesh, count: int) -> Samples:
     """
     if count < 1:
         raise ValueError(f"expected a positive count, got {count}")
-    total, across = _positive_area(mesh), _across(mesh)
+    across = _across(mesh, mesh.faces)
     areas = across.norm(dim=1) / 2
+    total = _positive(float(areas.sum()), mesh)
     index = torch.arange(count, dtype=torch.float64)
     face = torch.searchsorted(areas.cumsum(0), (index + 0.5) / count * total).clamp(max=len(areas) - 1)
     weights = _barycentric(index)
@@ -76,22 +78,21 @@ def sample_surface(mesh: Mesh, count: int) -> Samples:
 
 def surface_area(mesh: Mesh) -> float:
     """Of all faces, squared scene units."""
-    return float(_across(mesh).norm(dim=1).sum()) / 2
+    return sum(float(_across(mesh, faces).norm(dim=1).sum()) for faces in mesh.faces.split(BLOCK)) / 2
 
 
-def _across(mesh: Mesh) -> Tensor:
-    """Normals of the faces, (F, 3) float64, twice as long as each has area."""
-    corners = mesh.vertices[mesh.faces.long()].double()  # (F, 3, 3)
+def _across(mesh: Mesh, faces: Tensor) -> Tensor:
+    """Normals of ``faces`` of the mesh, (F, 3) float64, twice as long as each has area."""
+    corners = mesh.vertices[faces.long()].double()  # (F, 3, 3)
     return torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _positive_area(mesh: Mesh) -> float:
-    """Its area.
+def _positive(area: float, mesh: Mesh) -> float:
+    """The area.
 
     Raises:
-        ValueError: it has none.
+        ValueError: there is none.
     """
-    area = surface_area(mesh)
     if not area > 0:
         raise ValueError(f"expected a mesh with an area, got {len(mesh)} faces of an area of {area}")
     return area
@@ -163,14 +164,15 @@ def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
     """
     if cells < 2:
         raise ValueError(f"cells must be at least 2, got {cells}")
-    area = _positive_area(mesh)
+    require_free(FACE_BYTES * len(mesh), "", f"{len(mesh)} faces", "thin the mesh")
+    area = _positive(surface_area(mesh), mesh)
     used = mesh.vertices[mesh.faces.long().unique()].double()
     low, high = used.amin(0), used.amax(0)
     voxel = float((high - low).max()) / cells
     origin = low - MARGIN * voxel
     shape = ((high - origin) / voxel).ceil().long() + MARGIN + 1  # vertices along x, y, z
     count = int(area * (PER_CELL / voxel) ** 2) + 1
-    _check_need(cells, int(shape.prod()), count)
+    _check_need(cells, int(shape.prod()), count, len(mesh))
     samples = sample_surface(mesh, count)
     values = torch.cat([torch.ones(len(samples.points), 1), samples.colors, samples.label[:, None]], dim=1)
     inside = samples.points - INSET * voxel * samples.normals
@@ -183,14 +185,14 @@ def bake_grid(mesh: Mesh, cells: int = 224) -> NerfGrid:
     return NerfGrid(density.float(), sh.float(), paint[..., 3].clamp(0, 1).float(), aabb)
 
 
-def _check_need(cells: int, vertices: int, samples: int) -> None:
+def _check_need(cells: int, vertices: int, samples: int, faces: int) -> None:
     """Hold a grid against the limit of its files and against the memory there is."""
     if vertices > MOST_VERTICES:
         reason = (
             f"expected a grid of at most {MOST_VERTICES} vertices, {cells} cells along its longest side are {vertices}"
         )
         raise UsageError("", "cells", reason, "take fewer")
-    need = VERTEX_BYTES * vertices + SAMPLE_BYTES * samples
+    need = VERTEX_BYTES * vertices + SAMPLE_BYTES * samples + FACE_BYTES * faces
     require_free(need, "", f"a grid's {vertices} vertices and {samples} samples", "take fewer cells")
 
 

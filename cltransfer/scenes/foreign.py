@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import ModelError, named
 from ..files import check_size
-from ..registry import RENDERERS
+from ..registry import RENDERERS, code_of
 from .geometry import Geometry, lacking
 
 
@@ -31,6 +31,16 @@ def reader_of(path: Path) -> type[Any] | None:
             path, "", f"{suffix} is read by renderers {who}, expected one", "allow only one of the plugins"
         )
     return next(iter(found.values()), None)
+
+
+def reader_code(path: Path) -> str:
+    """SHA-256 of the plugin's code that reads files of this suffix, empty where none does.
+
+    Raises:
+        ModelError: several do.
+    """
+    reader = reader_of(path)
+    return "" if reader is None else code_of(reader)
 
 
 def read_foreign(path: Path, reader: type[Any]) -> Geometry:

@@ -20,7 +20,6 @@ from ..files import cache_dir, into_cache
 from ..graph import run
 from ..models.content import reading
 from ..plan import CLIP_SOURCE, Plan, make_plan
-from ..registry import code_of
 from ..renderers._request import drawn_by
 from ..subject import Subject
 from ..tensor_file import save_tensors
@@ -168,6 +167,5 @@ def lifted_scene(
 def cached_lift(scene: Scene, extractors: Mapping[str, Any]) -> Path:
     """Where the cache keeps the person of this scene, read with these extractors."""
     used = {n: reading(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
-    read_by = [code] if (code := code_of(scene.geometry)) else []  # a plugin may read other primitives tomorrow
-    text = json.dumps([__version__, scene.digest, scene.up.tolist(), used, *read_by], default=str)
+    text = json.dumps([__version__, scene.digest, scene.up.tolist(), used, *filter(None, [scene.code])], default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

@@ -14,7 +14,7 @@ from ..declared import SCENE_SUFFIXES
 from ..errors import InputError, UsageError
 from ..files import content_hash
 from . import Scene
-from .foreign import own_suffixes, read_foreign, reader_of
+from .foreign import own_suffixes, read_foreign, reader_code, reader_of
 from .moment import START, Moment, split_moment
 from .ply_header import has_faces
 
@@ -62,7 +62,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         return read_composed(path, None if up is None else _components(up))
     if suffix in MESH_SUFFIXES or (suffix == ".ply" and has_faces(path)):
         return _mesh_scene(path, moment, up)
-    return Scene(_geometry(path), None, _unit(up or SPLAT_UP), path.stem, content_hash(path))
+    return Scene(_geometry(path), None, _unit(up or SPLAT_UP), path.stem, content_hash(path), reader_code(path))
 
 
 def _mesh_scene(path: Path, moment: Moment | None, up: tuple[float, float, float] | None) -> Scene:

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
+import struct
+import sys
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -106,6 +111,86 @@ def test_a_pickle_in_the_file_of_a_stranger_does_not_run(tmp_path: Path) -> None
     with pytest.raises(InputError, match=r"mean\.npz: expected an \.npz of centers, .*allow_pickle"):
         load_scene(tmp_path / "mean.npz")
     assert not (tmp_path / "ran").exists()
+
+
+def npy(shape: tuple[int, ...]) -> bytes:
+    """An array of numpy's that is said to have this shape, without its values."""
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+def test_a_small_file_of_a_stranger_does_not_unpack_to_a_large_one(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_BZIP2) as packed:
+        packed.writestr("centers.npy", npy((20_000, 3)) + bytes(300 * 2**20))
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"PK\x01\x02") + 24
+    content[at : at + 4] = struct.pack("<I", 240_128)  # the size that the list of members states
+    path.write_bytes(content)
+    with zipfile.ZipFile(tmp_path / "lie.npz", "w") as packed:
+        packed.writestr("centers.npy", npy((10**13, 3)))
+    allow([FILE])
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"bomb\.npz: expected an \.npz of centers.*np\.savez"):
+        load_scene(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * 2**20
+    with pytest.raises(InputError, match=r"lie\.npz: expected an \.npz of centers"):
+        load_scene(tmp_path / "lie.npz")
+
+
+DAMAGED = [
+    ({"centers": np.full((5, 3), np.nan)}, "centers: expected finite numbers"),
+    ({"radii": np.full(5, np.inf)}, "radii: expected finite numbers above 0"),
+    ({"radii": np.zeros(5)}, "radii: expected finite numbers above 0"),
+    ({"radii": np.float32(1)}, r"centers: expected \(1, 3\), got \(5, 3\)"),
+    ({"colors": np.full((5, 3), np.nan)}, r"colors: expected numbers in \[0, 1\]"),
+    ({"label": np.full(5, 2.0)}, r"label: expected numbers in \[0, 1\]"),
+    ({"label": np.zeros(4)}, r"label: expected \(5,\), got \(4,\)"),
+    ({"centers": np.zeros((0, 3)), "radii": np.zeros(0)}, r"centers: expected \(1, 3\), got \(0, 3\)"),
+]
+
+
+@pytest.mark.parametrize(("change", "line"), DAMAGED)
+def test_a_damaged_file_is_told_by_its_array(tmp_path: Path, change: dict[str, Any], line: str) -> None:
+    allow([FILE])
+    values = {"centers": np.zeros((5, 3)), "radii": np.ones(5), "colors": np.ones((5, 3)), "label": np.zeros(5)}
+    np.savez(tmp_path / "stage.npz", **{**values, **change})  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=rf"stage\.npz: {line}"):
+        load_scene(tmp_path / "stage.npz")
+
+
+def test_a_damaged_stream_is_told_as_a_damaged_file(stage: Path) -> None:
+    allow([FILE])
+    np.savez_compressed(stage, **stage_of_spheres())  # type: ignore[arg-type]
+    content = bytearray(stage.read_bytes())
+    content[60:90] = bytes(byte ^ 0x5A for byte in content[60:90])
+    stage.write_bytes(content)
+    with pytest.raises(InputError, match=r"stage\.npz: expected an \.npz of centers"):
+        load_scene(stage)
+
+
+def test_many_spheres_are_drawn_a_part_of_the_rays_at_a_time(stage: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    allow([FILE])
+    scene, cameras = load_scene(stage, (0.0, 0.0, 1.0)), sample_cameras(0, 1)
+    renderer, parts = RENDERERS.build("spheres"), list[int]()
+    module = sys.modules[type(renderer).__module__]
+    met, buffers = module.Spheres._met, renderer.provides
+    whole = renderer.render(scene, cameras, buffers)
+
+    def counted(self: Any, ball: Any, away: Tensor, rays: Tensor) -> Any:
+        parts.append(len(ball) * len(rays))
+        return met(self, ball, away, rays)
+
+    monkeypatch.setattr(module, "AT_ONCE", 10_000)
+    monkeypatch.setattr(module.Spheres, "_met", counted)
+    drawn = renderer.render(scene, cameras, buffers)
+    assert len(parts) > 1
+    assert max(parts) <= 10_000
+    for name in buffers:
+        torch.testing.assert_close(drawn.require(name), whole.require(name), equal_nan=True)
 
 
 def test_a_scene_that_is_no_spheres_is_refused(stage: Path) -> None:

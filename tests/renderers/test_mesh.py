@@ -380,16 +380,22 @@ def test_fewer_threads_draw_where_their_rays_would_not_fit_and_the_pixels_are_th
 ) -> None:
     scene = scene_of(quad([[-1.0, -1, 2], [1, -1, 2], [1, 1, 2.5], [-1, 1, 2.5]]))
     cameras, renderer = room_cameras(3, (160, 90)), Renderer(samples=8, threads=3)
-    need = kernels.scratch_bytes(4, cameras.size, 8, True)
+    frames, need = 3 * 160 * 90 * 28, kernels.scratch_bytes(4, cameras.size, 8, True)
     drawn = []
-    for free in (None, 2 * need, need):
+    two = frames + 2 * (need + memory.THREAD)
+    for free in (None, two, two - 1):
         monkeypatch.setattr(memory, "free_bytes", lambda free=free: free)
         drawn.append(renderer.render(scene, cameras, ALL))
     assert pools == [3, 2]  # one draws by itself
     for name in ALL:
         assert len({d.require(name).numpy().tobytes() for d in drawn}) == 1
     large = forward_camera((320, 180), 100.0)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 9 * 2**20)
     with pytest.raises(
-        ResourceError, match=r"^memory: 8x8 rays a pixel of frames of 320x180 need 127 MB, 32 MB are free"
+        ResourceError, match=r"^memory: 8x8 rays a pixel of frames of 320x180 need 128 MB, 9 MB .*fewer samples\)"
     ):
         renderer.render(scene, large, ALL)
+    monkeypatch.setattr(memory, "LITTLE", 0)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 0)
+    with pytest.raises(ResourceError, match=r"^memory: 1x1 rays a pixel .* 0 MB are free .*draw smaller frames\)"):
+        Renderer().render(scene, forward_camera((1920, 1080), 500.0), ALL)

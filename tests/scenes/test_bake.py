@@ -21,8 +21,8 @@ from cltransfer.features import Features
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.mesh import Mesh as MeshRenderer
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
-from cltransfer.scenes import Scene
-from cltransfer.scenes.bake import bake_grid, bake_splats, sample_surface
+from cltransfer.scenes import Scene, bake
+from cltransfer.scenes.bake import bake_grid, bake_splats, sample_surface, surface_area
 from cltransfer.scenes.mesh import Mesh
 from cltransfer.scenes.read_mesh import read_mesh
 
@@ -169,6 +169,25 @@ def test_a_texture_is_baked_beyond_its_edges_as_it_goes_on_there() -> None:
         x = samples.points[:, 0]
         expected = torch.where(x < 0.5, left, right).double()
         assert bool((samples.colors[:, 0] == expected)[(x - 0.5).abs() > 1e-9].all())
+
+
+def test_the_area_of_many_faces_takes_no_memory_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, usual, asked = snowman(), bake._across, list[int]()
+    whole = surface_area(mesh)
+
+    def across(mesh: Mesh, faces: torch.Tensor) -> torch.Tensor:
+        asked.append(len(faces))
+        return usual(mesh, faces)
+
+    monkeypatch.setattr(bake, "_across", across)
+    monkeypatch.setattr(bake, "BLOCK", 100)
+    assert surface_area(mesh) == pytest.approx(whole, rel=1e-12)
+    assert (max(asked), sum(asked)) == (100, len(mesh))
+    asked.clear()
+    monkeypatch.setattr(memory, "free_bytes", lambda: bake.FACE_BYTES * len(mesh) - 1)
+    with pytest.raises(ResourceError, match=rf"memory: {len(mesh)} faces need .* or thin the mesh"):
+        bake_grid(mesh)
+    assert asked == []
 
 
 def test_nothing_to_bake_is_refused() -> None:

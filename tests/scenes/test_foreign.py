@@ -177,6 +177,19 @@ def test_a_reader_that_needs_options_or_is_missing_is_refused() -> None:
             RENDERERS.register("points")(cls)
 
 
+def test_suffixes_that_only_a_component_could_tell_are_refused() -> None:
+    @dataclass(frozen=True)
+    class Late(Drawer):
+        read = staticmethod(lambda path: RIGHT)
+
+        @property
+        def suffixes(self) -> tuple[str, ...]:
+            return (".pts",)
+
+    with pytest.raises(ModelError, match=r"class Late has suffixes = <property.*write suffixes = \(\"\.mine\",\)"):
+        RENDERERS.register("points")(Late)
+
+
 def test_every_suffix_that_cannot_be_taken_is_read_by_us(tmp_path: Path) -> None:
     for suffix in SCENE_SUFFIXES:
         with pytest.raises(InputError, match="no such file"):
@@ -249,11 +262,15 @@ class Drawer:
 """
 
 
-def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path: Path) -> None:
+OURS = "from cltransfer.bench.synthetic_room import synthetic_room\n"
+
+
+@pytest.mark.parametrize("source", [READER, OURS + READER.replace("Dots()", "synthetic_room(50)")])
+def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path: Path, source: str) -> None:
     (tmp_path / "stage.dots").write_bytes(b"")
     seen = set()
     for change in ("", "# it reads other primitives now\n"):
-        (tmp_path / "dots.py").write_text(READER + change)
+        (tmp_path / "dots.py").write_text(source + change)
         allow([tmp_path / "dots.py"])
         seen |= {str(cached_lift(load_scene(tmp_path / "stage.dots"), {})), digest(str(tmp_path / "stage.dots"))}
         del RENDERERS._classes["dots"]

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ...compiled import kernel
 from . import CACHED, INLINE, Array, f32
-from .compiled import kernel
 from .grid_march import (
     LOOSE,
     MIN_TRANSMITTANCE,

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from ...compiled import kernel
 from . import CACHED, INLINE, Array, f32
-from .compiled import kernel
 from .grid_pack import BRICK, Packed
 
 MIN_TRANSMITTANCE = 1e-4  # a ray ends when less is left

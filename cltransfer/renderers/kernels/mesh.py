@@ -15,6 +15,7 @@ from .mesh_raster import HOLE, rasterise, resolve, to_camera
 from .mesh_shade import shade
 
 RAY_BYTES, COLOR_BYTES, VERTEX_BYTES = 24, 12, 40  # of a thread's scratch
+PIXEL_BYTES = 16  # of a frame, without its colour
 
 
 class Packed(NamedTuple):
@@ -85,15 +86,17 @@ def render(packed: Packed, views: Views, settings: Settings, color: bool, thread
     The result does not depend on it.
 
     Raises:
-        ResourceError: the scratch of one does not fit in memory.
+        ResourceError: they and the scratch of one do not fit in memory.
     """
-    need = scratch_bytes(len(packed.vertices), views.size, settings.samples, color)
-    if need > LITTLE:
-        rays, size = f"{settings.samples}x{settings.samples} rays a pixel", "x".join(map(str, views.size))
-        require_free(need, "", f"{rays} of frames of {size}", "take fewer samples")
-    workers = affordable(min(threads, len(views.w2c)), need)
-    out = _buffers(len(views.w2c), views.size, color)
-    work = iter(range(len(views.w2c)))
+    count, samples = len(views.w2c), settings.samples
+    need = scratch_bytes(len(packed.vertices), views.size, samples, color)
+    frames = count * views.size[0] * views.size[1] * (PIXEL_BYTES + COLOR_BYTES * color)
+    if need + frames > LITTLE:
+        what = f"{samples}x{samples} rays a pixel of frames of {views.size[0]}x{views.size[1]}"
+        require_free(need + frames, "", what, "take fewer samples" if samples > 1 else "draw smaller frames")
+    workers = affordable(min(threads, count), need, frames)
+    out = _buffers(count, views.size, color)
+    work = iter(range(count))
     if workers == 1:
         _work(work, packed, views, settings, out)
         return out

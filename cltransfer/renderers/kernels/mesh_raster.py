@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...compiled import kernel
 from . import CACHED, INLINE, Array, f32
-from .compiled import kernel
 
 INSIDE = -1e-9  # weight of a corner that still counts as inside: closes the seam between two faces
 FLAT = 1e-13  # determinant over the product of the corners' distances: a face seen from its edge

@@ -7,8 +7,8 @@ from math import floor, sqrt
 import numpy as np
 from numba import njit
 
+from ...compiled import kernel
 from . import CACHED, INLINE, Array
-from .compiled import kernel
 from .mesh_raster import ACROSS, CLAMP, DOWN, HEIGHT, MIRROR, OFFSET, REPEAT, WIDTH
 
 _BYTE = 1 / 255

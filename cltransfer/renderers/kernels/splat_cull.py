@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from ...compiled import kernel
 from . import CACHED, INLINE, Array, f32
-from .compiled import kernel
 from .splat_pack import CHUNK
 
 LOW_PASS = 0.3  # [px^2], added to the diagonal of every projected covariance (Kerbl et al. 2023)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...compiled import kernel
 from . import CACHED, Array, f32
-from .compiled import kernel
 from .splat_composite import MAX_ALPHA, MIN_TRANSMITTANCE
 from .splat_cull import View
 from .splat_pack import MIN_ALPHA

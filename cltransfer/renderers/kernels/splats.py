@@ -24,7 +24,7 @@ from .splat_weight import weigh
 
 CUT = 50_000  # Gaussians from which a view is worth cutting: two threads draw 10,000 no faster, 100,000 1.5 times
 SAMPLE = 4096  # Gaussians that tell where to cut
-SCRATCH_BYTES = 28  # a Gaussian, of a thread
+SCRATCH_BYTES = 28  # of a thread, for each Gaussian
 
 
 class Scratch(NamedTuple):
@@ -69,8 +69,17 @@ def _edges(bounds: Array, view: View, pieces: int) -> list[int]:
     return [round(float(edge) / TILE) for edge in at]
 
 
+def scratch_bytes(gaussians: int, size: tuple[int, int], color: bool) -> int:
+    """What a thread works in: lists of the Gaussians, and planes of the frame."""
+    return SCRATCH_BYTES * gaussians + 4 * (ALL_PLANES if color else DEPTH_PLANES) * _tiles(size) * TILE**2
+
+
+def _tiles(size: tuple[int, int]) -> int:
+    return -(-size[0] // TILE) * -(-size[1] // TILE)
+
+
 def _scratch(gaussians: int, size: tuple[int, int], planes: int) -> Scratch:
-    tiles = -(-size[0] // TILE) * -(-size[1] // TILE)
+    tiles = _tiles(size)
     slab = Slab(
         np.empty((SLAB, RECORD), np.float32),
         np.empty((SLAB, BOX), np.int32),
@@ -123,11 +132,12 @@ def render(packed: Packed, views: list[View], color: bool, threads: int) -> Outp
     """
     size = (views[0].width, views[0].height)
     shape = (len(views), size[1], size[0])
+    frames = 4 * (7 if color else 4) * len(views) * size[0] * size[1]
+    threads = affordable(threads, scratch_bytes(len(packed.bounds), size, color), frames)
     out = Outputs(
         np.empty((shape[0], 3 if color else 0, *shape[1:]), np.float32),
         *(np.empty(shape, np.float32) for _ in range(4)),
     )
-    threads = affordable(threads, SCRATCH_BYTES * len(packed.bounds))
     parts = _parts(packed, views, threads)
     work, workers = iter(parts), min(threads, len(parts))
     if workers == 1:

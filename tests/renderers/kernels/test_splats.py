@@ -197,9 +197,12 @@ def test_fewer_threads_draw_where_their_scratch_would_not_fit_and_the_bits_are_t
 
     monkeypatch.setattr(splats, "_parts", parts)
     monkeypatch.setattr(memory, "LITTLE", 0)
-    for free in (None, 3 * splats.SCRATCH_BYTES * len(packed.bounds), 0):
+    frames, each = 5 * 160 * 90 * 28, splats.scratch_bytes(len(packed.bounds), (160, 90), True)
+    assert each > 10 * 6 * 16 * 16 * 28 > splats.SCRATCH_BYTES * len(packed.bounds)  # most of it is of the frame
+    three = frames + 3 * (each + memory.THREAD)
+    for free in (None, three, three - 1, 0):
         monkeypatch.setattr(memory, "free_bytes", lambda free=free: free)
         drawn.append(splats.render(packed, [view] * 5, True, 4))
-    assert asked == [4, 3, 1]
+    assert asked == [4, 3, 2, 1]
     for buffers in zip(*drawn):
         assert len({buffer.tobytes() for buffer in buffers}) == 1
