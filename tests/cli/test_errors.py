@@ -23,7 +23,7 @@ from cltransfer.scenes.ply import write_splats
 SPLAT: tuple[str, ...] = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2")
 SPLAT += ("rot_0", "rot_1", "rot_2", "rot_3")
 SHORT = ("frames=1", "generations=1", "output_side=64", "search_side=32", "--quiet")
-SECONDS = 3.0  # of a processor, both threads of it busy, for anything that has nothing to render
+SECONDS = 6.0  # of a processor, both threads of it busy, for what loads torch and has nothing to render
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 
 
