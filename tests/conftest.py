@@ -16,7 +16,7 @@ import pytest
 from torch import Tensor
 
 from cltransfer import threads
-from cltransfer.cli.main import main
+from cltransfer.cli.app import main
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES, RENDERERS
 

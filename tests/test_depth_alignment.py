@@ -10,7 +10,7 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from cltransfer.cli.main import app
+from cltransfer.cli.app import app
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.depth_alignment import VIEWS, align_config, align_depth, align_parts

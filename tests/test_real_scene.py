@@ -159,6 +159,7 @@ def pair(config: RunConfig) -> tuple[Scene, torch.Tensor]:
     return replace(scene, geometry=replace(one, **both), digest="pair"), apart.double()
 
 
+@pytest.mark.slow  # tests/networks has two persons made by code
 def test_either_of_two_men_is_lifted(config: RunConfig, pair: tuple[Scene, torch.Tensor]) -> None:
     scene, apart = pair
     parts = Components.build(config)

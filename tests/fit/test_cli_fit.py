@@ -8,7 +8,7 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
-from cltransfer.cli.main import app
+from cltransfer.cli.app import app
 from cltransfer.errors import UsageError
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import NerfGrid

@@ -64,7 +64,7 @@ def test_a_person_of_whom_a_post_leaves_three_joints_is_found(tmp_path: Path) ->
     assert float(found.searched.totals.mean()) < 0.3
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced"])
+@pytest.mark.parametrize("preset", ["fast", pytest.param("balanced", marks=pytest.mark.slow)])
 def test_something_right_before_the_lens_for_a_while_leads_nothing_astray(tmp_path: Path, preset: str) -> None:
     _, found = to_itself("tilt", 541, preset, tmp_path)
     assert float(found.searched.totals.mean()) < 0.3  # measured 0.05; 1.5, 1.4 with distances of the first guide alone

@@ -17,7 +17,7 @@ import torch
 import typer
 
 from cltransfer.camera import Camera
-from cltransfer.cli.main import app
+from cltransfer.cli.app import app
 from cltransfer.clips.clip import read_clip
 from cltransfer.config import load_config, to_yaml
 from cltransfer.registry import LOSSES
