@@ -37,9 +37,10 @@ def find_model(name: str) -> Path:
         raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
     digest = f" with sha256 {known.sha256}" if known.sha256 else ""
     accept = "" if known.sha256 else " --accept-new"
-    get = f"cltransfer models pull {known.name}{accept}" if known.address else known.made_by
-    what = f"no such file{digest} ({known.licence}, from {known.source})"
-    raise ModelError(name, "model", what, f"run: {get}; or put it in {places[0].parent}")
+    get = f"cltransfer models pull {known.group or known.name}{accept}" if known.address else known.made_by
+    what = f"no such file, nor {known.file}" if known.file != Path(name).name else "no such file"
+    what += f"{digest} ({known.licence}, from {known.source})"
+    raise ModelError(name, "model", what, f"run: {get}; or put {known.file} in {places[0].parent}")
 
 
 def found_model(name: str) -> Path | None:

@@ -111,7 +111,7 @@ def test_a_missing_network_is_told_before_anything_is_rendered(
     command: Callable[..., Any], tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CLTRANSFER_MODELS", raising=False)
-    clip, words = tiny_run / "video" / "render.mp4", ("yolox_nano.onnx", "sha256", "put it in", "models")
+    clip, words = tiny_run / "video" / "render.mp4", ("yolox_nano.onnx", "sha256", "put yolox_nano.onnx in", "models")
     refused(command("transfer", "builtin:courtyard", clip, "--out", tmp_path / "out"), 4, *words)
     refused(command("evaluate", clip, clip), 4, *words)
     refused(command("lift", "builtin:courtyard", "--quiet", "--out", tmp_path / "out"), 4, *words)
