@@ -59,7 +59,8 @@ def test_a_network_stands_in_for_one_that_is_missing_and_for_no_other(theirs):
     assert model_content("ours.onnx") == content_hash(ours)
     theirs.unlink()
     ours.unlink()
-    with pytest.raises(ModelError, match="no such file, nor theirs.onnx.*run: cltransfer models pull theirs; or put theirs.onnx in"):
+    help_ = r"no such file, nor theirs\.onnx.*run: cltransfer models pull theirs; or put theirs\.onnx in"
+    with pytest.raises(ModelError, match=help_):
         find_model("ours.onnx")
     ours.write_bytes(b"ours")
     with pytest.raises(ModelError, match=r"theirs\.onnx"):
