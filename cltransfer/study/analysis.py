@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -28,8 +29,9 @@ class Preference:
         question, first, second: what was asked about whom.
         wins, count: answers for ``first``, of how many.
         exact: Clopper-Pearson interval of the share; it takes answers for independent. None without an answer.
-        by_participant: percentile interval of the share over resampled participants; where all agree, which resampling
-            takes for certain, Clopper-Pearson with a participant as an answer. None of fewer than :data:`FEWEST`.
+        by_participant: percentile interval of the share over resampled participants; where all have the same share,
+            which resampling takes for certain, Clopper-Pearson with a participant as an answer. None of fewer than
+            :data:`FEWEST`.
     """
 
     question: str
@@ -91,8 +93,8 @@ def _exact(wins: int, count: int) -> tuple[float, float]:
 
 def _over_people(wins: Array, counts: Array) -> tuple[float, float]:
     """Interval of the share by what each of P people answered, (P,) for the first of so many."""
-    if wins.sum() in (0, counts.sum()):
-        return _exact(len(wins) if wins.sum() else 0, len(wins))
+    if len(set((wins / counts).tolist())) == 1:  # resampling people who all agree tells nothing
+        return _of_one_share(float(wins.sum() / counts.sum()), len(wins))
     resampled = bootstrap(
         (wins, counts),
         lambda won, of, axis: won.sum(axis) / of.sum(axis),
@@ -103,6 +105,15 @@ def _over_people(wins: Array, counts: Array) -> tuple[float, float]:
         rng=np.random.Generator(np.random.PCG64(0)),
     ).confidence_interval
     return float(resampled.low), float(resampled.high)
+
+
+def _of_one_share(share: float, people: int) -> tuple[float, float]:
+    """Interval where each of ``people`` has the same ``share``: Clopper-Pearson with a participant as an answer.
+
+    A share of a whole number of participants has it exactly; any other the wider of its neighbours' ends.
+    """
+    whole = round(share * people, 9)
+    return _exact(math.floor(whole), people)[0], _exact(math.ceil(whole), people)[1]
 
 
 def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:

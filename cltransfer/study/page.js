@@ -11,6 +11,7 @@
   let since = 0; // [ms] when the question appeared
   let shown = -1; // comparison whose videos are loaded
   let busy = false;
+  const seen = new Set(); // videos of this comparison that have played to their end
 
   // Answers outlive a reload. A damaged or foreign record is not taken up.
   function restored() {
@@ -87,7 +88,16 @@
     [item.reference, ...item.clips].forEach((token, i) => { videos[i].src = `videos/${token}.mp4`; });
     at("trouble").hidden = true;
     shown = comparison;
+    seen.clear();
+    unlock();
     replay();
+  }
+
+  // Who has not seen all three to the end has nothing to compare.
+  function unlock() {
+    const open = seen.size === videos.length;
+    for (const side of sides) at(`choose-${side}`).disabled = !open;
+    at("wait").hidden = open;
   }
 
   // All three start together, and start again together when the longest has ended.
@@ -99,7 +109,7 @@
   }
 
   function choose(side) {
-    if (at("ask").hidden || busy) return;
+    if (at("ask").hidden || busy || seen.size < videos.length) return;
     const done = state.answers.length;
     const item = plan[Math.floor(done / questions.length)];
     const [left, right] = item.clips;
@@ -164,7 +174,11 @@
     render();
   });
   for (const video of videos) {
-    video.addEventListener("ended", () => { if (videos.every((v) => v.ended || v.error)) setTimeout(replay, 500); });
+    video.addEventListener("ended", () => {
+      seen.add(video);
+      unlock();
+      if (videos.every((v) => v.ended || v.error)) setTimeout(replay, 500);
+    });
     video.addEventListener("error", () => { at("trouble").hidden = false; });
   }
   document.addEventListener("keydown", (event) => {

@@ -66,6 +66,15 @@ def test_people_who_all_agree_do_not_make_certain(people: int, interval: tuple[f
     assert found.by_participant == (None if interval is None else pytest.approx(interval))
 
 
+@pytest.mark.parametrize(("of_two", "low", "high"), [(1, 0.118, 0.882), (0, 0.0, 0.459)])
+def test_people_who_are_all_as_undecided_do_not_make_certain(of_two: int, low: float, high: float) -> None:
+    """Six people, each with ``of_two`` of two answers for ours: resampling them comes to the same share every time."""
+    pairs = [("ours", "jaws") if k < of_two else ("jaws", "ours") for k in range(2)]
+    choices = [Choice(f"p{i}", f"item{k}", "smoothness", *pair) for i in range(6) for k, pair in enumerate(pairs)]
+    found = next(p for p in preferences(choices, TWO) if p.question == "smoothness")
+    assert found.by_participant == pytest.approx((low, high), abs=1e-3)
+
+
 def test_nothing_answered_is_null_and_not_half(tmp_path: Path) -> None:
     found = preferences([], TWO)
     assert {(p.count, p.share, p.exact, p.by_participant) for p in found} == {(0, None, None, None)}

@@ -41,7 +41,8 @@ def pair(browser: Any) -> list[str]:
 
 
 def press(browser: Any, key: str) -> None:
-    """Press a key, and wait until the page has gone on."""
+    """Press a key once the page takes answers, and wait until it has gone on."""
+    until(lambda: browser.find_element(By.ID, "choose-left").is_enabled())
     before = (text(browser, "where"), text(browser, "count"))
     browser.find_element(By.TAG_NAME, "body").send_keys(key)
     until(lambda: (text(browser, "where"), text(browser, "count")) != before)
@@ -102,11 +103,26 @@ def test_sides_and_order_differ_between_participants_and_stay_for_one(browser: A
     assert len(set(seen.values())) > 1
 
 
+def test_nobody_can_answer_before_all_three_were_shown_to_the_end(browser: Any, page: tuple[Path, Path]) -> None:
+    join(browser, page[0], "a")
+    stop = "document.querySelectorAll('video').forEach(v => { v.pause(); v.currentTime = 0; })"
+    browser.execute_script(stop)
+    assert "shown to the end" in text(browser, "wait")
+    assert not browser.find_element(By.ID, "choose-left").is_enabled()
+    browser.find_element(By.TAG_NAME, "body").send_keys(Keys.ARROW_LEFT)
+    assert text(browser, "count") == "Question 1 of 3"
+    browser.find_element(By.TAG_NAME, "body").send_keys(" ")
+    press(browser, Keys.ARROW_LEFT)
+    assert text(browser, "count") == "Question 2 of 3"
+    assert browser.find_element(By.ID, "choose-left").is_enabled()  # the same three videos
+
+
 def test_a_video_that_does_not_play_is_told(browser: Any, page: tuple[Path, Path]) -> None:
     for video in (page[0] / "videos").iterdir():
         video.write_bytes(b"nothing")
     join(browser, page[0], "a")
     until(lambda: "does not play" in text(browser, "trouble"))
+    assert not browser.find_element(By.ID, "choose-left").is_enabled()
 
 
 def test_where_the_browser_blocks_storage_answers_live_in_memory_and_that_is_told(
