@@ -24,11 +24,20 @@ def turned_view(case: Case, degrees: float, rng: np.random.Generator) -> Case:
     return _seen_from(case, case.view.w2c @ turn.inverse())
 
 
-def moved_view(case: Case, share: float, rng: np.random.Generator) -> Case:
-    """The first view, nearer or farther by ``share`` of its distance to the person, by chance."""
+def nearer_view(case: Case, share: float, rng: np.random.Generator) -> Case:
+    """The first view, nearer to the person by ``share`` of its distance."""
+    return _at_distance(case, 1 - share)
+
+
+def farther_view(case: Case, share: float, rng: np.random.Generator) -> Case:
+    """The first view, farther from the person by ``share`` of its distance."""
+    return _at_distance(case, 1 + share)
+
+
+def _at_distance(case: Case, factor: float) -> Case:
+    """The first view, as it looks, at so many times its distance to the person."""
     subject = case.scene.subject
     assert subject is not None
-    factor = 1 + share * float(rng.choice([-1.0, 1.0]))
     center = subject.anchor + factor * (case.view.center[0] - subject.anchor)
     w2c = case.view.w2c.clone()
     w2c[0, :3, 3] = -w2c[0, :3, :3] @ center
@@ -41,5 +50,6 @@ def _seen_from(case: Case, w2c: torch.Tensor) -> Case:
 
 VIEWING = {
     "turned_view": Stressor("the first view beside the true one", "degrees", (20, 45, 90, 135, 180), turned_view),
-    "moved_view": Stressor("the first view too near or far", "of the distance", (0.1, 0.2, 0.4, 0.6, 0.8), moved_view),
+    "nearer_view": Stressor("the first view too near", "of the distance", (0.1, 0.2, 0.4, 0.6, 0.8), nearer_view),
+    "farther_view": Stressor("the first view too far", "of the distance", (0.1, 0.2, 0.4, 0.6, 0.8), farther_view),
 }

@@ -134,7 +134,7 @@ def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it() 
 
 
 def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command: Callable[..., Any]) -> None:
-    bench = replace(TIERS["smoke"], methods=("replay",), stressors=("moved_view",), seeds=(1,))
+    bench = replace(TIERS["smoke"], methods=("replay",), stressors=("nearer_view",), seeds=(1,))
     first = run_bench(bench, tmp_path)
     told: list[str] = []
     again = run_bench(bench, tmp_path, told=told.append)
@@ -144,8 +144,8 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     write_stress(again, page, "cltransfer bench stress")
     charts = [tmp_path / "stress.svg", tmp_path / "stress_totals.svg"]
     drawn = [chart.read_bytes() for chart in charts]
-    assert all(b"moved view" in chart for chart in drawn)
-    assert "| moved_view | replay |" in page.read_text()
+    assert all(b"nearer view" in chart for chart in drawn)
+    assert "| nearer_view | replay |" in page.read_text()
     listed = list(csv.DictReader((tmp_path / "stress.csv").open()))
     assert [(int(line["level"]), line["failed"]) for line in listed] == [
         (r["level"], str(int(r["failed"]))) for r in again
@@ -154,7 +154,7 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     assert listed[0]["stressor"] == ""
     write_stress(again, page, "cltransfer bench stress")
     assert [chart.read_bytes() for chart in charts] == drawn
-    words = ("bench", "stress", "--tier", "smoke", "--method", "replay", "--stressor", "moved_view", "--seed", 1)
+    words = ("bench", "stress", "--tier", "smoke", "--method", "replay", "--stressor", "nearer_view", "--seed", 1)
     said = command(*words, "--rows", tmp_path, "--out", tmp_path / "verb.md")
     assert (said.code, said.err) == (0, told[0] + "\n")
     assert said.out == "\n".join(table(HEADER, summary(verdicts(first)))) + "\n"
