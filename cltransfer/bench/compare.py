@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ..ablate.summary import Estimate, estimate
 
 
@@ -40,27 +38,8 @@ def compared(name: str, unit: str, baseline: Sequence[float], ours: Sequence[flo
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     differences = [b - a for a, b in pairs]
     wins = sum(d < 0 for d in differences) / len(pairs) if pairs else math.nan
-    return Comparison(
-        name, unit, estimate(first), estimate(second), estimate(differences), wins, wilcoxon_p(differences)
-    )
-
-
-def wilcoxon_p(differences: Sequence[float]) -> float:
-    """Two-sided p of the signed-rank test over what differs; 1 where nothing does, NaN of nothing.
-
-    Pairs without a difference go first (Wilcoxon 1945): among many of them scipy would take the few that are left for
-    a large sample.
-
-    >>> wilcoxon_p([-1.0, -2.0, -3.0, -4.0, -5.0, *[0.0] * 20])
-    0.0625
-    """
-    from scipy.stats import wilcoxon
-
-    if len(differences) == 0:
-        return math.nan
-    values = np.asarray(differences)
-    values = values[values != 0]
-    return float(wilcoxon(values).pvalue) if len(values) else 1.0
+    difference = estimate(differences)
+    return Comparison(name, unit, estimate(first), estimate(second), difference, wins, difference.p)
 
 
 def holm(p: Sequence[float]) -> list[float]:

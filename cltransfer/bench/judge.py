@@ -31,7 +31,7 @@ HELD_OUT = {
     "dis_flow": ("extractors.scene_flow=null", "losses.shot_size=null", "losses.framing=null",
                  "losses.filmic_space=null", "losses.camera_angle=null"),
     "networks": ("extractors.scene_flow=null", "extractors.scene_joints=null", "extractors.scene_orientation=null",
-                 "losses.filmic_space=null"),
+                 "losses.filmic_space=null", "losses.camera_movement=null"),
 }  # fmt: skip
 
 

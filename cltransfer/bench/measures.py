@@ -65,10 +65,7 @@ SIDE_MEASURES: Mapping[str, tuple[str, Measure]] = {
     "other shot scale": ("share of frames", lambda row: 1 - number(row["scale_agreement"])),
     **{f"{name}, as printed": ("", faithful(name)) for name in TERMS},
     "camera_movement by DIS flow": ("frame widths", held_out("dis_flow", "camera_movement")),
-    **{
-        f"{name} by networks": ("", held_out("networks", name))
-        for name in ("shot_size", "framing", "camera_movement", "camera_angle")
-    },
+    **{f"{name} by networks": ("", held_out("networks", name)) for name in ("shot_size", "framing", "camera_angle")},
     "evaluations a frame": ("", lambda row: number(row["evaluations"])),
     "seconds a clip": ("", lambda row: number(row["seconds"])),
 }

@@ -53,6 +53,15 @@ def test_a_clip_of_failed_frames_alone_is_left_out_and_counted():
     assert rates["failed frames"].baseline.mean == 0.5
 
 
+def test_a_clip_that_failed_is_left_out_whole_of_the_sound_ones():
+    rows = [_row("old", 2.0, failed_clip=True), _row("new", 1.0)]  # no frame of it failed by itself
+    rows += [_row("old", 4.0, shot="tilt"), _row("new", 1.0, shot="tilt")]
+    found = duel(rows, "old", "new", "cross")
+    assert found.sound_frames[0].difference.count == 2
+    assert found.sound_clips[0].difference.count == 1
+    assert found.sound_clips[0].baseline.mean == pytest.approx(20 / 3)
+
+
 def test_rows_are_paired_by_their_clip_alone():
     rows = [_row("old", 2.0), _row("new", 1.0, shot="tilt"), _row("new", 3.0)]
     assert [(a["total"], b["total"]) for a, b in paired(rows, "old", "new")] == [(2.0, 3.0)]
