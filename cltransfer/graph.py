@@ -154,8 +154,12 @@ def _undefined(now: Features, step: Step) -> Features:
         given = step(now, now)
         shapes = {name: tuple(given.require(name).shape[1:]) for name in step.extractor.provides}
     for name in step.extractor.provides:
-        now = now.having(name, torch.full((len(now), *shapes[name]), float("nan")))
+        now = now.having(name, torch.full((len(now), *shapes[name]), float("nan"), device=_device(now)))
     return now
+
+
+def _device(now: Features) -> torch.device | None:
+    return next((getattr(now, name).device for name in ("depth", "image", "subject") if now.has(name)), None)
 
 
 def _map_size(now: Features) -> tuple[int, int]:

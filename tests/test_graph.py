@@ -212,7 +212,7 @@ class Whole:
 def along_clip(whole: Whole, wanted: set[str]) -> Features:
     image = torch.arange(20.0)[:, None, None, None].expand(20, 3, 2, 2)
     steps = {
-        "a": Making(("box",)), "whole": whole, "l": Making(("layers",), ("image",), uses=("depth",)),
+        "a": Making(("box",)), "whole": whole, "l": Making(("score",), ("image",), uses=("depth",)),
         "n": Making(("flow",), needs_before=True), "d": Making(("gaze",), ("depth",)),
     }  # fmt: skip
     made = plan(wanted, steps)
@@ -220,18 +220,18 @@ def along_clip(whole: Whole, wanted: set[str]) -> Features:
 
 
 def test_a_step_that_reads_the_whole_clip_has_what_came_before_and_gives_to_what_comes_after() -> None:
-    got = along_clip(Whole(), {"layers", "flow", "depth"})
-    assert got.names() == {"layers", "flow", "depth", "trust"}  # what it made is kept, it was dear
+    got = along_clip(Whole(), {"score", "flow", "depth"})
+    assert got.names() == {"score", "flow", "depth", "trust"}  # what it made is kept, it was dear
     torch.testing.assert_close(got.require("depth")[:, 0, 0], torch.arange(20.0) + 9.5)
-    assert bool((got.require("layers")[:, 0] >= 100).all())  # they saw the depth
+    assert bool((got.require("score")[:, 0] >= 100).all())  # they saw the depth
     torch.testing.assert_close(got.require("flow")[1:, 0, 0, 0], torch.ones(19))  # across chunks too
 
 
 def test_what_a_whole_clip_does_not_tell_is_told_and_so_is_what_needs_it() -> None:
-    got = along_clip(Whole(reason="it stands still"), {"layers", "depth", "gaze"})
-    assert got.names() == {"layers"}
+    got = along_clip(Whole(reason="it stands still"), {"score", "depth", "gaze"})
+    assert got.names() == {"score"}
     assert dict(got.reasons) == dict.fromkeys(("depth", "trust", "gaze"), "it stands still")
-    assert bool((got.require("layers")[:, 0] < 100).all())
+    assert bool((got.require("score")[:, 0] < 100).all())
 
 
 def test_a_whole_clip_step_that_says_nothing_is_named() -> None:

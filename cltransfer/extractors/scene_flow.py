@@ -9,6 +9,7 @@ import torch
 from kornia.utils import create_meshgrid
 from torch import Tensor
 
+from ..arrays import plain
 from ..camera import Camera
 from ..features import Features
 from ..registry import EXTRACTORS
@@ -24,7 +25,7 @@ def backward_flow(depth: Tensor, now: Camera, before: Camera) -> Tensor:
 
     Returns:
         (B, 2, H, W) float32 [px of the cameras' size]; NaN where depth is, and where the point lay behind the
-        camera before.
+        camera before. No gradient goes through it.
 
     Raises:
         ValueError: there is not one camera for each depth map.
@@ -37,7 +38,7 @@ def backward_flow(depth: Tensor, now: Camera, before: Camera) -> Tensor:
     motion = before.w2c @ now.c2w  # now's axes -> before's axes
     turn, shift = before.K @ motion[:, :3, :3] @ back, (before.K @ motion[:, :3, 3:])[..., 0]
     size = (float(now.size[0]), float(now.size[1]))
-    flow = static_flow(depth.detach().cpu().numpy(), turn.cpu().numpy(), shift.cpu().numpy(), size)
+    flow = static_flow(plain(depth), turn.detach().cpu().numpy(), shift.detach().cpu().numpy(), size)
     return torch.from_numpy(flow).to(depth.device)
 
 

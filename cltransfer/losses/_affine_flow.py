@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..arrays import plain
+
 RIDGE = 1e-8  # added to the second moments, so that a layer one pixel wide still has a fit
 
 
@@ -51,8 +53,7 @@ def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tens
     weight = torch.ones_like(flow[:, 0]) if confidence is None else confidence
     if weight.shape != flow[:, 0].shape:
         raise ValueError(f"flow and confidence must share a grid, got {tuple(flow.shape)} and {tuple(weight.shape)}")
-    arrays = (tensor.detach().cpu().numpy() for tensor in (flow, weight, layers))
-    sums = torch.from_numpy(flow_sums(*arrays)).to(flow.device)
+    sums = torch.from_numpy(flow_sums(plain(flow), plain(weight), plain(layers))).to(flow.device)
     count = sums[..., :1]
     mean = sums / count.clamp_min(1)
     moments = mean[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].unflatten(-1, (3, 3))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..arrays import plain
+
 
 def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:
     """Most probable depth under each mask (paper Eq. 10).
@@ -32,4 +34,4 @@ def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:
 
     if depth.shape != (len(masks), *masks.shape[2:]):
         raise ValueError(f"depth and masks must share a grid, got {tuple(depth.shape)} and {tuple(masks.shape)}")
-    return torch.from_numpy(depth_modes(depth.detach().cpu().numpy(), masks.cpu().numpy())).to(depth.device)
+    return torch.from_numpy(depth_modes(plain(depth), plain(masks))).to(depth.device)

@@ -111,7 +111,8 @@ class CameraMovement:
             width of the reference [px], see :func:`weight_note`.
 
     The penalty is a quarter of the frame width in one frame, a whip pan, and the most that a layer can differ by, so
-    that to lose one never pays; faithful: that of a frame 1280 wide.
+    that to lose all of them never pays; to lose one that differs by more than ``mismatch`` does. Faithful: that of a
+    frame 1280 wide.
     """
 
     mode: Literal["robust", "faithful"] = "robust"

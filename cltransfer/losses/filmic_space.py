@@ -78,8 +78,9 @@ class FilmicSpace:
 
     Args:
         mode: ``faithful`` skips a ratio whose layer is empty on either side; ``robust`` lets it cost
-            ``mismatch``, so that emptying a layer does not pay, and counts one below ``min_area`` as empty.
-        mismatch: cost of a layer on one side only, >= 0 [log]; log 2 is a layer at twice the depth.
+            ``mismatch``, and counts one below ``min_area`` as empty.
+        mismatch: cost of a layer on one side only, >= 0 [log]; log 2 is a layer at twice the depth. To empty a layer
+            that differs by more pays: raise it where renders have holes.
         min_area: smallest layer, in [0, 1] of the frame.
         weight: lambda of Eq. 15; tolerance 0.05.
 

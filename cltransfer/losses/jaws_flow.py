@@ -25,7 +25,9 @@ def flow_error(reference: Tensor, rendered: Tensor) -> Tensor:
     Returns:
         (B,), >= 0; pixels that lack either flow (NaN) are left out, NaN where none is left.
     """
-    return (rendered - reference).square().flatten(1).nanmean(1)
+    difference = rendered - reference
+    known = ~difference.isnan()
+    return _mean_of(difference.where(known, 0.0).square(), known)  # masked before: 0 * NaN is no gradient
 
 
 def flow_angle(reference: Tensor, rendered: Tensor) -> Tensor:
@@ -33,10 +35,16 @@ def flow_angle(reference: Tensor, rendered: Tensor) -> Tensor:
 
     Args are those of :func:`flow_error`; (B,) in [0, 1], NaN where no pixel has both flows.
     """
-    a, b = (torch.cat([flow, torch.ones_like(flow[:, :1])], dim=1) for flow in (reference, rendered))
-    a, b = torch.broadcast_tensors(a, b)
+    known = ~(reference + rendered).isnan().any(1, keepdim=True)
+    one = known.to(rendered)
+    a, b = (torch.cat([flow.where(known, 0.0), one], dim=1) for flow in (reference, rendered))
     angle = torch.atan2(torch.linalg.cross(a, b, dim=1).norm(dim=1), (a * b).sum(1))
-    return (angle / torch.pi).flatten(1).nanmean(1)
+    return _mean_of(angle / torch.pi, known[:, 0])
+
+
+def _mean_of(values: Tensor, known: Tensor) -> Tensor:
+    """Mean of each row of ``values`` over what is ``known``, of the same shape; NaN of nothing."""
+    return values.where(known, 0.0).flatten(1).sum(1) / known.flatten(1).sum(1)
 
 
 @LOSSES.register("jaws_flow")

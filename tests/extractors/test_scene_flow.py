@@ -97,3 +97,11 @@ def test_vectors_are_in_pixels_of_the_features_size() -> None:
     small = SceneFlow()(Features(SIZE, depth=depth, camera=now), Features(SIZE, camera=before)).flow
     large = SceneFlow()(Features((128, 72), depth=depth, camera=now), Features((128, 72), camera=before)).flow
     torch.testing.assert_close(large, 2 * small, rtol=1e-4, atol=1e-4)
+
+
+def test_cameras_that_ask_for_a_gradient_give_the_same_flow_without() -> None:
+    now, before, depth = sample_cameras(1, 3), sample_cameras(2, 3), depth_map(3, 3)
+    asked = Camera(now.w2c.clone().requires_grad_(), now.K.clone().requires_grad_(), now.size)
+    flow = backward_flow(depth, asked, before)
+    assert not flow.requires_grad
+    torch.testing.assert_close(flow, backward_flow(depth, now, before), rtol=0, atol=0, equal_nan=True)

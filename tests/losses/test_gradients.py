@@ -125,3 +125,23 @@ def test_a_frame_without_a_value_takes_no_other_ones_gradient() -> None:
         assert leaf.grad is not None
         assert bool(leaf.grad[1:].isfinite().all())
         assert bool((leaf.grad[1:] != 0).flatten(1).any(1).all())
+
+
+@pytest.mark.parametrize("what", ["pixels without a flow", "equal", "still"])
+def test_a_flow_of_jaws_that_has_a_value_has_finite_gradients(what: str) -> None:
+    reference, rendered = _flow(what)
+    flow = rendered.require("flow").requires_grad_()
+    value = LOSSES.build("jaws_flow")(reference, replace(rendered, flow=flow))
+    assert bool(value.isfinite().all())
+    value.sum().backward()
+    assert flow.grad is not None
+    assert bool(flow.grad.isfinite().all())
+
+
+@pytest.mark.parametrize("half", [torch.float16, torch.bfloat16])
+@pytest.mark.parametrize(("name", "feature"), [("camera_movement", "flow"), ("filmic_space", "depth")])
+def test_a_network_may_give_half_precision(name: str, feature: str, half: torch.dtype) -> None:
+    reference, rendered = sample_features(0, 4), sample_features(1, 4)
+    loss, read = LOSSES.build(name), rendered.require(feature)
+    value = loss(reference, replace(rendered, **{feature: read.to(half)}))
+    torch.testing.assert_close(value, loss(reference, replace(rendered, **{feature: read.to(half).float()})))
