@@ -23,8 +23,8 @@ class Camera:
     """B pinhole cameras that share one image size.
 
     Args:
-        w2c: world to camera, (B, 4, 4) float64, rigid, OpenCV axes, scene units.
-        K: intrinsics at ``size``, (B, 3, 3) float64 [px].
+        w2c: world to camera, (B, 4, 4), kept as float64, rigid, OpenCV axes, scene units.
+        K: intrinsics at ``size``, (B, 3, 3), kept as float64 [px].
         size: (W, H) [px].
 
     Raises:
@@ -42,6 +42,8 @@ class Camera:
                 raise ValueError(f"{name} must be (B, {shape[0]}, {shape[1]}), got {got}; add a batch dimension")
         if len(self.w2c) != len(self.K):
             raise ValueError(f"w2c and K must have the same batch, got {len(self.w2c)} and {len(self.K)}")
+        object.__setattr__(self, "w2c", self.w2c.double())
+        object.__setattr__(self, "K", self.K.double())
 
     def __len__(self) -> int:
         return len(self.w2c)

@@ -66,7 +66,7 @@ class Features:
 
     Raises:
         ValueError: a field has another shape, or another number of frames than the others.
-        TypeError: one that should be a tensor is none.
+        TypeError: one that should be a tensor is none, or a mask is not bool.
     """
 
     size: tuple[int, int]
@@ -100,6 +100,9 @@ class Features:
                 first, count = name, shape[0]
             elif shape[0] != count:
                 raise _unequal(first, count, name, shape[0])
+        for name in ("subject", "layers"):
+            if (value := own[name]) is not None and value.dtype is not torch.bool:
+                raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
         for name, value in (("camera", self.camera), *self.extras.items()):
             if name in self.extras and not (isinstance(value, Tensor) and value.ndim):
                 raise _rowless(name, value)
@@ -134,16 +137,20 @@ class Features:
         """What ``compute`` makes of these features, kept by ``key``: one reference is compared with many batches.
 
         Tensors that were changed in place since are other features; of some that ask for a gradient nothing is kept,
-        since each of its users goes back through it.
+        since each of its users goes back through it, nor of some made in inference mode, which do not tell of changes.
         """
         values = [value for value in self._batched().values() if isinstance(value, Tensor)]
-        if any(value.requires_grad for value in values):
+        if any(value.requires_grad or value.is_inference() for value in values):
             return compute()
-        versions = [0 if value.is_inference() else value._version for value in values]
+        versions = [value._version for value in values]
         if key not in self._known or self._known[key][0] != versions:
             self._known[key] = (versions, compute())
         known: T = self._known[key][1]
         return known
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what :meth:`once` keeps: a frame that was looked at would bring the whole clip along."""
+        return {**self.__dict__, "_known": {}}
 
     def has(self, name: str) -> bool:
         """Whether feature ``name`` was extracted."""

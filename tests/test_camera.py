@@ -109,3 +109,10 @@ def test_views_in_one_frame_see_as_much_on_either_side_more_and_all_else_where_i
     both = in_one_frame([off, looking([0, 0, -2], [0, 0, 0], [0, -1, 0])], [(100, 50), (100, 80)])
     pixels, _ = both.project(points)
     torch.testing.assert_close(pixels[0], off.project(points)[0][0] / 2 + pixels.new_tensor([0.0, 15.0]))
+
+
+def test_a_camera_of_torch_s_default_type_is_kept_as_float64() -> None:
+    camera = looking([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    made = Camera(camera.w2c.float(), camera.K.float(), SIZE)
+    assert (made.w2c.dtype, made.K.dtype) == (torch.float64, torch.float64)
+    torch.testing.assert_close(made.center, camera.center, rtol=0, atol=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -102,6 +103,37 @@ def test_tensors_changed_in_place_are_other_features() -> None:
     mean = frame.once("mean", lambda: float(frame.require("depth").nanmean()))
     depth += 1
     assert frame.once("mean", lambda: float(frame.require("depth").nanmean())) > mean
+
+
+def test_of_what_was_made_in_inference_mode_nothing_is_kept() -> None:
+    """Such tensors do not tell that they were changed in place."""
+    reference, given = sample_features(0, 4), sample_features(1, 4)
+    loss = LOSSES.build("framing")
+    with torch.inference_mode():
+        keypoints = given.require("keypoints").clone()
+        rendered = replace(given, keypoints=keypoints)
+        loss(reference, rendered)
+        keypoints += 30
+        again = loss(reference, rendered)
+    torch.testing.assert_close(again, loss(reference, replace(given, keypoints=keypoints.clone())))
+
+
+def test_a_copy_sent_elsewhere_brings_no_frames_that_were_looked_at() -> None:
+    features = sample_features(0, 8)
+    size = len(pickle.dumps(features))
+    for i in range(8):
+        features[i]
+    sent = pickle.dumps(features)
+    assert len(sent) == size
+    torch.testing.assert_close(pickle.loads(sent)[3].keypoints, features[3].keypoints)
+
+
+@pytest.mark.parametrize("name", ["subject", "layers"])
+def test_a_mask_of_numbers_is_refused_with_what_to_do(name: str) -> None:
+    """~ of a mask of bytes is no other mask: 1 becomes 254."""
+    features = sample_features(0, 2)
+    with pytest.raises(TypeError, match=f"{name} must be bool, got torch.uint8; {name} > 0.5 makes it so"):
+        replace(features, **{name: features.require(name).to(torch.uint8)})
 
 
 def test_of_what_asks_for_a_gradient_nothing_is_kept() -> None:
