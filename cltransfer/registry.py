@@ -133,6 +133,10 @@ class Registry(Generic[T]):
                 built = typed(cls, options or {})
         except UsageError as error:
             raise UsageError("", _key(above, error.field), error.reason, error.hint) from None
+        for option in options or {}:
+            value = getattr(built, option, None)
+            if isinstance(value, float) and not math.isfinite(value):  # it was text, "nan" or "inf"
+                raise UsageError("", _key(above, option), f"expected a finite number, got {value}")
         for declared in self.declared:
             value = getattr(built, declared.name) if declared.option else None
             if declared.option and not declared.right(value):

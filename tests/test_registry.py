@@ -124,6 +124,12 @@ def test_a_weight_below_0_which_would_reward_a_difference_is_refused() -> None:
     assert LOSSES.build("framing", {"weight": 0}).weight == 0
 
 
+@pytest.mark.parametrize("text", ["nan", "inf"])
+def test_a_number_that_is_none_is_refused_as_text_too(text: str) -> None:
+    with pytest.raises(UsageError, match=r"^losses\.filmic_space\.mismatch: expected a finite number, got "):
+        LOSSES.build("filmic_space", {"mismatch": text})
+
+
 @pytest.mark.parametrize("name", ["", "a-b", "a.b", "a b", "a|b", "Mine", "3d", "_mine", "mine\n", "größe"])
 def test_a_name_that_no_config_can_write_is_refused(name: str) -> None:
     with pytest.raises(ModelError) as caught:
