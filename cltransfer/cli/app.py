@@ -153,7 +153,7 @@ def transfer(
 
     Leaves trajectory.json, camera/camera_path.json (nerfstudio), metrics.json, metrics.csv, video/render.mp4,
     video/side_by_side.mp4, video/frames.mkv, strip.jpg, subject.json, config.yaml and report.html in the run folder,
-    and prints the five metrics. Clips and scenes of your own need two networks: cltransfer models list.
+    and prints the five metrics. Clips and scenes of your own need two networks: cltransfer models pull default.
     """
     paths, overrides = _split(arguments or [], 2)
     if resume is not None and out not in (None, resume):
