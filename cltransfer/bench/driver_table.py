@@ -54,11 +54,11 @@ def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
     clips = clips_of(rows)
     lines = [
         f"Made by `{command}`. Canonical shots in the plaza, taught to the plaza (self: true cameras known) and to the",
-        "courtyard (cross); a total of 1 means every term at its tolerance, in the scene as it is, with the floaters that",
-        "a search may leave out. Means over clips, but for seconds and pose errors: medians over clips, of the median",
-        "over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and robust",
-        "losses. Jerk before / after: of the frames as they were found, and of the path taken. Cost of the path: its",
-        "total less that of the frames.",
+        "courtyard (cross); a total of 1 means every term at its tolerance, in the scene as it is, with the floaters",
+        "that a search may leave out. Means over clips, but for seconds and pose errors: medians over clips, of the",
+        "median over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and",
+        "robust losses. Jerk before / after: of the frames as they were found, and of the path taken. Cost of the path",
+        "is its total less that of the frames.",
         *machine(),
         measured_at(rows),
         "",
