@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
@@ -28,7 +27,7 @@ class Estimate:
         low, high: percentile bootstrap of the mean over trials, 95 %; None of fewer than two.
         count: values it is the mean of.
         nonzero: how many of them are not 0: of differences those that have a sign.
-        p: two-sided Wilcoxon signed-rank test against 0; NaN of nothing.
+        p: two-sided Wilcoxon signed-rank test against 0; None of nothing.
     """
 
     mean: float | None
@@ -36,7 +35,7 @@ class Estimate:
     high: float | None
     count: int
     nonzero: int
-    p: float
+    p: float | None
 
     @property
     def certain(self) -> bool:
@@ -44,9 +43,9 @@ class Estimate:
 
         Alone a percentile interval of six values excludes zero by chance in 14 % of cases, or 25 where they are skewed.
         """
-        if self.low is None or self.high is None or self.nonzero < FEWEST or not self.p <= LEVEL:
+        if self.low is None or self.high is None or self.p is None:
             return False
-        return self.low > 0 or self.high < 0
+        return self.nonzero >= FEWEST and self.p <= LEVEL and (self.low > 0 or self.high < 0)
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def estimate(values: Sequence[float]) -> Estimate:
     >>> estimate([1.0, 1.0])
     Estimate(mean=1.0, low=1.0, high=1.0, count=2, nonzero=2, p=0.5)
     >>> estimate([])
-    Estimate(mean=None, low=None, high=None, count=0, nonzero=0, p=nan)
+    Estimate(mean=None, low=None, high=None, count=0, nonzero=0, p=None)
     """
     from scipy.stats import bootstrap
 
@@ -115,8 +114,8 @@ def estimate(values: Sequence[float]) -> Estimate:
     return Estimate(fmean(values), float(interval.low), float(interval.high), *rest)
 
 
-def wilcoxon_p(differences: Sequence[float]) -> float:
-    """Two-sided p of the signed-rank test over what differs; 1 where nothing does, NaN of nothing.
+def wilcoxon_p(differences: Sequence[float]) -> float | None:
+    """Two-sided p of the signed-rank test over what differs; 1 where nothing does, None of nothing.
 
     Pairs without a difference go first (Wilcoxon 1945): among many of them scipy would take the few that are left for
     a large sample.
@@ -127,7 +126,7 @@ def wilcoxon_p(differences: Sequence[float]) -> float:
     from scipy.stats import wilcoxon
 
     if len(differences) == 0:
-        return math.nan
+        return None
     values = np.asarray(differences)
     values = values[values != 0]
     return float(wilcoxon(values).pvalue) if len(values) else 1.0

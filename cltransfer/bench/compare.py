@@ -39,7 +39,8 @@ def compared(name: str, unit: str, baseline: Sequence[float], ours: Sequence[flo
     differences = [b - a for a, b in pairs]
     wins = sum(d < 0 for d in differences) / len(pairs) if pairs else math.nan
     difference = estimate(differences)
-    return Comparison(name, unit, estimate(first), estimate(second), difference, wins, difference.p)
+    p = math.nan if difference.p is None else difference.p
+    return Comparison(name, unit, estimate(first), estimate(second), difference, wins, p)
 
 
 def holm(p: Sequence[float]) -> list[float]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ def test_one_value_has_no_interval_and_none_no_mean() -> None:
     assert estimate([2.0]).low is None
     assert estimate([2.0]).mean == 2.0
     assert estimate([]).mean is None
+    assert json.loads(json.dumps(asdict(estimate([])), allow_nan=False))["p"] is None  # summary.json has it
 
 
 def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
