@@ -29,14 +29,13 @@ def rows(tmp_path_factory):
     return rows
 
 
-def test_every_row_states_what_was_measured(rows, slowness):
+def test_every_row_states_what_was_measured(rows):
     assert [row.scene for row in rows] == ["room 2k"] * 7 + ["stage"] * 5 + ["second process"]
     for row in rows:
         low, median, high = row.milliseconds
         assert 0 < low <= median <= high
         assert 0 < row.visible <= row.gaussians
     assert {row.threads for row in rows} == {1, 2}
-    assert rows[-1].milliseconds[1] < 1000 * slowness
 
 
 def test_speed_and_accuracy_against_the_oracle_stand_in_one_row(rows):
