@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
@@ -20,7 +21,7 @@ from .plan import Family
 from .reference import is_scene
 from .renderers._request import drawn_by, renderer_of
 from .scenes import Scene
-from .scenes.lifted import lifted_scene
+from .scenes.lifted import lifted_scene, load_person
 from .scenes.load import load_scene
 from .shots import Moves, Setup, cameras
 
@@ -126,8 +127,21 @@ def align_to_scene(
     return replace(extractor, align=align, affine=found.affine), found
 
 
-def align_config(scene: str, config: RunConfig, views: int) -> DepthAlignment:
+def align_config(
+    scene: str,
+    config: RunConfig,
+    views: int,
+    up: tuple[float, float, float] | None = None,
+    subject: Path | None = None,
+) -> DepthAlignment:
     """What the depth network of ``config`` means in a scene, looked at from ``views`` places around its subject.
+
+    Args:
+        scene: a scene file, or ``builtin:NAME``.
+        config: with a ``depth_onnx``.
+        views: how many.
+        up: the scene's; None takes the format's usual one, or its own.
+        subject: a subject.json; None lifts the scene, or takes the lift from the cache.
 
     Raises:
         UsageError: the config has no ``depth_onnx``, or its policy is raw.
@@ -139,7 +153,9 @@ def align_config(scene: str, config: RunConfig, views: int) -> DepthAlignment:
     if extractor is None or extractor.align == "raw":
         got = "no depth_onnx" if extractor is None else "align raw"
         raise UsageError("", "extractors.depth_onnx", f"expected align shift or metric, got {got}")
-    loaded = load_scene(scene)
+    loaded = load_scene(scene, up)
+    if subject is not None:
+        loaded = load_person(loaded, subject)
     lifted = lifted_scene(loaded, renderer_of(loaded, parts.renderer), parts.extractors)
     return align_parts(parts, lifted, views)[1]
 

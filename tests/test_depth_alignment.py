@@ -22,7 +22,9 @@ from cltransfer.flags import run_flags
 from cltransfer.preparation import Inputs
 from cltransfer.registry import EXTRACTORS
 from cltransfer.run_folder import write_run
+from cltransfer.scenes.lifted import save_labels
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.ply import write_splats
 from cltransfer.transfer import transfer
 
 PLUGIN = Path(__file__).parents[1] / "plugins" / "rule_of_thirds.py"
@@ -118,6 +120,19 @@ def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(blue):
     assert found["affine"][0] == 1
     assert found["error"][1] < found["error"][0]
     assert found["spread"] > 0.1
+
+
+def test_the_verb_looks_at_a_person_and_by_an_up_that_it_is_given(blue, tmp_path):
+    plaza = load_scene("builtin:plaza")
+    plaza.subject.save(tmp_path / "subject.json")
+    save_labels(tmp_path, plaza.geometry.label)
+    write_splats(tmp_path / "stage.ply", plaza.geometry)
+    up = ",".join(str(value) for value in plaza.up.tolist())
+    words = [blue, "--views", "4", "--json"]
+    given = [str(tmp_path / "stage.ply"), "--up", up, "--subject", str(tmp_path / "subject.json")]
+    commands = (["models", "align", *scene, *words] for scene in (given, ["builtin:plaza"]))
+    told, same = (json.loads(CliRunner().invoke(app, command).stdout) for command in commands)
+    assert told["affine"] == pytest.approx(same["affine"], rel=1e-3)
 
 
 def test_the_verb_takes_a_config_with_a_plugin(blue, fresh):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import UsageError
-from .shared import Allow, Json, Quiet, show
+from .shared import Allow, Json, Quiet, Up, show, up_of
 
 if TYPE_CHECKING:
     from ..models.catalogue import Entry, Kind
@@ -108,7 +108,9 @@ def models_align(
     overrides: Annotated[
         list[str], typer.Argument(metavar="KEY=VALUE...", help="The config; it must have extractors.depth_onnx.")
     ],
-    views: Annotated[int, typer.Option(help="How many, all around the subject.")] = 8,
+    views: Annotated[int, typer.Option(min=1, help="How many, all around the subject.")] = 8,
+    subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
+    up: Up = None,
     allow_plugin: Allow = None,
     as_json: Json = False,
 ) -> None:
@@ -129,7 +131,7 @@ def models_align(
 
     settings = load_config(None, overrides)
     set_threads(settings.threads or thread_count())
-    found = align_config(scene, settings, views)
+    found = align_config(scene, settings, views, up_of(up), subject)
     a, b = found.affine
     lines = [
         f"extractors.depth_onnx.align={found.align} 'extractors.depth_onnx.affine=[{a:.6g}, {b:.6g}]'",
