@@ -179,13 +179,17 @@ def check_yaml(text: str, loader: Any) -> None:
     """
     import yaml
 
-    depth = 0
-    for event in yaml.parse(text, loader):
-        if getattr(event, "anchor", None):
-            raise ValueError("expected no anchors and aliases (& and *), write the values")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > YAML_LEVELS:
-            raise ValueError(f"expected at most {YAML_LEVELS} levels")
+    deep, depth = ValueError(f"expected at most {YAML_LEVELS} levels"), 0
+    try:
+        for event in yaml.parse(text, loader):
+            if getattr(event, "anchor", None):
+                raise ValueError("expected no anchors and aliases (& and *), write the values")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > YAML_LEVELS:
+                raise deep
+    except yaml.YAMLError as error:
+        # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
+        raise (deep if "nesting" in str(error) else error) from None
 
 
 def csp_hash(text: str) -> str:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 import torch
+import yaml
 from safetensors.torch import save_file
 
-from cltransfer.files import atomic, write_text
+from cltransfer.files import YAML_LEVELS, atomic, check_yaml, write_text
 
 
 @pytest.fixture(params=[0o022, 0o002, 0o077])
@@ -34,3 +35,12 @@ def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Pa
     with pytest.raises(UnicodeEncodeError), atomic(tmp_path / "a.txt") as temporary:
         temporary.write_text("ne\udce9", encoding="utf-8")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+
+
+@pytest.mark.parametrize("loader", [yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader)])
+@pytest.mark.parametrize("opened", ["[", "{a: ", "- "])
+def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str, loader: type) -> None:
+    check_yaml(opened * YAML_LEVELS + "1" + {"[": "]", "{a: ": "}"}.get(opened, "") * YAML_LEVELS, loader)
+    for levels in (YAML_LEVELS + 1, 2000, 100_000):  # libyaml has a limit of its own between
+        with pytest.raises(ValueError, match=f"expected at most {YAML_LEVELS} levels"):
+            check_yaml(opened * levels, loader)
