@@ -20,19 +20,21 @@ import numpy as np
 import torch
 from kornia.metrics import angle_error_mat
 
-from ..camera import Camera
+from ..camera import Camera, resized
 from ..config import load_config, to_yaml
 from ..config.options import RunConfig
 from ..errors import UsageError
 from ..scenes.load import load_scene
-from ..shots import SHOTS, Setup, shot
+from ..shots import SHOTS, Setup, own_setup, shot
 from ..subject import Subject
 from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
+from .judge import Reader, judge
 from .rows import kept_rows
 from .trial import Row
 from .warm_up import warm_up
 
+VERSION = 2  # raise it when a row holds something else: older ones are then measured anew
 SIZE = (640, 360)  # [px] of the reference
 TEACHER = "builtin:plaza"
 TARGETS = {"self": TEACHER, "cross": "builtin:courtyard"}
@@ -64,7 +66,7 @@ class Run:
     @property
     def key(self) -> str:
         """Digest of the run and of the config it comes to."""
-        text = json.dumps([asdict(self), to_yaml(settings(self.preset, self.seed))], sort_keys=True)
+        text = json.dumps([VERSION, asdict(self), to_yaml(settings(self.preset, self.seed))], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -75,11 +77,13 @@ class Clip:
     Args:
         preset, target, shot, seed: what was run, see :class:`Run`.
         total: mean over the frames, by geometry at the search size, in the scene as it is, floaters and all.
+        judged: the same by the judge, at a size that nobody searches at, :data:`.judge.SIDE`.
         evaluations: a frame.
         seconds: of the search.
         position, rotation, focal: median errors of the camera [subject heights, degrees, share]; NaN where unknown.
         extra: total that the path taken costs more than the frames as they were found.
-        shaken, smooth: jerk of those frames and of the path, :func:`.truth.jerk`.
+        shaken, smooth: jerk of those frames and of the path, :func:`cltransfer.trajectory.jerk`.
+        true: jerk of the reference's own cameras.
     """
 
     preset: str
@@ -87,6 +91,7 @@ class Clip:
     shot: str
     seed: int
     total: float
+    judged: float
     evaluations: float
     seconds: float
     position: float
@@ -95,6 +100,7 @@ class Clip:
     extra: float
     shaken: float
     smooth: float
+    true: float
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,9 @@ class Bench:
         paper_shots: how many of them the paper's setting, a thousand evaluations a frame, is taught across scenes too,
             for every seed others in turn; 0 leaves it out.
         frames: of each clip.
+
+    Raises:
+        UsageError: there is no such shot.
     """
 
     seeds: tuple[int, ...]
@@ -115,6 +124,10 @@ class Bench:
     shots: tuple[str, ...] = SHOTS
     paper_shots: int = 0
     frames: int = 24
+
+    def __post_init__(self) -> None:
+        for name in self.shots:
+            own_setup(name)
 
     def runs(self) -> list[Run]:
         """Every preset on every shot, seed and target."""
@@ -187,7 +200,12 @@ def _clip_of(row: Row) -> Clip:
 
 
 def drawn(name: str, seed: int) -> Setup:
-    """Where shot ``name`` stands for ``seed``: within 50 degrees of the face, up to 12 above, off the middle."""
+    """Where shot ``name`` stands for ``seed``: within 50 degrees of the face, up to 12 above, off the middle.
+
+    Raises:
+        UsageError: there is no such shot.
+    """
+    own_setup(name)
     rng = np.random.Generator(np.random.PCG64([seed, SHOTS.index(name)]))
     azimuth, elevation = rng.uniform(-50, 50), rng.uniform(0, 12)
     offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
@@ -206,13 +224,22 @@ def _clip(run: Run, result: Result, true: Trajectory, subject: Subject) -> Clip:
         position, rotation, focal = pose_errors(result.trajectory.camera, true.camera, subject.height)
     evaluations = result.spent.evaluations / len(result.trajectory)
     seconds = result.seconds["search"] + result.seconds["initial view"]
-    total = result.searched.total
+    total, judged = result.searched.total, _judged(run, result, true)
     kept = result.kept
     height = subject.height if result.scene.subject is None else result.scene.subject.height
     extra = 0.0 if kept.path is None else kept.path.total - kept.path.free
     shaken, smooth = jerk(kept.found.camera, height), jerk(kept.cameras, height)
+    shakes = (shaken, smooth, jerk(true.camera, subject.height))
     name = (run.preset, run.target, run.shot, run.seed)
-    return Clip(*name, total, evaluations, seconds, position, rotation, focal, extra, shaken, smooth)
+    return Clip(*name, total, judged, evaluations, seconds, position, rotation, focal, extra, *shakes)
+
+
+def _judged(run: Run, result: Result, true: Trajectory) -> float:
+    """Mean total by the judge: what a search gained by the pixels of its own size alone is gone."""
+    reader, teacher, pupil = Reader.of(TARGETS[run.target]), load_scene(TEACHER), load_scene(TARGETS[run.target])
+    reference = reader.read(teacher, true.camera)
+    found = reader.read(pupil, resized(result.trajectory.camera, SIZE), reference.names())
+    return float(judge(reader.objective, reference, found).totals.mean())
 
 
 def pose_errors(found: Camera, true: Camera, unit: float) -> tuple[float, float, float]:

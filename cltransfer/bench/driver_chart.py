@@ -16,14 +16,15 @@ if TYPE_CHECKING:
 
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44")
 COSTS = (("evaluations", "evaluations a frame"), ("seconds", "seconds a clip, search"))
+COLUMNS = ("preset", "target", "shot", "seed", "total", "judged", "evaluations", "seconds", "extra", "shaken", "smooth",
+           "true")  # fmt: skip
 LOWEST = 1e-3  # total below which nobody cares
 
 
 def write_driver_chart(clips: Sequence[Clip], folder: Path) -> None:
     """Write ``driver.svg`` and ``driver.csv``, one row a clip, into ``folder``."""
-    fields = ("preset", "target", "shot", "seed", "total", "evaluations", "seconds", "extra", "shaken", "smooth")
-    rows = [",".join(fields)]
-    rows += [",".join(_cell(getattr(clip, field)) for field in fields) for clip in clips]
+    rows = [",".join(COLUMNS)]
+    rows += [",".join(_cell(getattr(clip, column)) for column in COLUMNS) for clip in clips]
     write_text(folder / "driver.csv", "\n".join(rows) + "\n")
     write_text(folder / "driver.svg", svg(lambda figure: _draw(figure, clips), (9.0, 6.4)))
 

@@ -9,44 +9,48 @@ from statistics import fmean, median
 
 from .driver import PAPER, Clip, clips_of
 from .driver_chart import write_driver_chart
+from .judge import SIDE
 from .rows import measured_at
 from .section import machine, table, write_section
 from .trial import Row
 
 HEADER = (
     "preset", "target", "clips", "total, mean", "median", "worst", "at or below paper", "share of paper's mean",
-    "evaluations a frame", "seconds a clip", "position [heights]", "rotation [deg]", "focal [%]", "cost of the path",
-    "jerk before / after",
+    "judged, mean", "judged at or below", "judged share", "evaluations a frame", "seconds a clip", "position [heights]",
+    "rotation [deg]", "focal [%]", "cost of the path", "jerk before / after / of the reference",
 )  # fmt: skip
 
 
 def summary(clips: Sequence[Clip]) -> list[list[str]]:
     """One row for each preset and target, under :data:`HEADER`."""
-    paper = {(c.target, c.shot, c.seed): c.total for c in clips if c.preset == PAPER}
+    paper = {(c.target, c.shot, c.seed): c for c in clips if c.preset == PAPER}
     rows = []
     for preset, target in dict.fromkeys((c.preset, c.target) for c in clips):
         mine = [c for c in clips if (c.preset, c.target) == (preset, target)]
-        rivals = [c for c in mine if (target, c.shot, c.seed) in paper and preset != PAPER]
-        beaten = sum(c.total <= paper[target, c.shot, c.seed] for c in rivals)
+        met = [] if preset == PAPER else [(c, paper[name]) for c in mine if (name := (target, c.shot, c.seed)) in paper]
         totals = [c.total for c in mine]
         poses = [[c.position for c in mine], [c.rotation for c in mine], [100 * c.focal for c in mine]]
         rows.append(
             [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
-            + [f"{beaten} of {len(rivals)}" if rivals else "", _share(rivals, paper)]
+            + _against([(c.total, rival.total) for c, rival in met])
+            + [f"{fmean(c.judged for c in mine):.3f}"]
+            + _against([(c.judged, rival.judged) for c, rival in met])
             + [f"{fmean(c.evaluations for c in mine):.1f}"]
             + [f"{median(c.seconds for c in mine):.2f}"]
             + ["" if math.isnan(values[0]) else f"{median(values):.4f}" for values in poses]
             + [f"{fmean(c.extra for c in mine):+.3f}"]
-            + [f"{fmean(c.shaken for c in mine):.4f} / {fmean(c.smooth for c in mine):.4f}"]
+            + [" / ".join(f"{fmean(getattr(c, name) for c in mine):.4f}" for name in ("shaken", "smooth", "true"))]
         )
     return rows
 
 
-def _share(rivals: Sequence[Clip], paper: dict[tuple[str, str, int], float]) -> str:
-    """Mean total of ``rivals`` as a share of the paper's on the same clips."""
-    if not rivals:
-        return ""
-    return f"{fmean(c.total for c in rivals) / fmean(paper[c.target, c.shot, c.seed] for c in rivals):.2f}"
+def _against(pairs: Sequence[tuple[float, float]]) -> list[str]:
+    """On how many clips ours is at or below the paper's, of ``pairs`` of both, and its mean as a share of theirs."""
+    if not pairs:
+        return ["", ""]
+    ours, theirs = zip(*pairs)
+    beaten = sum(own <= other for own, other in pairs)
+    return [f"{beaten} of {len(pairs)}", f"{fmean(ours) / fmean(theirs):.2f}"]
 
 
 def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
@@ -57,8 +61,10 @@ def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
         "courtyard (cross); a total of 1 means every term at its tolerance, in the scene as it is, with the floaters",
         "that a search may leave out. Means over clips, but for seconds and pose errors: medians over clips, of the",
         "median over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and",
-        "robust losses. Jerk before / after: of the frames as they were found, and of the path taken. Cost of the path",
-        "is its total less that of the frames.",
+        "robust losses. Total: by the search's own losses at its own size, 160 px. Judged: by the judge of protocol.md",
+        f"at {SIDE} px, a size that nobody searches at, so that what was gained by single pixels does not count.",
+        "Jerk: of the frames as they were found, of the path taken, of the reference. Cost of the path: its",
+        "total less that of the frames.",
         *machine(),
         measured_at(rows),
         "",

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cltransfer.bench.driver import Bench, clips_of, run_driver, seed_range
+from cltransfer.bench.driver import Bench, clips_of, drawn, run_driver, seed_range
 from cltransfer.bench.driver_table import HEADER, summary, write_driver
 from cltransfer.bench.rows import FILE
 from cltransfer.bench.section import table
@@ -19,6 +19,13 @@ from cltransfer.errors import UsageError
 def test_a_range_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="seeds=FIRST:LAST"):
         seed_range(text)
+
+
+def test_a_shot_that_is_none_is_one_line() -> None:
+    with pytest.raises(UsageError, match=r"shot 'orbitt': no such shot .known: push_in, "):
+        Bench(seeds=(0,), shots=("orbitt",))
+    with pytest.raises(UsageError, match="shot 'orbitt': no such shot"):
+        drawn("orbitt", 0)
 
 
 def test_the_paper_takes_its_turn_at_every_shot_across_scenes() -> None:
@@ -39,6 +46,8 @@ def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path, co
     clips = clips_of(rows)
     assert [clip.target for clip in clips] == ["self", "cross"]
     assert clips[0].total < 0.2
+    assert 0 < clips[0].judged < 0.2
+    assert clips[0].judged != clips[0].total  # read at another size
     assert clips[0].position < 0.01
     assert math.isnan(clips[1].position)
     lines = (tmp_path / "rows" / FILE).read_text().splitlines()

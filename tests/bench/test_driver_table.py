@@ -8,20 +8,23 @@ from cltransfer.bench.driver_chart import write_driver_chart
 from cltransfer.bench.driver_table import HEADER, summary
 
 NAN = float("nan")
-CLIP = Clip("fast", "cross", "pan", 1, 0.5, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02)
+CLIP = Clip("fast", "cross", "pan", 1, 0.5, 0.6, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02, 0.01)
 
 
 def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
     paper = replace(CLIP, preset="paper", total=1.0, evaluations=960.0)
     clips = [CLIP, replace(CLIP, shot="zoom", total=2.5), paper, replace(CLIP, shot="orbit", total=9.0)]
-    clips += [replace(paper, shot="zoom", total=2.0)]
+    clips += [replace(paper, shot="zoom", total=2.0, judged=0.3)]
     row = dict(zip(HEADER, summary(clips)[0]))
     assert row["at or below paper"] == "1 of 2"
     assert row["share of paper's mean"] == "1.00"
     assert row["total, mean"] == "4.000"
+    assert row["judged, mean"] == "0.600"
+    assert row["judged at or below"] == "1 of 2"
+    assert row["judged share"] == "1.33"
     assert row["position [heights]"] == ""
     assert row["cost of the path"] == "+0.100"
-    assert row["jerk before / after"] == "0.2000 / 0.0200"
+    assert row["jerk before / after / of the reference"] == "0.2000 / 0.0200 / 0.0100"
 
 
 def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:
