@@ -12,7 +12,7 @@ from ..section import machine, table, write_section
 from ..trial import Row
 from .chart import write_success, write_totals
 from .sheet import trials_csv
-from .trial import STRESSORS, StressTrial, run_stress
+from .trial import STRESSORS, StressTrial, run_stress, stressor_called
 from .verdicts import HEADER, LEVELS, STRICTER_HEADER, stricter, summary, verdicts
 
 FIRST_SEED = 1000  # seeds below were looked at while the methods were made
@@ -43,8 +43,12 @@ class StressBench:
     options: tuple[str, ...] = ()
 
     def trials(self) -> list[StressTrial]:
-        """Every method on every clip, without stress and at every level of every stressor; one clip a seed."""
-        frames = {stressor: max(self.frames, STRESSORS[stressor].frames) for stressor in self.stressors}
+        """Every method on every clip, without stress and at every level of every stressor; one clip a seed.
+
+        Raises:
+            UsageError: there is no such stressor.
+        """
+        frames = {name: max(self.frames, stressor_called(name).frames) for name in self.stressors}
         calm = [("", 0, count) for count in sorted(set(frames.values()))]
         stressed = [(stressor, level, frames[stressor]) for stressor in self.stressors for level in range(1, LEVELS)]
         return [

@@ -53,6 +53,17 @@ SIDE = 160  # longer side of what is read and judged [px]
 ClipName = tuple[str, str, str, int]  # shot, teacher, pupil, seed
 
 
+def stressor_called(name: str) -> Stressor:
+    """The stressor called ``name``.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in STRESSORS:
+        raise UsageError("", f"stressor {name!r}", "no such stressor", f"known: {', '.join(STRESSORS)}")
+    return STRESSORS[name]
+
+
 @dataclass(frozen=True)
 class StressTrial:
     """One transfer under stress.
@@ -77,8 +88,8 @@ class StressTrial:
     options: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.stressor and self.stressor not in STRESSORS:
-            raise UsageError("", f"stressor {self.stressor!r}", "no such stressor", f"known: {', '.join(STRESSORS)}")
+        if self.stressor:
+            stressor_called(self.stressor)
         if (self.level > 0) != bool(self.stressor) or not 0 <= self.level <= 5:
             raise ValueError(f"level must be 0 without a stressor and 1 to 5 with one, got {self.level}")
 

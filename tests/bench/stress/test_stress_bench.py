@@ -198,5 +198,7 @@ def test_tiers_say_what_they_run() -> None:
 def test_an_unknown_stressor_is_one_line() -> None:
     with pytest.raises(UsageError, match="no such stressor"):
         StressTrial("replay", "rain", 1, *CLIP, 2)
+    with pytest.raises(UsageError, match=r"stressor .rain.: no such stressor .known: turned_view, "):
+        StressBench(stressors=("rain",)).trials()
     with pytest.raises(ValueError, match="level must be"):
         StressTrial("replay", "pruned", 0, *CLIP, 2)
