@@ -122,11 +122,14 @@ def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
 
 def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
     assert (
-        _begun_so("init", "my views/a.json") == "go on with --init 'my views/a.json', or start over with another --out"
+        _begun_so("init", "my views/a.json", 0)
+        == "go on with --init 'my views/a.json', or start over with another --out"
     )
-    assert _begun_so("config.warm_start", True).startswith("go on with warm_start=true, or")
-    assert _begun_so("config.preset", "Mine $(date)").startswith("go on with 'preset=Mine $(date)', or")
-    assert _begun_so("threads", "1; date").startswith("go on with CLTRANSFER_THREADS='1; date', or")
+    again = "5 more settings differ: repeat the command as it was with --resume, or start over with another --out"
+    assert _begun_so("config.basin", 1000.0, 5) == again
+    assert _begun_so("config.warm_start", True, 0).startswith("go on with warm_start=true, or")
+    assert _begun_so("config.preset", "Mine $(date)", 0).startswith("go on with 'preset=Mine $(date)', or")
+    assert _begun_so("threads", "1; date", 0).startswith("go on with CLTRANSFER_THREADS='1; date', or")
 
 
 def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:

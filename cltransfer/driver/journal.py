@@ -150,15 +150,17 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
     now = json.loads(json.dumps(header))
     if not isinstance(recorded, dict):
         raise InputError(path, "header", "not a journal")
-    for key in sorted({*now, *recorded}):
-        if recorded.get(key) != now.get(key):
-            reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
-            raise InputError(path, key, reason, _begun_so(key, recorded.get(key)))
+    others = [key for key in sorted({*now, *recorded}) if recorded.get(key) != now.get(key)]
+    for key in others[:1]:
+        reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
+        raise InputError(path, key, reason, _begun_so(key, recorded.get(key), len(others) - 1))
 
 
-def _begun_so(key: str, value: object) -> str:
-    """How the run is gone on with, or begun anew."""
+def _begun_so(key: str, value: object, more: int) -> str:
+    """How the run is gone on with, or begun anew; ``more`` settings differ too."""
     again = "start over with another --out"
+    if more:
+        return f"{more} more settings differ: repeat the command as it was with --resume, or {again}"
     if key == "threads":
         word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
     elif key == "init":
