@@ -41,6 +41,14 @@ class Term:
         values = self.values[torch.isfinite(self.values)]
         return float(values.mean()) if len(values) else None
 
+    @property
+    def why_not(self) -> str:
+        """Why frames have no value; empty where all have one."""
+        known = torch.isfinite(self.values)
+        if self.reason or bool(known.all()):
+            return self.reason
+        return "undefined on the first frame" if bool(known[1:].all()) else "undefined on some frames"
+
 
 @dataclass(frozen=True)
 class Scores:

@@ -15,7 +15,7 @@ from ..files import csv_text, write_json, write_text
 from ..scores import Scores, Term
 from .data import ReportData
 
-HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "better by")
+HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "first view / mean")
 WITHOUT_BASELINE = 5  # columns of the head that need none
 
 
@@ -169,7 +169,7 @@ def _row_json(row: Row, report: ReportData) -> dict[str, Any]:
         "weighted": row.weighted,
         "defined": row.defined,
         "frames": row.frames,
-        "reason": row.reason or ("" if row.defined == row.frames else "undefined on some frames"),
+        "reason": row.reason or Term(row.name, row.unit, 1.0, values).why_not,
         "first_view": row.baseline,
         "ratio": row.ratio,
         "values": [finite(value) for value in values.tolist()],

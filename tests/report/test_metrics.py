@@ -49,6 +49,10 @@ def test_a_missing_value_without_a_given_reason_still_says_so(report, tmp_path):
     unexplained = Scores((term("framing", [NAN, 1.0, 1.0, 1.0]),), torch.ones(4, dtype=torch.float64))
     write_metrics(tmp_path, replace(report, scores=unexplained))
     metric = json.loads((tmp_path / "metrics.json").read_text())["metrics"]["framing"]
+    assert metric["reason"] == "undefined on the first frame"
+    gaps = Scores((term("framing", [1.0, NAN, 1.0, 1.0]),), torch.ones(4, dtype=torch.float64))
+    write_metrics(tmp_path, replace(report, scores=gaps))
+    metric = json.loads((tmp_path / "metrics.json").read_text())["metrics"]["framing"]
     assert metric["reason"] == "undefined on some frames"
 
 
@@ -85,7 +89,7 @@ def test_columns_that_nothing_fills_are_left_out(report):
     assert piped.splitlines()[2] == "| shot_size | 0.0200 | frame | 0.0400 | 4/4 |"
     for said in (piped, drawn, page(alone)):
         assert "first view" not in said
-        assert "better by" not in said
+        assert "/ mean" not in said
     assert page(alone).count("<th>") == 5
     assert page(report).count("<th>") == 7
 
