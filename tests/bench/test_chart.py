@@ -4,10 +4,11 @@ import shlex
 from xml.etree import ElementTree
 
 import pytest
+from matplotlib.figure import Figure
 
 from cltransfer.bench import chart
-from cltransfer.bench.chart import CHART_TIERS, SETTINGS, Setting, chart_trials, hits, pareto, points, points_csv
-from cltransfer.bench.chart_svg import write_chart
+from cltransfer.bench.chart import CHART_TIERS, SETTINGS, Point, Setting, chart_trials, hits, pareto, points, points_csv
+from cltransfer.bench.chart_svg import _draw_points, write_chart
 from cltransfer.bench.protocol import Tier
 from cltransfer.bench.rows import Bench, run_trials
 
@@ -45,6 +46,21 @@ def test_settings_are_told_apart_by_name_within_their_family():
     assert {"presets", "baselines", "resolution", "level of detail", "CMA-ES, population", "CMA-ES, generations"} <= {
         s.family for s in SETTINGS
     }
+
+
+def test_points_beside_one_another_are_all_named_and_no_name_lies_on_a_point():
+    at = [(50.0, 1.0), (60.0, 1.0), (55.0, 1.02), (400.0, 3.0), (400.0, 3.0)]
+    found = [Point("a ladder", f"setting {i}", 1, cost, cost, loss, loss, 1.0) for i, (cost, loss) in enumerate(at)]
+    figure = Figure(figsize=(9.0, 7.4))
+    _draw_points(figure, found)
+    figure.canvas.draw()
+    for ax in figure.axes[:2]:
+        names = {text.get_text(): text.get_window_extent() for text in ax.texts}
+        assert {"setting 0", "setting 1", "setting 3"} <= set(names)
+        assert "setting 4" not in names
+        for name, box in names.items():
+            assert not any(box.contains(*ax.transData.transform(place)) for place in at)
+            assert not any(box.overlaps(other) for label, other in names.items() if label != name)
 
 
 def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
