@@ -45,6 +45,9 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
         ResourceError: there is not memory enough for the frames of both, or to read them.
     """
     start = time.perf_counter()
+    for source in (reference, render):
+        if source.startswith("builtin:"):
+            raise InputError(source, "", "is made by code, no clip", "expected clips, image folders or folders of runs")
     parts = Components.build(config)
     plan = parts.plan("image")
     asked, found = ClipSource.parse(reference), ClipSource.parse(render)

@@ -26,6 +26,7 @@ from .progress import Progress, silent
 from .read_frames import check_maps, read_frames
 from .run_files import kept_frames
 from .scene_source import split_scene
+from .shots import SHOTS
 
 if TYPE_CHECKING:
     from .clips.clip import Clip
@@ -109,6 +110,8 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     from .clips.source import ClipSource
 
     asked_for = ClipSource.parse(source)
+    if source in SHOTS and not asked_for.path.exists():
+        raise InputError(source, "", "no such file", f"did you mean builtin:{source}?")
     where = replace(asked_for, path=kept_frames(asked_for.path))
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")

@@ -44,6 +44,8 @@ def evaluate(
 ) -> None:
     """Score the clip RENDER against the clip REFERENCE, or whole folders of clips; no scene is needed.
 
+    Two networks read the clips; get them first, once: cltransfer models pull default
+
     cltransfer evaluate clip.mp4 render.mp4 --json
 
     cltransfer evaluate references/ ours=runs/ theirs=clips/ --out table

@@ -30,7 +30,8 @@ def lift(
     """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
 
     Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
-    and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one.
+    and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one. Two networks look for the
+    person; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
     from ..lift_folder import Lifting, lift_lines, lift_to_folder

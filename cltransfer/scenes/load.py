@@ -97,6 +97,11 @@ def _geometry(path: Path) -> Any:
         return read_foreign(path, reader)
     if suffix in FOREIGN_SPLATS:
         raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
+    if not suffix and not path.exists():
+        from .builtin import SETS
+
+        if str(path).partition("-")[0] in SETS:
+            raise InputError(path, "", "no such file", f"did you mean {BUILTIN}{path}?")
     known = ", ".join((*SCENE_SUFFIXES, *own_suffixes()))
     hint = f"expected {known} or builtin:NAME; others by a plugin, in verbs with --allow-plugin"
     raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", hint)

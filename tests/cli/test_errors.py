@@ -274,6 +274,16 @@ def test_names_of_built_ins_that_are_not_there_are_answered_with_those_that_are(
     refused(command("transfr"), 2, "transfr")
 
 
+def test_a_built_in_whose_prefix_was_left_out_is_offered_with_it(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(command("transfer", "courtyard", "builtin:pan"), 3, "courtyard", "(did you mean builtin:courtyard?)")
+    refused(command("transfer", "room-3", "builtin:pan"), 3, "room-3", "(did you mean builtin:room-3?)")
+    refused(command("transfer", "builtin:courtyard", "pan"), 3, "pan: no such file (did you mean builtin:pan?)")
+    refused(command("evaluate", "builtin:pan", "x.mp4"), 3, "builtin:pan: is made by code, no clip (expected clips")
+
+
 @pytest.mark.parametrize("verb", ["transfer", "lift", "evaluate"])
 def test_out_that_is_a_file_is_refused_and_kept(command: Callable[..., Any], tmp_path: Path, verb: str) -> None:
     (tmp_path / "mine").write_text("mine")
