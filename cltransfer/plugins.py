@@ -16,7 +16,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from .errors import ModelError
-from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES, code_in
+from .plugin_code import code_in
+from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES
 
 GROUP = "cltransfer.plugins"
 NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside plugins in their folder

@@ -28,10 +28,10 @@ from .features import Features
 from .models.content import files_content, model_content, own_model
 from .objective import Objective
 from .plan import Family
+from .plugin_code import code_of
 from .progress import Progress
 from .readback import check_result
 from .reference import Reading, Reference, read_reference
-from .registry import code_of
 from .run_files import DONE
 from .scenes import Scene
 from .scenes.floaters import without_floaters

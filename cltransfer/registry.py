@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import hashlib
 import importlib
 import math
 import pkgutil
@@ -12,7 +11,6 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
-from itertools import takewhile
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -157,35 +155,6 @@ class Registry(Generic[T]):
     def options(self, name: str) -> dict[str, Any]:
         """Option names and defaults of component ``name``; required ones are ``'???'``."""
         return {f.name: _default(f) for f in dataclasses.fields(self.get(name))}  # type: ignore[arg-type]
-
-
-def code_of(component: object) -> str:
-    """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
-
-    ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
-    """
-    module = (component if isinstance(component, type) else type(component)).__module__
-    file = getattr(sys.modules.get(module), "__file__", None)
-    if module.partition(".")[0] == "cltransfer" or file is None:
-        return ""
-    package = _package(Path(file))
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if package is None else code_in(package)
-
-
-def code_in(package: Path) -> str:
-    """SHA-256 of the names and contents of every Python file in a folder that is not hidden."""
-    digest = hashlib.sha256()
-    for part in sorted(package.rglob("*.py")):
-        if not part.is_file() or any(name.startswith(".") for name in part.relative_to(package).parts):
-            continue
-        digest.update(f"{part.relative_to(package)}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode())
-    return digest.hexdigest()
-
-
-def _package(file: Path) -> Path | None:
-    """The outermost folder of the package that ``file`` lies in, None where it is part of none."""
-    folders = list(takewhile(lambda folder: (folder / "__init__.py").is_file(), file.parents))
-    return folders[-1] if folders else None
 
 
 def _file_of(cls: type[Any]) -> str:

@@ -17,7 +17,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "cltransfer").rglob("*.py"))
 
-VALUES = ("camera", "features", "subject", "trajectory", "skeleton", "errors", "files", "threads", "registry")
+VALUES = (
+    "camera",
+    "features",
+    "subject",
+    "trajectory",
+    "skeleton",
+    "errors",
+    "files",
+    "threads",
+    "registry",
+    "plugin_code",
+)
 COMPONENTS = ("renderers", "extractors", "losses", "search", "scenes")
 DRIVING = (
     "graph",

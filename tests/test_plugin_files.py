@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from cltransfer.errors import ModelError
+from cltransfer.plugin_code import code_of
 from cltransfer.plugins import allow
-from cltransfer.registry import LOSSES, code_of
+from cltransfer.registry import LOSSES
 
 
 @pytest.fixture(autouse=True)

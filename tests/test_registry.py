@@ -19,8 +19,9 @@ from cltransfer.ablate.trial import Case, Metric, Outcome
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.evaluate_many import ClipScore
 from cltransfer.evaluate_table import clips_csv
+from cltransfer.plugin_code import code_of
 from cltransfer.plugins import allow
-from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry, code_of
+from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES, Registry
 from cltransfer.report.data import ReportData
 from cltransfer.report.metrics import metrics_csv
 from cltransfer.scores import Scores, Term

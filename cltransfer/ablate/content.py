@@ -11,7 +11,7 @@ from ..config.options import SECTIONS, RunConfig
 from ..errors import InputError
 from ..files import content_hash
 from ..models.content import files_content, model_content, own_model
-from ..registry import code_of
+from ..plugin_code import code_of
 from ..scene_source import split_scene
 from ..scenes.foreign import reader_code
 from ..scenes.lifted import LABELS, SUBJECT

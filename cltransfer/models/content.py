@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import content_hash
-from ..registry import code_of
+from ..plugin_code import code_of
 from .catalogue import entry_of_file
 from .places import found_model, model_places
 

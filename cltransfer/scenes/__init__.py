@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
-from ..registry import code_of
+from ..plugin_code import code_of
 from ..subject import Subject
 
 if TYPE_CHECKING:

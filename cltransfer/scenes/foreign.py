@@ -8,7 +8,8 @@ from typing import Any
 
 from ..errors import ModelError, named
 from ..files import check_size
-from ..registry import RENDERERS, code_of
+from ..plugin_code import code_of
+from ..registry import RENDERERS
 from .geometry import Geometry, lacking
 
 
