@@ -10,19 +10,30 @@ import hashlib
 import sys
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
+
+_IMPORTED: dict[Path, str] = {}  # digest of what was imported last, by its file or package
 
 
 def code_of(component: object) -> str:
-    """SHA-256 of a plugin's code: the file of its class, or every Python file of the package that this lies in.
+    """SHA-256 of a plugin's code as it was imported: the file of its class, or all Python files of its package.
 
     ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
     """
-    module = (component if isinstance(component, type) else type(component)).__module__
-    file = getattr(sys.modules.get(module), "__file__", None)
-    if module.partition(".")[0] == "cltransfer" or file is None:
+    cls = component if isinstance(component, type) else type(component)
+    if _ours(cls):
         return ""
-    package = _package(Path(file))
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if package is None else code_in(package)
+    place = _home(cls)
+    if place in _IMPORTED:
+        return _IMPORTED[place]
+    return _code_at(place) if place is not None and place.exists() else ""
+
+
+def remember(cls: type[Any]) -> None:
+    """Keep what the code of ``cls`` is now, as it is imported: this process goes on with that when it is edited."""
+    place = None if _ours(cls) else _home(cls)
+    if place is not None and place.exists():
+        _IMPORTED[place] = _code_at(place)
 
 
 def code_in(package: Path) -> str:
@@ -33,6 +44,20 @@ def code_in(package: Path) -> str:
             continue
         digest.update(f"{part.relative_to(package)}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode())
     return digest.hexdigest()
+
+
+def _ours(cls: type[Any]) -> bool:
+    return cls.__module__.partition(".")[0] == "cltransfer"
+
+
+def _home(cls: type[Any]) -> Path | None:
+    """The file of a class, or the package that it lies in; None where it has none."""
+    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+    return None if file is None else _package(Path(file)) or Path(file)
+
+
+def _code_at(place: Path) -> str:
+    return code_in(place) if place.is_dir() else hashlib.sha256(place.read_bytes()).hexdigest()
 
 
 def _package(file: Path) -> Path | None:

@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 
 from .declared import EXTRACTOR, FITTER, LOSS, RENDERER, SEARCH, Declared, check_declared
 from .errors import ModelError, UsageError, named
+from .plugin_code import remember
 from .typed import nearest, typed
 
 T = TypeVar("T")
@@ -70,6 +71,7 @@ class Registry(Generic[T]):
             else:
                 reason = f"the name is taken by {_file_of(other)}; choose another"
                 raise ModelError(_file_of(cls), f"{self.kind} {name!r}", reason)
+            remember(cls)
             return cls
 
         return add

@@ -36,30 +36,35 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_loss: str) -> I
         del sys.modules[name]
 
 
+def again() -> str:
+    """The code of the loss when its module is run once more."""
+    importlib.reload(importlib.import_module("own_plugins.losses.mine"))
+    return code_of(LOSSES.build("mine"))
+
+
 def test_the_code_of_a_plugin_is_all_of_its_package(package: Path) -> None:
-    importlib.import_module("own_plugins.losses.mine")
-    mine, seen = LOSSES.build("mine"), []
-    for file, text in (("losses/mine.py", "# edited"), ("maths/formula.py", "SCALE = 2.0\n"), ("new.py", "")):
-        seen.append(code_of(mine))
-        assert code_of(mine) == seen[-1]
+    seen = [again()]
+    mine = (package / "losses/mine.py").read_text() + "# edited"
+    for file, text in (("losses/mine.py", mine), ("maths/formula.py", "SCALE = 2.0\n"), ("new.py", "")):
+        assert again() == seen[-1]
         (package / file).write_text(text)
-    whole = code_of(mine)
-    assert len({*seen, whole}) == 4
+        assert code_of(LOSSES.build("mine")) == seen[-1]  # it is what was imported that answers
+        seen.append(again())
+    assert len(set(seen)) == 4
     (package / "notes.txt").touch()
     (package.parent / "beside.py").touch()
-    assert code_of(mine) == whole
+    assert again() == seen[-1]
     (package / "new.py").rename(package / "newer.py")
-    assert code_of(mine) != whole
+    assert again() != seen[-1]
 
 
 def test_what_an_editor_leaves_in_a_package_is_no_code(package: Path) -> None:
-    importlib.import_module("own_plugins.losses.mine")
-    whole = code_of(LOSSES.build("mine"))
+    whole = again()
     (package / ".#mine.py").symlink_to("nobody@nowhere.1")  # Emacs' lock, which leads nowhere
     (package / "data.py").mkdir()
     (package / ".venv").mkdir()
     (package / ".venv" / "other.py").touch()
-    assert code_of(LOSSES.build("mine")) == whole
+    assert again() == whole
 
 
 def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path: Path, own_loss: str) -> None:
@@ -68,6 +73,22 @@ def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path:
     alone = code_of(LOSSES.build("mine"))
     assert alone == hashlib.sha256(own_loss.encode()).hexdigest()
     (tmp_path / "other.py").touch()
+    LOSSES._classes.pop("mine")
+    allow([tmp_path / "mine.py"])
     assert code_of(LOSSES.build("mine")) == alone
     (tmp_path / "__init__.py").touch()
     assert code_of(LOSSES.build("mine")) != alone
+
+
+def test_a_plugin_that_is_edited_while_it_is_in_use_is_known_by_what_was_imported(
+    tmp_path: Path, own_loss: str
+) -> None:
+    (tmp_path / "mine.py").write_text(own_loss)
+    allow([tmp_path / "mine.py"])
+    before = code_of(LOSSES.build("mine"))
+    (tmp_path / "mine.py").unlink()
+    assert code_of(LOSSES.build("mine")) == before
+    (tmp_path / "mine.py").write_text(f"{own_loss}# edited\n")
+    assert code_of(LOSSES.build("mine")) == before
+    allow([tmp_path / "mine.py"])
+    assert code_of(LOSSES.build("mine")) != before
