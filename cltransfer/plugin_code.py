@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Iterator
 from itertools import takewhile
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any
 
 _IMPORTED: dict[Path, str] = {}  # digest of what was imported last, by its file or package
@@ -19,6 +21,7 @@ def code_of(component: object) -> str:
     """SHA-256 of a plugin's code as it was imported: the file of its class, or all Python files of its package.
 
     ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
+    What has no file, as a cell of a notebook, is known by what its functions do.
     """
     cls = component if isinstance(component, type) else type(component)
     if _ours(cls):
@@ -26,7 +29,7 @@ def code_of(component: object) -> str:
     place = _home(cls)
     if place in _IMPORTED:
         return _IMPORTED[place]
-    return _code_at(place) if place is not None and place.exists() else ""
+    return _code_at(place) if place is not None and place.exists() else _code_without_file(cls)
 
 
 def remember(cls: type[Any]) -> None:
@@ -64,3 +67,62 @@ def _package(file: Path) -> Path | None:
     """The outermost folder of the package that ``file`` lies in, None where it is part of none."""
     folders = list(takewhile(lambda folder: (folder / "__init__.py").is_file(), file.parents))
     return folders[-1] if folders else None
+
+
+def _code_without_file(cls: type[Any]) -> str:
+    """SHA-256 of the functions of ``cls``, and of what they name in its module: functions, classes and plain values."""
+    module = vars(sys.modules[cls.__module__]) if cls.__module__ in sys.modules else {}
+    told: dict[str, str] = {}
+    waiting: list[tuple[str, Any]] = [(cls.__qualname__, cls)]
+    while waiting:
+        name, value = waiting.pop()
+        value = _function(value)
+        if name in told:
+            continue
+        if isinstance(value, FunctionType):
+            told[name] = repr([_plain(value.__code__), *filter(_is_plain, (value.__defaults__, value.__kwdefaults__))])
+            own_names = _names(value.__code__) if value.__module__ == cls.__module__ else ()
+            waiting += [(used, module[used]) for used in own_names if used in module]
+        elif isinstance(value, type) and value.__module__ == cls.__module__:
+            told[name] = ""
+            waiting += [(base.__qualname__, base) for base in value.__bases__]
+            parts = {own: _function(part) for own, part in vars(value).items()}
+            parts = {own: p for own, p in parts.items() if isinstance(p, FunctionType) or not own.startswith("__")}
+            waiting += [(f"{name}.{own}", part) for own, part in parts.items()]
+        elif _is_plain(value):
+            told[name] = repr(value)
+    return hashlib.sha256(repr(sorted(told.items())).encode()).hexdigest()
+
+
+def _function(value: Any) -> Any:
+    """The function of a method, a property or what keeps its answers; anything else as it is."""
+    for inside in () if isinstance(value, type) else ("__func__", "fget", "func", "__wrapped__"):
+        value = getattr(value, inside, value)
+    return value
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    """What a function names, and what those in it do, as comprehensions are in Python 3.11."""
+    yield from code.co_names
+    for const in code.co_consts:
+        if isinstance(const, CodeType):
+            yield from _names(const)
+
+
+def _plain(code: CodeType) -> str:
+    """What a function does, without where it stands."""
+    consts = []
+    for const in code.co_consts:
+        if isinstance(const, frozenset):  # in another order in every process
+            const = sorted(map(repr, const))
+        consts.append(_plain(const) if isinstance(const, CodeType) else repr(const))
+    return repr([code.co_code, code.co_names, code.co_varnames, consts])
+
+
+def _is_plain(value: object) -> bool:
+    """Whether what is written of it tells all, in every process: of another object it may be where that lies."""
+    if isinstance(value, dict):
+        return all(_is_plain(part) for pair in value.items() for part in pair)
+    if isinstance(value, list | tuple):
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, str | int | float)

@@ -4,15 +4,47 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from cltransfer.plugin_code import code_of
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
+
+CELL = """
+from dataclasses import dataclass
+from functools import cache
+from cltransfer.registry import LOSSES
+SCALES, SHIFT = [1.0, 2.0], 0.5
+
+def shifted(x):
+    return x + SHIFT
+
+@cache
+def scaled(x):
+    return [shifted(x * scale) for scale in SCALES if str(scale) in {"0.0", "1.0", "2.0"}]
+
+class Usual:
+    requires, unit, penalty = ("image",), "", 1.0
+
+    @property
+    def twice(self):
+        return 2
+
+@LOSSES.register("mine")
+@dataclass(frozen=True)
+class Mine(Usual):
+    weight: float = 1.0
+
+    def __call__(self, reference, rendered, power=1):
+        return scaled(rendered.image.mean()) ** power * self.twice
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -92,3 +124,37 @@ def test_a_plugin_that_is_edited_while_it_is_in_use_is_known_by_what_was_importe
     assert code_of(LOSSES.build("mine")) == before
     allow([tmp_path / "mine.py"])
     assert code_of(LOSSES.build("mine")) != before
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("2.0]", "3.0]"),
+        ("SHIFT = [1.0, 2.0], 0.5", "SHIFT = [1.0, 2.0], 1"),
+        ("x + SHIFT", "x - SHIFT"),
+        ('{"0.0", ', "{"),
+        ("return 2", "return 3"),
+        ("power=1", "power=2"),
+        ("** power", "* power"),
+    ],
+)
+def test_a_loss_of_a_notebook_is_known_by_what_its_functions_do(
+    monkeypatch: pytest.MonkeyPatch, edit: tuple[str, str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "a_notebook", ModuleType("a_notebook"))
+    seen = []
+    for cell in (CELL, CELL.replace(*edit), f"\n# moved\n{CELL}"):
+        exec(cell, vars(sys.modules["a_notebook"]))
+        seen.append(code_of(LOSSES.build("mine")))
+    assert seen[0] == seen[2] != seen[1]
+
+
+def test_the_code_of_a_notebook_is_the_same_in_every_process() -> None:
+    told = f"{CELL}\nfrom cltransfer.plugin_code import code_of\nprint(code_of(Mine))"
+    seen = set()
+    for seed in ("1", "2", "3"):
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True, env=environment)
+        seen.add(done.stdout)
+    assert len(seen) == 1
+    assert len(seen.pop()) == 65
