@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..files import content_hash
 from ..models.content import files_content, model_content, own_model
 from ..plugin_code import code_of
+from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
 from ..scene_source import split_scene
 from ..scenes.foreign import reader_code
 from ..scenes.lifted import LABELS, SUBJECT
@@ -25,6 +26,12 @@ def parts_content(config: RunConfig) -> list[list[Any]]:
     """Code of the plugins and content of the networks and files that a config names."""
     built = [part for section in SECTIONS for part in config.build(section).values()]
     return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
+
+
+def plugin_codes() -> tuple[str, ...]:
+    """The code of every component of a plugin that is registered here, as it was imported."""
+    classes = [cls for known in (RENDERERS, EXTRACTORS, LOSSES, SEARCHES) for cls in known.registered().values()]
+    return tuple(sorted({code_of(cls) for cls in classes} - {""}))
 
 
 def _content(path: Path) -> str:

@@ -16,7 +16,7 @@ from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
 from ..revision import commit
 from ..run_files import DONE
-from .content import digests
+from .content import digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
@@ -95,7 +95,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     runs = options.out.resolve() / "runs"
-    job = Job(tuple(settle(options.plugins)), str(runs) if options.keep_runs else None)
+    job = Job(tuple(settle(options.plugins)), str(runs) if options.keep_runs else None, plugin_codes())
     before = [t.key for t in asked if t not in missing and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0
     progress("trials", len(asked) - len(missing), len(asked))

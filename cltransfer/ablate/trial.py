@@ -62,10 +62,12 @@ class Job:
     Args:
         plugins: to import, as :func:`cltransfer.plugins.settle` tells them.
         runs: folder for whole runs, None keeps none.
+        codes: of the plugins that the trials were told apart by, see :func:`cltransfer.ablate.content.plugin_codes`.
     """
 
     plugins: tuple[str, ...] = ()
     runs: str | None = None
+    codes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
     from ..transfer import Inputs, transfer
     from .measure import measured
 
-    _allow(job.plugins)
+    _allow(job.plugins, job.codes)
     scene = trial.scene
     up = None if scene.up is None else (scene.up[0], scene.up[1], scene.up[2])
     subject = None if scene.subject is None else Path(scene.subject)
@@ -220,9 +222,9 @@ def _number(value: float | Tensor) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-@functools.cache
-def _allow(plugins: tuple[str, ...]) -> None:
-    """Import the plugins, once a process."""
+@functools.lru_cache(maxsize=1)
+def _allow(plugins: tuple[str, ...], codes: tuple[str, ...]) -> None:
+    """Import the plugins, once a sweep; those of other code than in the last one, as a worker may outlive it, anew."""
     from ..plugins import import_settled
 
     import_settled(plugins)

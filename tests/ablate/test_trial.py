@@ -13,7 +13,7 @@ from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Options, ablate
 from cltransfer.ablate.sources import check_sources
-from cltransfer.ablate.trial import Outcome, Trial, trials
+from cltransfer.ablate.trial import Job, Outcome, Trial, run_trial, trials
 from cltransfer.features import Features
 from cltransfer.files import content_hash
 from cltransfer.plugins import allow
@@ -121,6 +121,38 @@ def test_a_plugin_that_was_edited_is_another_trial(
         allow([tmp_path / "rule_of_thirds.py"])
         seen.append(keys("builtin:courtyard", "losses: {rule_of_thirds: {}}"))
     assert not set(seen[0]) & set(seen[1])
+
+
+def test_a_worker_takes_a_plugin_anew_for_a_sweep_of_other_code_and_never_within_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(LOSSES._classes, "rule_of_thirds", object)  # to be as it was, and nothing else with it
+    del LOSSES._classes["rule_of_thirds"]
+    file, seen = tmp_path / "rule_of_thirds.py", []
+    (tmp_path / "sweep.yaml").write_text("references: [none.mp4]\nscenes: ['builtin:courtyard']\nrows: {full: {}}\n")
+    (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml")), {}, str)
+    for edit, code in (("", "first"), ("# edited", "other"), ("# edited while that sweep runs", "other")):
+        file.write_text(PLUGIN.read_text() + edit)
+        assert "none.mp4" in run_trial(trial, Job((str(file),), codes=(code,))).failed
+        seen.append(LOSSES.get("rule_of_thirds"))
+    assert seen[0] is not seen[1]
+    assert seen[1] is seen[2]
+
+
+def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(LOSSES._classes, "rule_of_thirds", object)  # to be as it was, and nothing else with it
+    del LOSSES._classes["rule_of_thirds"]
+    allow([PLUGIN])
+    told: list[Job] = []
+
+    def noted(trials: Sequence[Trial], job: Job, *_: Any) -> Iterator[Outcome]:
+        told.append(job)
+        return (Outcome(t.key, t.row, t.case, failed="not run") for t in trials)
+
+    monkeypatch.setattr("cltransfer.ablate.run.outcomes", noted)
+    (tmp_path / "sweep.yaml").write_text("references: ['builtin:orbit']\nrows: {full: {}}\n")
+    ablate(read_sweep(str(tmp_path / "sweep.yaml")), Options(tmp_path / "out"))
+    assert content_hash(PLUGIN) in told[0].codes
 
 
 @dataclass(frozen=True)
