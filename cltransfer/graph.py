@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from .errors import UsageError
 from .features import Features
@@ -138,8 +139,7 @@ def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> F
             later = step(now[1:], now[:-1])
             for name in step.extractor.provides:
                 value = later.require(name)
-                first = torch.full_like(value[:1], float("nan"))
-                now = now.having(name, torch.cat([first, value]))
+                now = now.having(name, torch.cat([_unknown(value[:1]), value]))
     return now
 
 
@@ -150,12 +150,21 @@ def _needs_before(step: Step) -> bool:
 def _undefined(now: Features, step: Step) -> Features:
     """What a step that compares with the frame before gives a first frame: NaN, of the shape of what it gives."""
     shapes: dict[str, tuple[int, ...]] = {"flow": (2, *_map_size(now)), "flow_confidence": _map_size(now)}
-    if not set(step.extractor.provides) <= set(shapes):
+    if set(step.extractor.provides) <= set(shapes):
+        rows = {n: torch.empty((len(now), *shapes[n]), device=_device(now)) for n in step.extractor.provides}
+    else:
         given = step(now, now)
-        shapes = {name: tuple(given.require(name).shape[1:]) for name in step.extractor.provides}
-    for name in step.extractor.provides:
-        now = now.having(name, torch.full((len(now), *shapes[name]), float("nan"), device=_device(now)))
+        rows = {name: given.require(name) for name in step.extractor.provides}
+    for name, value in rows.items():
+        now = now.having(name, _unknown(value))
     return now
+
+
+def _unknown(value: Tensor) -> Tensor:
+    """Rows like those of ``value`` that say nothing: NaN, and of a mask no pixel, as it has no NaN."""
+    if value.dtype is torch.bool:
+        return torch.zeros_like(value)
+    return torch.full_like(value, float("nan"), dtype=value.dtype if value.is_floating_point() else torch.float32)
 
 
 def _device(now: Features) -> torch.device | None:

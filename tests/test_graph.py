@@ -302,3 +302,29 @@ def test_an_extractor_of_whole_clips_that_fails_is_named() -> None:
 
     with pytest.raises(ModelError, match="extractor whole: expected depth, trust, it raised ValueError: torn"):
         along_clip(Broken(), {"depth"})
+
+
+@dataclass(frozen=True)
+class Moving:
+    """The person is what changes from frame to frame; and how many pixels do."""
+
+    requires: tuple[str, ...] = ("image",)
+    provides: tuple[str, ...] = ("subject", "changed")
+    family: str = "image"
+    needs_before: bool = True
+
+    def __call__(self, now: Features, before: Features) -> Features:
+        moved = (now.require("image") - before.require("image")).abs().amax(1) > 0.05
+        return now.having("subject", moved).having("changed", moved.flatten(1).sum(1))
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 10])  # alone, one chunk, and a chunk of one behind it
+def test_a_first_frame_has_no_pixel_of_a_mask_and_no_count(count: int) -> None:
+    made = plan({"subject", "changed"}, {"m": Moving()})
+    still = torch.zeros(1, 3, 2, 4)
+    got = run_clip(made, lambda a, b: Features((4, 2), image=still.expand(b - a, -1, -1, -1)), count)
+    assert got.require("subject").dtype is torch.bool
+    assert not bool(got.require("subject").any())
+    assert bool(got.require("changed")[0].isnan())
+    assert got.require("changed")[1:].tolist() == [0] * (count - 1)
+    assert not bool(run(made, Features((4, 2), image=still), None).require("subject").any())
