@@ -15,6 +15,7 @@ from ..config.options import RunConfig
 from ..depth_alignment import align_parts, needs_scene
 from ..driver.stage import Stage
 from ..features import Features
+from ..losses.camera_movement import weight_note
 from ..objective import Objective
 from ..plan import Family
 from ..read_frames import render_features
@@ -50,11 +51,13 @@ class Measured:
         scores: the terms, NaN where undefined.
         priced: the same, with the penalty where only the render lacks a term, (N, L).
         directions: which way it errs, by name; and the jerk of its path.
+        note: what is wrong with the weights by which it is measured, empty where nothing.
     """
 
     scores: Scores
     priced: Tensor  # (N, L)
     directions: Mapping[str, Way]
+    note: str = ""
 
 
 def measured(result: Result, reference: str, config: RunConfig, metrics: RunConfig) -> Measured:
@@ -96,7 +99,8 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
             scene = lifted_scene(scene, parts.renderer, parts.extractors)
         plan = parts.plan(family, shared=read.features.names())
         features = read_path(Stage(scene, parts.renderer, plan, Objective(parts.losses), cameras.size), cameras)
-    return _judged(Objective(parts.losses), read, features, _jerk(result))
+    found = _judged(Objective(parts.losses), read, features, _jerk(result))
+    return replace(found, note=weight_note(parts.losses, read.features.size[0]))
 
 
 def _judged(objective: Objective, read: Reference, features: Features, jerk: float) -> Measured:

@@ -85,6 +85,12 @@ def test_a_loss_left_out_names_no_direction() -> None:
     assert tuple(ways(filmed(), "losses.framing=null")) == ("larger", *SIGNS[3:])
 
 
+def test_metrics_that_weigh_movement_in_pixels_as_if_in_frame_widths_say_so(sweep_file: Callable[..., Path]) -> None:
+    file = sweep_file("{as it is: {}}", "metrics: {output_side: 64, losses: {camera_movement: {mode: faithful}}}")
+    (trial,) = trials(read_sweep(str(file)), {})
+    assert "camera_movement counts" in run_trial(trial, Job()).note
+
+
 def test_a_row_that_weighs_movement_in_pixels_as_if_in_frame_widths_says_so(sweep_file: Callable[..., Path]) -> None:
     file = sweep_file("{faithful: {output_side: 64, losses: {camera_movement: {mode: faithful}}}}")
     (trial,) = trials(read_sweep(str(file)), {})
