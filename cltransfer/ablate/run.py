@@ -21,7 +21,7 @@ from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .pool import outcomes
 from .sources import check_sources
-from .summary import CONFIDENCE, FEWEST, RowSummary, alike, summarise
+from .summary import CONFIDENCE, FEWEST, LEVEL, RowSummary, alike, summarise
 from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
 from .trial import Job, Outcome, trials
@@ -145,7 +145,8 @@ def markdown(ablation: Ablation) -> list[str]:
         first = ablation.rows[0].name
         lines += [
             "",
-            f"Paired with {first}, case by case (n pairs); bold: zero excluded, by {FEWEST} pairs or more that differ.",
+            f"Paired with {first}, case by case (n pairs); bold: the interval excludes zero and the signed-rank test",
+            f"has p at most {LEVEL}, of {FEWEST} pairs or more that differ.",
             "",
         ]
         lines += to_markdown(differences_table(ablation.rows))

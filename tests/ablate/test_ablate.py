@@ -21,8 +21,8 @@ import torch
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Ablation, markdown
-from cltransfer.ablate.summary import summarise
-from cltransfer.ablate.trial import Job, run_trial, trials
+from cltransfer.ablate.summary import FEWEST, LEVEL, summarise
+from cltransfer.ablate.trial import Job, Outcome, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.features import Features
@@ -135,6 +135,14 @@ def test_every_row_is_measured_at_one_size_and_has_the_frames_that_it_asks_for(
     assert "- rows differ in frames (2, 3): so does what moves from one frame to the next" in text
     same = "- rows small and patient came out the same in every value: what sets them apart has no effect here"
     assert same in text  # patience is of the engine cma
+
+
+def test_the_page_says_what_bold_asks_for(sweep_file: SweepFile, tmp_path: Path) -> None:
+    sweep = read_sweep(str(sweep_file("{full: {}, no framing: {losses: {framing: null}}}")))
+    found = [Outcome(t.key, t.row, t.case, failed="not run") for t in trials(sweep, draw_references(sweep, tmp_path))]
+    text = markdown(Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), tuple(found)))
+    told = f"bold: the interval excludes zero and the signed-rank test has p at most {LEVEL}, of {FEWEST} pairs or more"
+    assert told in " ".join(text)
 
 
 @dataclass(frozen=True)
