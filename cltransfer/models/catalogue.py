@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from importlib.resources import files as package_files
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 from urllib.parse import urlsplit
@@ -178,10 +180,11 @@ def pinned(entry: Entry) -> Entry:
 
 def pin(entry: Entry, sha256: str) -> Entry:
     """``entry`` with the hash and size of its file, which the user's own ``pins.json`` remembers."""
-    pins = _pins() if _pins_file().is_file() else {}
     size = entry.path.stat().st_size
-    pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
-    write_json(_pins_file(), pins)
+    with _alone(_pins_file().with_suffix(".lock")):  # another command may be pinning what it has pulled
+        pins = _pins() if _pins_file().is_file() else {}
+        pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
+        write_json(_pins_file(), pins)
     return replace(entry, sha256=sha256, size=size)
 
 
@@ -212,9 +215,28 @@ def _pins() -> dict[str, dict[str, Any]]:
         if not isinstance(pins, dict):
             raise InputError(_pins_file(), section, "expected a mapping of names", remedy)
         for name, pin in pins.items():
-            if not (isinstance(pin, dict) and _HASH.fullmatch(str(pin.get("sha256"))) and type(pin.get("size")) is int):
+            if not (isinstance(pin, dict) and _is_pin(pin.get("sha256"), pin.get("size"))):
                 raise InputError(_pins_file(), f"{section}.{name}", "expected address, sha256 and size", remedy)
     return content
+
+
+def _is_pin(sha256: object, size: object) -> bool:
+    return isinstance(sha256, str) and bool(_HASH.fullmatch(sha256)) and type(size) is int and 0 <= size <= LARGEST
+
+
+@contextlib.contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Wait until nobody else holds ``lock``; where the system or the folder has no locks, nobody is waited for."""
+    if find_spec("fcntl") is None:
+        yield
+        return
+    import fcntl
+
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with lock.open("a") as stream:
+        with contextlib.suppress(OSError):
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        yield
 
 
 def _pins_file() -> Path:

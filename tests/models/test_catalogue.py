@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -9,8 +13,8 @@ import pytest
 from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
-from cltransfer.files import content_hash
-from cltransfer.models.catalogue import Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
+from cltransfer.files import content_hash, write_json
+from cltransfer.models.catalogue import LARGEST, Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
 from cltransfer.models.onnx import Network
 from cltransfer.models.places import find_model
 
@@ -137,7 +141,10 @@ PINNED = {"address": "https://example.org/a", "sha256": HASH, "size": 3}
         ({"models": 5}, "models: expected a mapping of names"),
         ({"models": {"mine": []}}, "models.mine: expected address, sha256 and size"),
         ({"models": {"mine": {**PINNED, "sha256": None}}}, "models.mine: expected"),
+        ({"models": {"mine": {**PINNED, "sha256": int("1" * 64)}}}, "models.mine: expected"),
         ({"models": {"mine": {**PINNED, "size": "3"}}}, "models.mine: expected"),
+        ({"models": {"mine": {**PINNED, "size": -1}}}, "models.mine: expected"),
+        ({"models": {"mine": {**PINNED, "size": LARGEST + 1}}}, "models.mine: expected"),
         ({"models": {"mine": {"address": "https://example.org/a"}}}, "models.mine: expected"),
     ],
 )
@@ -150,6 +157,34 @@ def test_damaged_pins_are_named_with_what_to_do(tmp_path, monkeypatch, content, 
         new.path.touch()
         with pytest.raises(InputError, match=rf"pins\.json: {field}.* \(delete the file, then pull"):
             use(new)
+
+
+@pytest.mark.parametrize("locks", [True, False])
+def test_two_that_pin_at_once_are_both_remembered_where_there_are_locks(tmp_path, monkeypatch, locks):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    if not locks:
+        monkeypatch.setitem(sys.modules, "fcntl", None)
+    both, meet = [Entry(name, "model", **USUAL, address="https://a") for name in ("one", "other")], threading.Barrier(2)
+    both[0].folder.mkdir(parents=True)
+    both[0].path.touch()
+
+    def slow(path, pins):
+        with contextlib.suppress(threading.BrokenBarrierError):
+            meet.wait(0.2)  # each has read what is pinned before either writes, unless one is kept out
+        write_json(path, pins)
+
+    monkeypatch.setattr("cltransfer.models.catalogue.write_json", slow)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda entry: pin(entry, HASH), both))
+    assert [pinned(entry).sha256 for entry in both].count(HASH) == (2 if locks else 1)
+
+
+def test_a_file_is_pinned_where_nothing_was_pulled_before(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(Entry, "path", tmp_path / "net.onnx")
+    (tmp_path / "net.onnx").touch()
+    entry = Entry("mine", "model", **USUAL, address="https://a")
+    assert pin(entry, HASH) == pinned(entry)
 
 
 def test_what_one_made_is_the_network_from_then_on(tmp_path, monkeypatch):
