@@ -32,7 +32,7 @@ def find_model(name: str) -> Path:
     if found is not None:
         return found
     places = model_places(name)
-    known = next(iter(stand_ins(Path(name).name)), entry_of_file(Path(name).name))
+    known = next(iter(stand_ins(name)), entry_of_file(Path(name).name))
     if known is None:
         raise ModelError(name, "model", "no such file", f"put it in {places[0].parent}")
     digest = f" with sha256 {known.sha256}" if known.sha256 else ""
@@ -40,7 +40,9 @@ def find_model(name: str) -> Path:
     get = f"cltransfer models pull {known.group or known.name}{accept}" if known.address else known.made_by
     what = f"no such file, nor {known.file}" if known.file != Path(name).name else "no such file"
     what += f"{digest} ({known.licence}, from {known.source})"
-    raise ModelError(name, "model", what, f"run: {get}; or put {known.file} in {places[0].parent}")
+    # what is pulled, or made and adopted, is found by its name alone
+    then = "" if Path(name).name == name else f"then write model={known.file}, "
+    raise ModelError(name, "model", what, f"run: {get}; {then}or put {known.file} in {places[0].parent}")
 
 
 def found_model(name: str) -> Path | None:

@@ -32,6 +32,22 @@ def test_a_missing_model_says_what_to_get_and_where_to_put_it(tmp_path, monkeypa
         assert part in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("file", "get"),
+    [
+        ("yolox_nano.onnx", "cltransfer models pull default"),
+        ("mp_pose_landmark_lite.onnx", KNOWN["mp_pose_landmark_lite"].made_by),
+    ],
+)
+def test_the_way_to_a_missing_model_that_is_named_with_its_folder_leads_there(tmp_path, file, get):
+    with pytest.raises(ModelError) as caught:
+        find_model(str(tmp_path / file))
+    assert str(caught.value).endswith(f"(run: {get}; then write model={file}, or put {file} in {tmp_path})")
+    with pytest.raises(ModelError) as caught:
+        find_model(file)
+    assert "write" not in str(caught.value)
+
+
 THEIRS = """models:
   ours: {file: ours.onnx, task: t, licence: l, source: s, made_by: make ours}
   theirs: {file: theirs.onnx, task: t, licence: l, source: s, address: https://a, sha256: SHA, stands_in_for: NAME}
