@@ -10,6 +10,7 @@ import io
 import json
 import logging
 import os
+import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -32,9 +33,10 @@ def atomic(path: Path) -> Iterator[Path]:
     other new file there, whatever the writer has set: safetensors leaves its files to their owner alone.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
+    own = f"{os.getpid()}-{secrets.token_hex(4)}"  # threads share a number, and so do containers that share a folder
+    temporary = path.with_name(f".tmp-{own}-{path.name}")
     try:
-        usual = _usual_mode(path.with_name(f".new-{os.getpid()}-{path.name}"))
+        usual = _usual_mode(path.with_name(f".new-{own}-{path.name}"))
         yield temporary
         if stat.S_IMODE(temporary.stat().st_mode) != usual:
             temporary.chmod(usual)

@@ -30,6 +30,15 @@ def test_who_may_read_a_file_is_as_the_umask_says_whatever_wrote_it(umask: int, 
         assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o666 & ~umask
 
 
+def test_threads_that_write_one_file_do_not_take_each_others_half(tmp_path: Path) -> None:
+    with atomic(tmp_path / "kept") as one, atomic(tmp_path / "kept") as other:
+        assert one != other
+        one.write_text("1")
+        other.write_text("2")
+    assert (tmp_path / "kept").read_text() == "1"
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
 def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Path) -> None:
     write_text(tmp_path / "a.txt", "old")
     with pytest.raises(UnicodeEncodeError), atomic(tmp_path / "a.txt") as temporary:
