@@ -126,17 +126,14 @@ class Registry(Generic[T]):
         cls = self.get(name)
         above = f"{self.section}.{name}" if self.section else ""
         for option, value in (options or {}).items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise UsageError("", _key(above, option), f"expected a finite number, got {value}")
+            _check_finite(_key(above, option), value)
         try:
             with named(f"{self.kind} {name!r}", "expected a component of these options"):
                 built = typed(cls, options or {})
         except UsageError as error:
             raise UsageError("", _key(above, error.field), error.reason, error.hint) from None
         for option in options or {}:
-            value = getattr(built, option, None)
-            if isinstance(value, float) and not math.isfinite(value):  # it was text, "nan" or "inf"
-                raise UsageError("", _key(above, option), f"expected a finite number, got {value}")
+            _check_finite(_key(above, option), getattr(built, option, None))  # it may have been text, "nan" or "inf"
         for declared in self.declared:
             value = getattr(built, declared.name) if declared.option else None
             if declared.option and not declared.right(value):
@@ -169,6 +166,13 @@ def _place(cls: type[Any]) -> Path:
 
 def _key(*parts: str) -> str:
     return ".".join(filter(None, parts))
+
+
+def _check_finite(key: str, value: object) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise UsageError("", key, f"expected a finite number, got {value}")
+    for part in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        _check_finite(key, part)
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:

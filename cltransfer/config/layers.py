@@ -107,7 +107,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         _refuse_interpolation(item, "", key)
         try:
             value = yaml.safe_load(text) if text else None
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError):  # a date without such a day, a number without digits
             raise UsageError("", key, f"not a YAML value: {text}") from None
         _refuse_misread(text, "", key, yaml.SafeLoader)
         _refuse_interpolation(value, "", key)

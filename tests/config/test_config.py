@@ -113,6 +113,7 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ),
         ("popsize=1:30", "popsize: YAML reads 1:30 in base 60"),
         ("losses={framing: {weight: 1:30.5}}", "losses: YAML reads 1:30.5 in base 60"),
+        ("seed=2024-13-01", "seed: not a YAML value: 2024-13-01"),
         ("frames", "expected key=value"),
         ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
         ("losses.shot_size._target_=os.system", "no such option"),
@@ -162,6 +163,12 @@ def test_a_hostile_file_is_refused_in_one_line(tmp_path: Path, text: str, messag
 BUILT = {
     "losses.framing.weight=heavy": "losses.framing.weight: expected a number, got 'heavy'",
     "losses.framing.weight=.inf": "losses.framing.weight: expected a finite number, got inf",
+    "extractors.depth_onnx={model: a.onnx, kind: disparity, affine: [1, nan]}": (
+        "extractors.depth_onnx.affine: expected a finite number, got nan"
+    ),
+    "extractors.depth_onnx={model: a.onnx, kind: disparity, affine: [1, .inf]}": (
+        "extractors.depth_onnx.affine: expected a finite number, got inf"
+    ),
     "losses.filmic_space.min_area=2": "losses.filmic_space.min_area: min_area must be in [0, 1], got 2.0",
     "extractors.depth_onnx={}": "extractors.depth_onnx.model: is required (expected text)",
     "extractors.depth_onnx={model: a.onnx}": "depth_onnx.kind: is required (expected one of disparity, depth)",
