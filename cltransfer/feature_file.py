@@ -98,7 +98,7 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
     count = len(_times(path, tensors))
     try:
         width, height = (int(v) for v in json.loads(meta["size"]))
-    except (KeyError, ValueError, TypeError, OverflowError):
+    except (KeyError, ValueError, TypeError, OverflowError, RecursionError):
         width = height = 0
     if width < 1 or height < 1:
         raise InputError(path, "size", "expected [width, height]")
@@ -151,7 +151,7 @@ def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:
     """Why features are missing; a file from before they were noted has none."""
     try:
         told = json.loads(meta.get("reasons", "{}"))
-    except ValueError:
+    except (ValueError, RecursionError):
         told = None
     if not isinstance(told, dict) or not all(isinstance(reason, str) for reason in told.values()):
         raise InputError(path, "reasons", "expected reasons by feature")

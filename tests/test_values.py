@@ -212,3 +212,12 @@ def test_a_feature_file_that_no_clip_can_have_is_refused_by_field(
     with pytest.raises(InputError) as caught:
         FeatureFile.load(path)
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize("field", ["size", "reasons"])
+def test_a_feature_file_of_endless_brackets_is_refused_by_field(tmp_path: Path, field: str) -> None:
+    meta = {"format": FORMAT, "size": "[8, 8]", field: "[" * 20000 + "]" * 20000}
+    save_file({"times": torch.tensor([0.0, 1.0])}, tmp_path / "clip.safetensors", metadata=meta)
+    with pytest.raises(InputError) as caught:
+        FeatureFile.load(tmp_path / "clip.safetensors")
+    assert caught.value.field == field
