@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import struct
 import tracemalloc
+import zlib
 from pathlib import Path
 
 import pytest
@@ -157,6 +159,14 @@ def test_another_question_is_refused(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "j", HEADER, True)
     with pytest.raises(InputError, match="record 1: is of another question"):
         journal.answer(sample_cameras(9, 3), lambda: torch.zeros(3, 3))
+
+
+def test_a_record_that_is_too_short_is_of_another_question(tmp_path: Path) -> None:
+    Journal(tmp_path / "j", HEADER, False)
+    with (tmp_path / "j").open("ab") as stream:
+        stream.write(struct.pack("<II", 2, zlib.crc32(b"ab")) + b"ab")
+    with pytest.raises(InputError, match="record 1: is of another question"):
+        ask_all(tmp_path / "j", True)
 
 
 def test_a_length_of_4_gigabytes_is_not_believed(tmp_path: Path) -> None:
