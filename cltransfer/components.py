@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .config.options import RunConfig
+from .declared import names_of
 from .errors import ModelError
 from .features import NAMES
 from .plan import CLIP_SOURCE, Family, Plan, make_plan
@@ -77,4 +78,4 @@ def _asked(kind: str, parts: Mapping[str, Any]) -> Iterator[tuple[str, str, str]
 
 def _provided_by_any() -> set[str]:
     """What the extractors provide that there are, in a config or not."""
-    return {name for known in EXTRACTORS.names() for name in EXTRACTORS.get(known).provides}
+    return {name for known in EXTRACTORS.names() for name in names_of(EXTRACTORS.get(known), "provides")}

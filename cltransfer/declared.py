@@ -85,6 +85,12 @@ def check_declared(what: str, cls: type[Any], wanted: Iterable[Declared]) -> Non
             raise ModelError("", what, reason, f"write {declared.example} in the class")
 
 
+def names_of(cls: type[Any], attribute: str) -> list[str]:
+    """The names that a class tells, sorted; none where only its components do, by a property."""
+    names = getattr(cls, attribute, ())
+    return sorted(names) if _names(names) else []
+
+
 def _names(value: Any) -> bool:
     return isinstance(value, tuple | list | set | frozenset) and all(isinstance(name, str) for name in value)
 

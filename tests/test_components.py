@@ -89,3 +89,15 @@ def test_the_extractor_of_a_plugin_that_would_give_what_is_missing_is_named(
     EXTRACTORS.get("gazer").family = "scene"  # of which a clip has none
     parts = Components.build(load_config(overrides=MINE))
     assert parts.plan("image").missing["gaze"] == "no image extractor provides 'gaze'"
+
+
+def test_an_extractor_whose_options_tell_what_it_provides_stands_beside_a_slip(loss: Callable[..., None]) -> None:
+    chosen = property(lambda self: (self.give,))
+    own = {"requires": ("image",), "provides": chosen, "family": "image", "__call__": method, "give": "gaze"}
+    loss("gazes")
+    EXTRACTORS.register("gazer")(_frozen({**own, "__annotations__": {"give": str}}))
+    try:
+        with pytest.raises(ModelError, match=r"requires 'gazes', .* \(did you mean 'gaze'\?\)$"):
+            Components.build(load_config(overrides=[*MINE, "extractors.gazer={}"]))
+    finally:
+        EXTRACTORS._classes.pop("gazer")

@@ -32,6 +32,7 @@ def pluginsshow(
 ) -> None:
     """What a component does, requires and provides, and its options with their defaults."""
     from ..config.options import SECTIONS
+    from ..declared import names_of
     from ..plugins import allow
 
     allow(allow_plugin or [])
@@ -42,11 +43,11 @@ def pluginsshow(
     values: dict[str, Any] = {
         "section": section,
         "about": (cls.__doc__ or "").strip(),
-        "requires": sorted(getattr(cls, "requires", ())),
-        "provides": sorted(getattr(cls, "provides", ())),
+        "requires": names_of(cls, "requires"),
+        "provides": names_of(cls, "provides"),
         "options": options,
         "reads": sorted(getattr(cls, "suffixes", ())),
-        "draws": sorted(getattr(cls, "draws", ())),
+        "draws": names_of(cls, "draws"),
     }
     lines = [f"{section}.{own}", values["about"], f"requires: {', '.join(values['requires']) or 'nothing'}"]
     lines += [f"{what}: {', '.join(values[what])}" for what in ("provides", "reads", "draws") if values[what]]

@@ -20,7 +20,7 @@ from cltransfer.camera import Camera
 from cltransfer.cli.app import app
 from cltransfer.clips.clip import read_clip
 from cltransfer.config import load_config, to_yaml
-from cltransfer.registry import LOSSES
+from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 
@@ -254,6 +254,20 @@ def test_evaluate_scores_a_clip_against_itself_as_zero(
     assert {p.name for p in (tmp_path / "scores").iterdir()} == {"metrics.json", "metrics.csv", "report.html"}
 
 
+CHOSEN = """from dataclasses import dataclass
+from cltransfer.registry import EXTRACTORS
+
+@EXTRACTORS.register("chosen")
+@dataclass(frozen=True)
+class Chosen:
+    'What one likes.'
+    give: str = "gaze"
+    requires, family = ("image",), "both"
+    provides = property(lambda self: (self.give,))
+    __call__ = print
+"""
+
+
 def test_plugins_are_listed_and_shown(command: Callable[..., Any]) -> None:
     listed = json.loads(command("plugins", "list", "--json").out)
     assert METRICS - {"total"} <= set(listed["losses"])
@@ -274,6 +288,16 @@ def test_of_two_components_of_one_name_either_is_shown(
     assert both.err == "error: layers: 2 components have this name (show one: extractors.layers, losses.layers)\n"
     for section, line in (("extractors", "provides: layers"), ("losses", "requires: keypoints")):
         assert line in command("plugins", "show", f"{section}.layers", *plugin).out.splitlines()
+
+
+def test_an_extractor_whose_options_tell_what_it_provides_is_shown(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "chosen.py").write_text(CHOSEN)
+    monkeypatch.setitem(EXTRACTORS._classes, "chosen", object)  # to be forgotten after the test
+    del EXTRACTORS._classes["chosen"]
+    shown = command("plugins", "show", "chosen", "--allow-plugin", tmp_path / "chosen.py")
+    assert shown.out.splitlines() == ["extractors.chosen", "What one likes.", "requires: image", "  give = 'gaze'"]
 
 
 def test_doctor_finds_this_computer_fit(command: Callable[..., Any]) -> None:
