@@ -13,6 +13,7 @@ from cltransfer.camera import Camera
 from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.renderers._request import drawn_by
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.testing import LossCase, RendererCase, sample_features
@@ -67,3 +68,26 @@ def test_a_renderer_that_the_program_refuses_does_not_keep_to_the_contract() -> 
         drawn_by(Alone(), Forgetful.scene, Forgetful().cameras(1), Alone.provides)
     with pytest.raises(AssertionError, match=r"return Features\(\.\.\., camera=cameras, person=scene\.subject\)"):
         Forgetful().test_renders_the_buffers_asked_for_and_no_more()
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Draws splats, and tells of a few buffers in a tuple."""
+
+    provides: ClassVar[tuple[str, ...]] = ("alpha", "image")
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        return GaussianSplats().render(scene, cameras, buffers & {"alpha", "image"})
+
+
+class InATuple(RendererCase):
+    component: ClassVar[Any] = Splats()
+    scene, points = Forgetful.scene, Forgetful.points
+
+
+@pytest.mark.parametrize(
+    "test",
+    ["test_shapes_follow_the_cameras", "test_batch_equals_single", "test_coverage_and_colour_are_parts_of_one"],
+)
+def test_a_renderer_may_tell_what_it_draws_in_a_tuple(test: str) -> None:
+    getattr(InATuple(), test)()

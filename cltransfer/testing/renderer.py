@@ -50,23 +50,23 @@ class RendererCase(ComponentCase):
             assert beside <= got, "return Features(..., camera=cameras, person=scene.subject)"
 
     def test_shapes_follow_the_cameras(self) -> None:
-        features = self.render(2, self.component.provides)
+        features = self.render(2, frozenset(self.component.provides))
         assert features.size == (48, 27)
         for buffer in self.component.provides:
             assert features.require(buffer).shape == ((2, 3, 27, 48) if buffer == "image" else (2, 27, 48))
 
     def test_batch_equals_single(self) -> None:
-        together = self.render(3, self.component.provides)
+        together = self.render(3, frozenset(self.component.provides))
         for i in range(3):
-            alone = self.component.render(self.scene, self.cameras(3)[i], self.component.provides)
+            alone = self.component.render(self.scene, self.cameras(3)[i], frozenset(self.component.provides))
             for buffer in self.component.provides:
                 torch.testing.assert_close(
                     together[i].require(buffer), alone.require(buffer), atol=1e-4, rtol=1e-4, equal_nan=True
                 )
 
     def test_coverage_and_colour_are_parts_of_one(self) -> None:
-        features = self.render(2, self.component.provides)
-        for buffer in self.component.provides & {"alpha", "label", "image"}:
+        features = self.render(2, frozenset(self.component.provides))
+        for buffer in {"alpha", "label", "image"}.intersection(self.component.provides):
             values = features.require(buffer)
             assert bool(((values >= 0) & (values <= 1 + 1e-5)).all())
 
