@@ -71,14 +71,14 @@ def align_depth(disparity: Tensor, depth: Tensor, align: Align) -> DepthAlignmen
     """
     if align == "raw":
         raise ValueError("align must be shift or metric, got 'raw', which needs no alignment")
-    largest = disparity.amax(dim=(1, 2))
     counted = aligned(disparity, align, (1.0, 0.0))
     fits = [fit_affine(view.flatten(), seen.flatten()) for view, seen in zip(counted, depth)]
     usable = [(a, b) for a, b in fits if a > 0]  # a wall that fills the view says nothing: NaN
     if not usable:
         raise InputError("", "depth", f"none of {len(depth)} views has disparity that falls with depth")
     ratio = median(b / a for a, b in usable)
-    unit = 1.0 if align == "shift" else float(largest.median())
+    largest = [m for m, (a, _) in zip(disparity.abs().amax(dim=(1, 2)).tolist(), fits) if a > 0]  # none of them is 0
+    unit = 1.0 if align == "shift" else median(largest)
     spread = median(abs(b / a - ratio) for a, b in usable) / unit
     scale = 1.0 if align == "shift" else median(a for a, _ in usable)
     found = (scale, scale * ratio)

@@ -37,6 +37,19 @@ def depths(seed=0, views=5):
     return torch.where(torch.arange(12)[:, None] < 4, slope + 4, slope)
 
 
+@pytest.mark.parametrize("unseen", [0.0, torch.nan])
+def test_views_in_which_a_network_sees_nothing_do_not_stop_the_alignment(unseen):
+    depth = depths()
+    disparity = 1 / depth
+    disparity[2:] = unseen
+    alone = align_depth(disparity[:2], depth[:2], "metric")
+    assert align_depth(disparity, depth, "metric").spread == pytest.approx(alone.spread)
+
+
+def test_the_spread_of_a_network_whose_disparity_is_below_0_is_a_share_of_it():
+    assert align_depth(1 / depths() - 5, depths(), "metric").spread >= 0
+
+
 def test_the_affine_of_a_network_is_found_though_a_tenth_of_the_pixels_is_wrong():
     depth = depths()[0]
     disparity = (1 / depth - 0.03) / 0.25
