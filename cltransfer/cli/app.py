@@ -61,7 +61,9 @@ def main() -> NoReturn:
         if error.__cause__ is not None and _debugging():
             raise
         if isinstance(error, UsageError):
-            verb = getattr(typer.main.get_command(app), "commands", {}).get("".join(sys.argv[1:2]))
+            verb = typer.main.get_command(app)
+            for word in sys.argv[1:3]:  # `models align` has options of its own
+                verb = getattr(verb, "commands", {}).get(word, verb)
             error = meant_as_option(error, options_of(verb), sys.argv)
         _fail(error, error.exit_code)
     except typer.Abort:

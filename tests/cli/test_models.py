@@ -164,3 +164,9 @@ def test_the_shared_networks_are_ok(command: Command, monkeypatch) -> None:
     checked = command("models", "check")
     assert checked.code == 0
     assert checked.out.count(": ok") == 3
+
+
+def test_an_option_of_align_that_is_written_as_a_key_is_told_as_that(command: Callable[..., Any]) -> None:
+    answer = command("models", "align", "builtin:plaza", "views=3")
+    assert answer.code == 2
+    assert answer.err == "error: command line: views: no such key (--views 3 is an option)\n"
