@@ -250,4 +250,4 @@ def _split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
 
 def _is_override(argument: str) -> bool:
     key = argument.partition("=")[0]
-    return "=" in argument and key.replace(".", "").replace("_", "").isalnum() and not Path(argument).exists()
+    return "=" in argument and key.replace(".", "").replace("_", "").isalnum() and not os.path.exists(argument)

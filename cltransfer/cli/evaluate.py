@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -113,7 +114,7 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     rest = []
     for argument in (render, *more):
         name, path = _method(argument)
-        if path and Path(path).is_dir():
+        if path and os.path.isdir(path):
             if name in methods:
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
             methods[name] = Path(path)
@@ -140,7 +141,7 @@ def _check_one_render(reference: str, render: str) -> None:
     from ..run_files import is_run
 
     path, folder = Path(reference), _method(render)[1]
-    if not path.exists() or Path(render).exists() or not folder or not Path(folder).is_dir():
+    if not path.exists() or os.path.exists(render) or not folder or not os.path.isdir(folder):
         return
     what = "is a file" if path.is_file() else "is a run" if is_run(path) else f"holds {image_files(path)[0].name}"
     hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
@@ -149,7 +150,7 @@ def _check_one_render(reference: str, render: str) -> None:
 
 def _method(argument: str) -> tuple[str, str]:
     """Name and folder of a method, as in METHOD=FOLDER or by the folder alone; no folder where it is an override."""
-    if Path(argument).is_dir():
+    if os.path.isdir(argument):  # no error of a text that is too long for a path
         return Path(argument).name, argument
     name, _, path = argument.partition("=")
     return (name, "") if _of_config(name) else (name, path)
