@@ -179,9 +179,10 @@ def _child_seconds() -> float:
 def tiny_run(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a finished run on the built-in scenes; copy it before you damage it."""
     folder = tmp_path_factory.mktemp("tiny") / "run"
+    count = str(threads.default_count())  # as a run in this process takes them, whatever one before it has set
     subprocess.run(
         [sys.executable, "-m", "cltransfer", "transfer", "--quiet", "--out", str(folder), *TINY],
-        env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
+        env={**os.environ, "CLTRANSFER_CACHE": str(cache), threads.VARIABLE: count},
         stdout=subprocess.DEVNULL,
         check=True,
         timeout=240,

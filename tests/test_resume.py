@@ -127,6 +127,7 @@ def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
     )
     again = "5 more settings differ: repeat the command as it was with --resume, or start over with another --out"
     assert _begun_so("config.basin", 1000.0, 5) == again
+    assert _begun_so("config.basin", 1000.0, 1).startswith("1 more setting differs: repeat ")
     assert _begun_so("config.warm_start", True, 0).startswith("go on with warm_start=true, or")
     assert _begun_so("config.preset", "Mine $(date)", 0).startswith("go on with 'preset=Mine $(date)', or")
     assert _begun_so("threads", "1; date", 0).startswith("go on with CLTRANSFER_THREADS='1; date', or")

@@ -160,7 +160,8 @@ def _begun_so(key: str, value: object, more: int) -> str:
     """How the run is gone on with, or begun anew; ``more`` settings differ too."""
     again = "start over with another --out"
     if more:
-        return f"{more} more settings differ: repeat the command as it was with --resume, or {again}"
+        differ = "setting differs" if more == 1 else "settings differ"
+        return f"{more} more {differ}: repeat the command as it was with --resume, or {again}"
     if key == "threads":
         word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
     elif key == "init":
