@@ -25,6 +25,7 @@ DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 USUAL = 0.1  # [s] of processor time that such a process is taken to need on a quiet machine
 
 VARIABLES = ("CLTRANSFER_CACHE", "CLTRANSFER_MODELS", "CLTRANSFER_CATALOGUE", "CLTRANSFER_THREADS")
+ASKED = os.environ.get(threads.VARIABLE)  # by who runs the tests
 SHIPPED = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 TINY = ("frames=3", "generations=2", "output_side=96", "search_side=48")
 
@@ -62,6 +63,10 @@ def apart(cache: Path) -> Iterator[None]:
 
     Afterwards environment and threads are what they were. What a test does not import is not imported for it.
     """
+    threads._set = ("", 0)  # what a fixture of a module has run may have set them
+    os.environ.pop(threads.VARIABLE, None)
+    if ASKED is not None:
+        os.environ[threads.VARIABLE] = ASKED
     environment, written = dict(os.environ), threads._set
     before = {name: get() for name, (get, _) in _thread_counts().items()}
     for name in ("CLTRANSFER_MODELS", "CLTRANSFER_CATALOGUE"):
