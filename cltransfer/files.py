@@ -191,7 +191,7 @@ def check_yaml(text: str, loader: Any) -> None:
                 raise deep
     except yaml.YAMLError as error:
         # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
-        raise (deep if "nesting" in str(error) else error) from None
+        raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
 
 
 def csp_hash(text: str) -> str:

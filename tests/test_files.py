@@ -14,6 +14,8 @@ from safetensors.torch import save_file
 
 from cltransfer.files import YAML_LEVELS, atomic, check_yaml, write_text
 
+LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
 
 @pytest.fixture(params=[0o022, 0o002, 0o077])
 def umask(request: pytest.FixtureRequest) -> Iterator[int]:
@@ -46,7 +48,13 @@ def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Pa
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
-@pytest.mark.parametrize("loader", [yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader)])
+@pytest.mark.parametrize("loader", LOADERS)
+def test_yaml_that_is_broken_beside_words_on_nesting_is_told_as_broken(loader: type) -> None:
+    with pytest.raises(yaml.YAMLError):
+        check_yaml("a: [1, nesting depth: 2", loader)
+
+
+@pytest.mark.parametrize("loader", LOADERS)
 @pytest.mark.parametrize("opened", ["[", "{a: ", "- "])
 def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str, loader: type) -> None:
     check_yaml(opened * YAML_LEVELS + "1" + {"[": "]", "{a: ": "}"}.get(opened, "") * YAML_LEVELS, loader)
