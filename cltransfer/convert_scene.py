@@ -12,7 +12,6 @@ from torch import Tensor
 
 from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
-from .files import atomic, read_json
 from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
 from .scenes.lifted import LABELS, SUBJECT
@@ -23,6 +22,7 @@ from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
+from .storage.files import atomic, read_json
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from .packages import PACKAGES, installed
+from .computer.packages import PACKAGES, installed
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _package(name: str) -> Finding:
 
 
 def _threads() -> str:
-    from .threads import thread_count
+    from .computer.threads import thread_count
 
     return f"{thread_count()} used of {os.cpu_count()}"
 
@@ -85,7 +85,7 @@ def _codecs() -> str:
 
 
 def _cache() -> str:
-    from .files import cache_dir
+    from .storage.files import cache_dir
 
     folder = cache_dir()
     folder.mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,7 @@ def _cache() -> str:
 
 
 def _kernels() -> str:
-    from .compiled import folder
+    from .computer.compiled import folder
 
     place = folder()
     if place is None:

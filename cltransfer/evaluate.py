@@ -10,17 +10,17 @@ from torch import Tensor
 
 from .clips.pairs import open_pairs
 from .clips.source import ClipSource
-from .components import Components
 from .config.options import RunConfig
 from .errors import InputError
 from .features import Features, nobody
 from .losses.camera_movement import weight_note
-from .objective import Objective
+from .pipeline.components import Components
+from .pipeline.objective import Objective
+from .pipeline.scores import Scores, score
 from .progress import Progress, silent
-from .read_frames import check_maps, read_frames
+from .reading.frames import check_maps, read_frames
 from .report.data import Flag, ReportData
-from .run_files import kept_frames
-from .scores import Scores, score
+from .storage.run_files import kept_frames
 
 ROUNDED = 0.0011  # [s]: videos keep milliseconds, and a step has two of them
 

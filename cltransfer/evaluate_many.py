@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from .clips.image_folder import VIDEOS, natural_order
-from .components import Components
 from .config.options import RunConfig
 from .errors import CltransferError, InputError
 from .evaluate import evaluate
+from .pipeline.components import Components
 from .progress import Progress, silent
 from .report.metrics import finite
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from .evaluate_many import CONFIDENCE, RESAMPLES, ClipScore, Interval
-from .files import csv_text, write_json, write_text
 from .report.metrics import number
 from .report.tables import Table, to_latex, to_markdown
+from .storage.files import csv_text, write_json, write_text
 
 Summary = Mapping[str, Mapping[str, Interval]]
 

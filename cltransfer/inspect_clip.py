@@ -9,16 +9,16 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from .components import Components
 from .config.options import RunConfig
+from .describe.shot_scale import SCALES, shot_scale
 from .errors import InputError, UsageError
 from .features import Features
-from .objective import Objective
+from .pipeline.components import Components
+from .pipeline.objective import Objective
+from .pipeline.scores import Scores, score
 from .placement import frame_joints, visible_joints
 from .progress import Progress, silent
-from .reference import Reading, Reference, is_scene, read_reference
-from .scores import Scores, score
-from .shot_scale import SCALES, shot_scale
+from .reading.reference import Reading, Reference, is_scene, read_reference
 
 
 @dataclass(frozen=True)

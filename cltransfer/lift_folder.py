@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .camera import Camera, in_one_frame
-from .components import Components
 from .config.options import RunConfig
-from .named_scenes import remember
+from .pipeline.components import Components
+from .reading.named_scenes import remember
 from .renderers._request import drawn_by
 from .report.contact_sheet import write_contact_sheet
 from .scenes.find_people import SIZE

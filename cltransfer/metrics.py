@@ -21,9 +21,9 @@ from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
 from .features import Features, check_pair
-from .objective import Objective
+from .pipeline.objective import Objective
+from .pipeline.scores import frame_totals
 from .registry import LOSSES
-from .scores import frame_totals
 
 PAPER = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 

@@ -16,8 +16,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from .errors import ModelError
-from .plugin_code import code_in
 from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES
+from .registry.plugin_code import code_in
 
 GROUP = "cltransfer.plugins"
 NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside plugins in their folder

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .files import read_json, write_json
 from .skeleton import JOINTS, key_joints
+from .storage.files import read_json, write_json
 
 UNIT = 1e-3  # by which a unit vector may be longer or shorter, and lean
 

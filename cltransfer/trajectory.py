@@ -13,7 +13,7 @@ from torch import Tensor
 
 from .camera import Camera
 from .errors import InputError
-from .files import read_json, write_json
+from .storage.files import read_json, write_json
 
 FORMAT = "cltransfer.trajectory"  # what its file calls itself
 FRAME_LIMIT = 2000

@@ -8,17 +8,17 @@ from typing import Any
 from torch import Tensor
 
 from .config.options import RunConfig
-from .depth_alignment import DepthAlignment
 from .driver.schedule import Schedule
 from .driver.stage import Spent
-from .objective import Objective
-from .preparation import Clock, Inputs, Record, prepare
+from .pipeline.objective import Objective
+from .pipeline.scores import Scores, tabulate
 from .progress import Progress, silent
-from .readback import read_held
-from .reference import Reference
-from .rounds import Attempt, attempts
+from .reading.depth_alignment import DepthAlignment
+from .reading.reference import Reference
+from .run.preparation import Clock, Inputs, Record, prepare
+from .run.readback import read_held
+from .run.rounds import Attempt, attempts
 from .scenes import Scene
-from .scores import Scores, tabulate
 from .trajectory import Trajectory
 
 

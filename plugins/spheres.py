@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cltransfer import RENDERERS, Camera, Features, Scene
 from cltransfer.errors import InputError, UsageError
-from cltransfer.files import check_size
+from cltransfer.storage.files import check_size
 
 LIMIT = 2**20  # bytes of a file, and of what is packed in it: about 35,000 spheres
 PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # numpy's; others unpack to more than the size they state

@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import pytest
 from torch import Tensor
 
-from cltransfer import threads
 from cltransfer.cli.app import main
+from cltransfer.computer import threads
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES, RENDERERS
 

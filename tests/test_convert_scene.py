@@ -15,13 +15,13 @@ from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
-from cltransfer.files import JSON_LIMIT
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import write_splats
 from cltransfer.scenes.simplify import joined, subset
 from cltransfer.scenes.splats import Splats
+from cltransfer.storage.files import JSON_LIMIT
 from cltransfer.trajectory import Trajectory
 
 MAN = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "mesh" / "cesium_man.glb"

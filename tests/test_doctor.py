@@ -11,7 +11,7 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    "module", ["cltransfer.extractors.detect_yolox", "cltransfer.models.onnx", "cltransfer.threads"]
+    "module", ["cltransfer.extractors.detect_yolox", "cltransfer.models.onnx", "cltransfer.computer.threads"]
 )
 def test_a_part_that_cannot_be_loaded_is_one_line_of_the_table(
     command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, module: str

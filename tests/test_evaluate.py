@@ -22,10 +22,10 @@ from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.evaluate import evaluate, undefined
 from cltransfer.features import Features
-from cltransfer.objective import Objective
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.scores import score
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json, number
-from cltransfer.scores import score
 from cltransfer.testing import sample_features, without_person
 
 
@@ -333,7 +333,7 @@ def test_clips_that_memory_has_no_room_for_are_refused_before_they_are_read(
 def test_maps_that_memory_has_no_room_for_are_refused(
     clip: Path, config: RunConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cltransfer.read_frames.MAPS", 10**9)
+    monkeypatch.setattr("cltransfer.reading.frames.MAPS", 10**9)
     with pytest.raises(ResourceError, match="the maps of frames, 10 of 64x48 and 10 of 64x48, need"):
         evaluate(str(clip), str(clip), config)
 

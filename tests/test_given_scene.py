@@ -11,8 +11,8 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.errors import CltransferError
-from cltransfer.preparation import Inputs, given_scene
-from cltransfer.run_folder import write_run
+from cltransfer.run.folder import write_run
+from cltransfer.run.preparation import Inputs, given_scene
 from cltransfer.scenes import Scene
 from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene

@@ -23,28 +23,24 @@ VALUES = (
     "subject",
     "trajectory",
     "skeleton",
+    "placement",
+    "orientation",
     "errors",
-    "files",
-    "threads",
+    "computer",
+    "storage",
     "registry",
-    "plugin_code",
 )
 COMPONENTS = ("renderers", "extractors", "losses", "search", "scenes")
 DRIVING = (
-    "graph",
-    "objective",
+    "pipeline",
     "driver",
-    "components",
-    "reference",
-    "read_frames",
-    "readback",
-    "preparation",
+    "reading",
+    "run",
     "transfer",
     "evaluate",
     "inspect_clip",
     "describe",
     "ablate",
-    "run_folder",
     "report",
     "export",
     "cli",
@@ -53,7 +49,7 @@ ALLOWED = {
     # search matches the reference's joints by the pure functions of the losses
     ("cltransfer.search.*", "cltransfer.losses"),
     # lifting reads views by the image extractors
-    ("cltransfer.scenes.lifted", "cltransfer.graph"),
+    ("cltransfer.scenes.lifted", "cltransfer.pipeline"),
 }
 FORBIDDEN_CALLS = {"eval", "exec", "np.random.seed", "numpy.random.seed", "random.seed", "torch.manual_seed"}
 FORBIDDEN_CALLS |= {"yaml.load", "yaml.unsafe_load", "yaml.full_load", "torch.load", "torch.seed", "os.system"}

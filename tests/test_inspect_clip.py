@@ -13,13 +13,13 @@ import pytest
 import torch
 
 from cltransfer.clips.source import ClipSource
-from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.feature_file import FeatureFile
 from cltransfer.inspect_clip import Inspection, reading_confidence, write_inspection
-from cltransfer.objective import Objective
-from cltransfer.reference import Reference
-from cltransfer.scores import score
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.scores import score
+from cltransfer.reading.feature_file import FeatureFile
+from cltransfer.reading.reference import Reference
 from cltransfer.testing import sample_features, without_person
 
 

@@ -10,14 +10,14 @@ from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 from torchmetrics.wrappers import BootStrapper
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.features import Features
 from cltransfer.metrics import PAPER, LossMetric, TotalMetric, camera_language_metrics
-from cltransfer.objective import Objective
-from cltransfer.read_frames import clip_features
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.scores import score
+from cltransfer.reading.frames import clip_features
 from cltransfer.registry import LOSSES
-from cltransfer.scores import score
 from cltransfer.testing import sample_features, without_person
 
 REFERENCE, RENDERED = sample_features(0, 6), sample_features(1, 6)

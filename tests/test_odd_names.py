@@ -12,9 +12,9 @@ import pytest
 import torch
 
 from cltransfer.clips.clip import write_video
-from cltransfer.feature_file import FeatureFile
 from cltransfer.features import Features
-from cltransfer.files import content_hash, write_text
+from cltransfer.reading.feature_file import FeatureFile
+from cltransfer.storage.files import content_hash, write_text
 
 LATIN = os.fsdecode(b"wom\xe9n")
 TINY = ("frames=2", "output_side=96", "search_side=48")

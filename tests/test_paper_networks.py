@@ -14,9 +14,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.models.catalogue import catalogue
+from cltransfer.pipeline.components import Components
 
 CONFIG = Path(__file__).resolve().parents[1] / "configs" / "networks" / "paper.yaml"
 SIZE = (320, 180)

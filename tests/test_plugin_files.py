@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from cltransfer.errors import ModelError
-from cltransfer.plugin_code import code_of
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
+from cltransfer.registry.plugin_code import code_of
 
 
 @pytest.fixture(autouse=True)

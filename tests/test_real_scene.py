@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 import torch
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.evaluate import evaluate
 from cltransfer.features import Features
+from cltransfer.pipeline.components import Components
 from cltransfer.registry import EXTRACTORS
-from cltransfer.run_files import open_run
-from cltransfer.run_folder import write_run
+from cltransfer.run.folder import write_run
 from cltransfer.scenes import Scene
 from cltransfer.scenes.lift import Lift, LiftOptions, summary
 from cltransfer.scenes.lifted import cached_lift, lift_scene, save_lift
 from cltransfer.scenes.load import load_scene
+from cltransfer.storage.run_files import open_run
 from cltransfer.transfer import Inputs, Result, transfer
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"

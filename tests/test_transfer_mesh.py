@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
-from cltransfer.read_frames import clip_features, render_features
-from cltransfer.readback import render_frames
+from cltransfer.pipeline.components import Components
+from cltransfer.reading.frames import clip_features, render_features
+from cltransfer.run.readback import render_frames
 from cltransfer.scenes.lifted import lift_scene, summary
 from cltransfer.scenes.load import load_scene
 from cltransfer.transfer import Inputs, transfer

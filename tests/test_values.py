@@ -13,8 +13,8 @@ from safetensors.torch import save_file
 
 from cltransfer.camera import Camera
 from cltransfer.errors import InputError
-from cltransfer.feature_file import FORMAT, FeatureFile
 from cltransfer.features import Features
+from cltransfer.reading.feature_file import FORMAT, FeatureFile
 from cltransfer.skeleton import HEAD_TOP_BEYOND_EARS, JOINTS, from_blazepose, from_coco, key_joints
 from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory

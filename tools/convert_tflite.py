@@ -23,8 +23,8 @@ import onnx.compose
 from onnx import ModelProto, TensorProto, ValueInfoProto, helper
 
 from cltransfer.errors import CltransferError, InputError, ModelError
-from cltransfer.files import atomic, content_hash
 from cltransfer.models.onnx import Network
+from cltransfer.storage.files import atomic, content_hash
 
 Shape = tuple[int, ...]
 

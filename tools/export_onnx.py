@@ -24,8 +24,8 @@ import torch
 from torch import Tensor, nn
 
 from cltransfer.errors import CltransferError, InputError, ModelError
-from cltransfer.files import atomic, content_hash
 from cltransfer.models.onnx import Network
+from cltransfer.storage.files import atomic, content_hash
 
 OPSET = 17
 TOLERANCE = 1e-3  # of the largest absolute value of an output

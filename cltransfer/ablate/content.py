@@ -9,14 +9,14 @@ from typing import Any
 
 from ..config.options import SECTIONS, RunConfig
 from ..errors import InputError
-from ..files import content_hash
 from ..models.content import files_content, model_content, own_model
-from ..plugin_code import code_of
+from ..reading.scene_source import split_scene
 from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
-from ..scene_source import split_scene
+from ..registry.plugin_code import code_of
 from ..scenes.foreign import reader_code
 from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
+from ..storage.files import content_hash
 
 Digest = Callable[[str | None], str]
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files

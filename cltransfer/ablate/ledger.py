@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from ..kept_lines import keep, read_kept
+from ..storage.kept_lines import keep, read_kept
 from .trial import Outcome
 
 LIMIT = 2**28  # bytes; a trial takes about 1 kB

@@ -10,20 +10,20 @@ import torch
 from torch import Tensor
 
 from ..camera import fitted_size, resized
-from ..components import Components
 from ..config.options import RunConfig
-from ..depth_alignment import align_parts, needs_scene
 from ..driver.stage import Stage
 from ..features import Features
 from ..losses.camera_movement import weight_note
-from ..objective import Objective
-from ..plan import Family
-from ..read_frames import render_features
-from ..readback import read_path, render_frames
-from ..reference import Reading, Reference, read_reference
+from ..pipeline.components import Components
+from ..pipeline.objective import Objective
+from ..pipeline.plan import Family
+from ..pipeline.scores import Scores, score
+from ..reading.depth_alignment import align_parts, needs_scene
+from ..reading.frames import render_features
+from ..reading.reference import Reading, Reference, read_reference
 from ..renderers._request import renderer_of
+from ..run.readback import read_path, render_frames
 from ..scenes.lifted import lifted_scene
-from ..scores import Scores, score
 from ..trajectory import jerk as path_jerk
 from ..transfer import Result
 

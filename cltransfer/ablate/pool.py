@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any
 
+from ..computer.threads import thread_count
 from ..errors import ResourceError, UsageError
-from ..threads import thread_count
 from .sweep import EngineConfig
 from .trial import Job, Outcome, Trial, run_trial
 

@@ -15,8 +15,8 @@ from ..config import COMMAND_LINE, lay_config, layer_of, shipped_configs
 from ..config.layers import Layer, merge, origin, parse_overrides, read_yaml
 from ..config.options import RunConfig
 from ..errors import UsageError
-from ..scene_source import split_scene
-from ..typed import nearest, typed
+from ..reading.scene_source import split_scene
+from ..registry.typed import nearest, typed
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"

@@ -8,14 +8,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..components import Components
+from ..computer.revision import commit
 from ..errors import UsageError
-from ..files import check_out, refuse_outside, write_json, write_text
+from ..pipeline.components import Components
 from ..plugins import settle
 from ..progress import Progress, silent
 from ..report.tables import to_latex, to_markdown
-from ..revision import commit
-from ..run_files import DONE
+from ..storage.files import check_out, refuse_outside, write_json, write_text
+from ..storage.run_files import DONE
 from .content import digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..errors import CltransferError
-from ..scene_source import split_scene
+from ..reading.scene_source import split_scene
 from ..scenes.builtin import read_name
 from ..scenes.load import BUILTIN
 from ..shots import own_setup

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..files import csv_text
 from ..report.metrics import number
 from ..report.tables import Table
+from ..storage.files import csv_text
 from .summary import Estimate, Measure, RowSummary
 from .trial import Outcome
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from .. import __version__
 from ..config.options import RunConfig
 from ..errors import CltransferError
-from ..scene_source import split_scene
+from ..reading.scene_source import split_scene
 from .content import Digest, digests, parts_content
 from .sweep import SceneConfig, Sweep
 
@@ -202,7 +202,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
     found = measured(result, trial.reference, trial.config, trial.metrics)
     scores = found.scores
     if job.runs is not None:
-        from ..run_folder import write_run
+        from ..run.folder import write_run
 
         write_run(Path(job.runs) / trial.key, result, inputs, trial.config, job.plugins)
     metrics = {

@@ -8,9 +8,9 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files import write_text
 from ..report.metrics import number as written
 from ..report.tables import Table, to_markdown
+from ..storage.files import write_text
 from .chart import TARGETS, Hits, Point, Setting, hit_curves, hits_csv, pareto, points, points_csv
 from .rows import measured_at
 from .section import machine, write_section

@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from ..camera import Camera
-from ..cuda import require_gsplat
+from ..computer.cuda import require_gsplat
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene

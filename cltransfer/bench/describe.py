@@ -12,15 +12,15 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..components import SCENE_SOURCE, Components
 from ..describe.flow_motion import flow_motion
 from ..describe.movement import movement
+from ..describe.shot_scale import BOUNDS, LEAST_FILLED, SCALES, scale_class, shot_scale
 from ..features import Features
-from ..graph import run_clip
-from ..read_frames import clip_features
+from ..pipeline.components import SCENE_SOURCE, Components
+from ..pipeline.graph import run_clip
+from ..reading.frames import clip_features
 from ..scenes import Scene
 from ..scenes.builtin import builtin_scene
-from ..shot_scale import BOUNDS, LEAST_FILLED, SCALES, scale_class, shot_scale
 from ..shots import SHOTS, Setup, shot
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -141,7 +141,7 @@ def true_scale(camera: Camera, subject: Subject) -> Tensor:
 
 def _read(scene: Scene, path: Trajectory, reader: str, parts: Components) -> Features:
     if reader == "networks":
-        from ..readback import render_frames
+        from ..run.readback import render_frames
 
         return clip_features(render_frames(scene, parts, path.camera), parts.plan("image"))
     plan = parts.plan("scene")

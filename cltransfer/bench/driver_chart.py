@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..files import write_text
+from ..storage.files import write_text
 from .chart_svg import svg
 from .driver import Clip
 

@@ -18,7 +18,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..components import Components
 from ..config import load_config
 from ..config.layers import parse_overrides
 from ..errors import UsageError
@@ -27,6 +26,7 @@ from ..extractors.scene_flow import SceneFlow
 from ..extractors.scene_subject import SceneSubject
 from ..features import Features
 from ..losses.camera_movement import CameraMovement
+from ..pipeline.components import Components
 from ..registry import EXTRACTORS
 from ..renderers._request import renderer_of
 from ..scenes import Scene

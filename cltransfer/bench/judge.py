@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..components import Components
 from ..driver.stage import Stage
 from ..features import Features
-from ..objective import Objective
-from ..readback import read_path
+from ..pipeline.components import Components
+from ..pipeline.objective import Objective
+from ..run.readback import read_path
 from ..scenes import Scene
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from .failure import Shown, cover

@@ -22,11 +22,11 @@ from torch import Tensor
 from ..camera import Camera
 from ..errors import InputError
 from ..features import Features
-from ..files import csv_cell, write_text
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.simplify import working_set
+from ..storage.files import csv_cell, write_text
 from .synthetic_room import synthetic_room
 
 SIZE = (160, 90)

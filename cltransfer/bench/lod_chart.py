@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files import write_text
+from ..storage.files import write_text
 from .lod import LodRow, write_csv
 from .section import machine, table, write_section
 

@@ -40,7 +40,7 @@ def bench_table1(
     out: Out = None,
 ) -> None:
     """Table 1: JAWS against ours on the five metrics, clip by clip, with and without the frames that failed."""
-    from ..files import check_out
+    from ..storage.files import check_out
     from .protocol import TIERS
     from .rows import Bench, run_trials
     from .table1 import duels, markdown, write_table1
@@ -62,7 +62,7 @@ def bench_chart(
     out: Out = None,
 ) -> None:
     """The chart: loss and success against evaluations and seconds, for presets, baselines and budgets."""
-    from ..files import check_out
+    from ..storage.files import check_out
     from .chart import CHART_TIERS, SETTINGS, SMOKE_SETTINGS, chart_trials, points, points_csv
     from .chart_svg import write_chart
     from .rows import Bench, run_trials

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from ..kept_lines import keep, read_kept
-from ..revision import commit
+from ..computer.revision import commit
+from ..storage.kept_lines import keep, read_kept
 from .protocol import Trial
 from .trial import Row, run_trial
 

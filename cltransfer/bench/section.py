@@ -10,8 +10,8 @@ from pathlib import Path
 
 import torch
 
-from ..files import write_text
-from ..revision import commit
+from ..computer.revision import commit
+from ..storage.files import write_text
 
 
 def quartiles(times: Sequence[float]) -> tuple[float, float, float]:

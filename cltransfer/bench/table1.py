@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..ablate.summary import FEWEST, LEVEL, Estimate
-from ..files import write_text
 from ..registry import LOSSES
 from ..report.metrics import number as written
 from ..report.tables import Table, to_latex, to_markdown
+from ..storage.files import write_text
 from .compare import Comparison, compared, together
 from .measures import SIDE_MEASURES, TERMS, failed_frames, is_self, paired, term
 from .rows import measured_at

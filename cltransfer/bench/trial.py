@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from ..camera import resized
+from ..describe.shot_scale import shot_scale
 from ..features import Features
 from ..scenes import Scene
 from ..scenes.load import load_scene
-from ..shot_scale import shot_scale
 from ..shots import shot
 from ..subject import Subject
 from ..trajectory import Trajectory, jerk

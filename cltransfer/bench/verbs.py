@@ -179,8 +179,8 @@ def bench_flow(
     import shlex
     import sys
 
+    from ..computer.threads import set_threads
     from ..shots import SHOTS
-    from ..threads import set_threads
     from .flow import HEADER, SCENES, named_methods, rendered_pairs, run_flow, summary, write_flow
     from .section import table
 
@@ -204,8 +204,8 @@ def bench_describe(
     import shlex
     import sys
 
-    from ..components import Components
     from ..config import load_config
+    from ..pipeline.components import Components
     from .describe import report_lines, run_describe, write_describe
 
     readers = ("geometry", "networks") if networks else ("geometry",)

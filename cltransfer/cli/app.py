@@ -171,8 +171,8 @@ def transfer(
     )
     check_order(scene, reference)
     from ..progress import progress
-    from ..run_files import DONE, JOURNAL, open_run
-    from ..run_folder import default_folder, summary_lines, summary_values, write_run
+    from ..run.folder import default_folder, summary_lines, summary_values, write_run
+    from ..storage.run_files import DONE, JOURNAL, open_run
     from ..transfer import Inputs, Record
     from ..transfer import transfer as run
 
@@ -215,7 +215,7 @@ def render(
 
     allow(allow_plugin or [])
     from ..progress import progress
-    from ..render_run import render_run
+    from ..run.render import render_run
 
     with progress(quiet) as report:
         film = render_run(run, overrides or [], fps, scene, out, report)

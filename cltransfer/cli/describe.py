@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..config import load_config
-from ..files import check_out, write_json, write_text
+from ..storage.files import check_out, write_json, write_text
 from .shared import Allow, Config, Json, Overrides, Quiet, show
 
 
@@ -34,10 +34,10 @@ def describe(
     settings = load_config(config, overrides or [])
     if out is not None:
         check_out(out)
+    from ..computer.threads import set_threads, thread_count
     from ..describe.sources import describe as run
     from ..describe.strip import write_strip
     from ..progress import progress
-    from ..threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
     with progress(quiet) as report:
@@ -65,9 +65,9 @@ def inspect(
     allow(allow_plugin or [])
     settings = load_config(config, overrides or [])
     check_out(out)
+    from ..computer.threads import set_threads, thread_count
     from ..inspect_clip import inspect_clip, write_inspection
     from ..progress import progress
-    from ..threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
     with progress(quiet) as report:

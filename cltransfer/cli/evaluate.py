@@ -11,7 +11,7 @@ import typer
 
 from ..config import load_config
 from ..errors import InputError, UsageError
-from ..files import check_out
+from ..storage.files import check_out
 from .shared import Allow, Config, Json, Quiet, show, tell, unused_plugins
 
 
@@ -61,7 +61,7 @@ def evaluate(
     settings = load_config(config, overrides)
     if out is not None:
         _check_out(out)
-    from ..threads import set_threads, thread_count
+    from ..computer.threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
     if methods:
@@ -73,7 +73,7 @@ def evaluate(
 
 def _check_out(folder: Path) -> None:
     """Refuse the folder of a run: metrics and report there are the run's own, and have these names."""
-    from ..run_files import is_run
+    from ..storage.run_files import is_run
 
     check_out(folder)
     if is_run(folder):
@@ -130,7 +130,7 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
 def _is_one_clip(reference: Path) -> bool:
     """Whether ``reference`` is one clip, and no folder of them."""
     from ..clips.image_folder import holds_clips
-    from ..run_files import is_run
+    from ..storage.run_files import is_run
 
     return not reference.is_dir() or is_run(reference) or not holds_clips(reference)
 
@@ -138,7 +138,7 @@ def _is_one_clip(reference: Path) -> bool:
 def _check_one_render(reference: str, render: str) -> None:
     """Refuse a folder of a method where the reference is one clip, saying by what it is one."""
     from ..clips.image_folder import image_files
-    from ..run_files import is_run
+    from ..storage.run_files import is_run
 
     path, folder = Path(reference), _method(render)[1]
     if not path.exists() or os.path.exists(render) or not folder or not os.path.isdir(folder):
@@ -168,7 +168,7 @@ def _keys() -> list[str]:
 
 
 def _nearest_key(name: str) -> str:
-    from ..typed import nearest
+    from ..registry.typed import nearest
 
     return nearest(name, _keys())
 

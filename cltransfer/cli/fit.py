@@ -44,10 +44,10 @@ def fit(
     from ..fit._folder import check_folder
 
     check_folder(out)
+    from ..computer.threads import set_threads, thread_count
     from ..fit._views import views_of
     from ..progress import progress
     from ..scenes.posed import read_posed
-    from ..threads import set_threads, thread_count
 
     set_threads(thread_count(), tensors=thread_count())
     views = views_of(read_posed(posed), fitter.side)

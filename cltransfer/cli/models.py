@@ -81,7 +81,7 @@ def models_check(
     as_json: Json = False,
 ) -> None:
     """Whether the networks that are here are what the catalogue says; exit code 4 if one is not, or is missing."""
-    from ..files import content_hash
+    from ..storage.files import content_hash
 
     rows, wrong = [], False
     for entry in _chosen("model", names, catalogue):
@@ -125,9 +125,9 @@ def models_align(
     from ..plugins import allow
 
     allow(allow_plugin or [])
+    from ..computer.threads import set_threads, thread_count
     from ..config import load_config
-    from ..depth_alignment import align_config
-    from ..threads import set_threads, thread_count
+    from ..reading.depth_alignment import align_config
 
     settings = load_config(None, overrides)
     set_threads(settings.threads or thread_count())
@@ -194,7 +194,7 @@ def _pull(kind: Kind, names: list[str], more: list[Path] | None, accept_new: boo
 def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) -> list[Entry]:
     """Entries of ``names``, which may name a group; all where none is named."""
     from ..models.catalogue import catalogue
-    from ..typed import nearest
+    from ..registry.typed import nearest
 
     entries = catalogue(kind, more or ())
     if not names:

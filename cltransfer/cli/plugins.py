@@ -32,8 +32,8 @@ def pluginsshow(
 ) -> None:
     """What a component does, requires and provides, and its options with their defaults."""
     from ..config.options import SECTIONS
-    from ..declared import names_of
     from ..plugins import allow
+    from ..registry.declared import names_of
 
     allow(allow_plugin or [])
     section, _, own = _key(name).partition(".")
@@ -62,7 +62,7 @@ def _key(name: str) -> str:
         UsageError: there is none, or several of one name.
     """
     from ..config.options import SECTIONS
-    from ..typed import nearest
+    from ..registry.typed import nearest
 
     keys = {f"{section}.{n}": n for section, registry in SECTIONS.items() for n in registry.names()}
     found = [key for key, n in keys.items() if name in (key, n)]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
-from ..files import check_out
+from ..storage.files import check_out
 from .shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
 
 
@@ -34,11 +34,11 @@ def lift(
     person; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
+    from ..computer.threads import set_threads, thread_count
     from ..lift_folder import Lifting, lift_lines, lift_to_folder
     from ..progress import progress
-    from ..run_folder import default_folder
+    from ..run.folder import default_folder
     from ..scenes.lifted import summary
-    from ..threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
@@ -112,6 +112,6 @@ def bake(
 def _options(cls: type[Any], overrides: list[str]) -> Any:
     """A value of ``cls`` with ``key=value`` on top of its defaults, checked by its own fields."""
     from ..config.layers import parse_overrides
-    from ..typed import typed
+    from ..registry.typed import typed
 
     return typed(cls, parse_overrides(overrides))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..errors import UsageError
-from ..files import check_out
+from ..storage.files import check_out
 from .shared import Json, show
 
 

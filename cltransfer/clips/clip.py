@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..computer.threads import thread_count
 from ..errors import InputError, ResourceError
 from ..features import Features
-from ..files import atomic
-from ..threads import thread_count
+from ..storage.files import atomic
 from .decoding import Frame, decode
 from .image_folder import FOLDER_RATE, folder_times
 from .part import ClipPart, evenly, files_of, find_part, images_of, nearest

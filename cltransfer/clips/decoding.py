@@ -17,8 +17,8 @@ from av.container import InputContainer
 from av.stream import Disposition
 from av.video.stream import VideoStream
 
+from ..computer.threads import thread_count
 from ..errors import InputError
-from ..threads import thread_count
 from .image_header import exif_orientation, states_aspect
 
 PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160

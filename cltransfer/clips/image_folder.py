@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, UsageError
-from ..files import read_json
+from ..storage.files import read_json
 from .decoding import IMAGE_DEMUXERS
 
 VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..computer.memory import require_free
 from ..errors import InputError, UsageError
-from ..memory import require_free
 from .decoding import Frame, decode
 from .image_folder import folder_times, image_files
 

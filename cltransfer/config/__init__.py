@@ -14,7 +14,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..registry import LOSSES
-from ..typed import nearest, typed
+from ..registry.typed import nearest, typed
 from .layers import ONE_EACH, Layer, origin, parse_overrides, read_yaml, told
 from .options import SECTIONS, RunConfig
 

@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from ..files import check_yaml, read_text
+from ..storage.files import check_yaml, read_text
 
 YAML_LIMIT = 2**20  # bytes
 PLAIN = "a number, text, true, false, null, a list or a mapping"

@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from ..features import Features
-from ..shot_scale import SCALE_NAMES, SCALES, shot_scale
 from .angle import HEIGHTS, SIDES, STAGINGS, dutch_class, height_class, side_class, staging_class
 from .motion import Motion
 from .movement import STILL, Movement, movement
+from .shot_scale import SCALE_NAMES, SCALES, shot_scale
 
 ENDS = 4  # the classes of a clip's first and last quarter say how it begins and ends
 

@@ -8,17 +8,17 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..components import Components
 from ..config.options import RunConfig
 from ..errors import InputError, UsageError
 from ..extractors.scene_joints import NEAR, project_joints
 from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
+from ..pipeline.components import Components
 from ..progress import Progress, silent
-from ..reference import Reading, is_scene, read_reference
-from ..run_files import require_done
+from ..reading.reference import Reading, is_scene, read_reference
+from ..reading.tracks import turned_back
+from ..storage.run_files import require_done
 from ..subject import Subject
-from ..tracks import turned_back
 from ..trajectory import Trajectory
 from .description import Description, describe_features
 from .flow_motion import flow_motion

@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..files import write_text
-from ..shot_scale import SCALES
+from ..storage.files import write_text
 from .description import Description
 from .motion import PRIMITIVES
 from .movement import STILL
+from .shot_scale import SCALES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

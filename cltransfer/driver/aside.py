@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..tracks import along, runs
+from ..reading.tracks import along, runs
 from .joint import PROMISE
 from .spline import bending
 from .whole_clip import WholeClip

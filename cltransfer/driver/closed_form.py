@@ -19,9 +19,9 @@ from torch import Tensor
 from ..camera import Camera
 from ..features import Features
 from ..placement import frame_joints, visible_joints
+from ..reading.tracks import along
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
-from ..tracks import along
 from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8

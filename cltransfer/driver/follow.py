@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..features import Features
-from ..objective import Objective
+from ..pipeline.objective import Objective
 from .frame import Memory, Schedule, Solved, carried, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..objective import Objective, group_norms
+from ..pipeline.objective import Objective, group_norms
 from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .problem import Problem, distinct

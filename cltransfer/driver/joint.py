@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..objective import group_norms
-from ..tracks import along
+from ..pipeline.objective import group_norms
+from ..reading.tracks import along
 from .spline import Local, bending, moved
 from .whole_clip import WholeClip
 

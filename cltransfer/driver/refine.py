@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..objective import group_norms
+from ..pipeline.objective import group_norms
 
 STEP = 2e-3  # of the finite differences, in the units of x
 FLOORS = (0.2, 0.06, 0.02, 0.01)  # lowest group norm that is told apart, step by step; 0.2 is one tolerance

@@ -9,7 +9,7 @@ from typing import Any
 from ..config.adam import AdamConfig
 from ..config.options import RunConfig
 from ..features import Features
-from ..objective import Objective
+from ..pipeline.objective import Objective
 from .cma_es import Budget
 from .refine import Refinement
 

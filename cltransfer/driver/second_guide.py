@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..reading.tracks import runs
 from ..search.subject_orbit import SCALE
-from ..tracks import runs
 from .closed_form import aimable, aimed_at, aimed_path
 from .whole_clip import WholeClip
 

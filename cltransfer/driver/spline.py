@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..objective import group_norms
+from ..pipeline.objective import group_norms
 from .refine import LONGEST
 
 if TYPE_CHECKING:

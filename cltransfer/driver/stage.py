@@ -11,9 +11,9 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
-from ..graph import run
-from ..objective import Objective
-from ..plan import Plan
+from ..pipeline.graph import run
+from ..pipeline.objective import Objective
+from ..pipeline.plan import Plan
 from ..renderers._request import drawn_by
 from ..scenes import Scene
 from .guard import SCENE_DEPTH, Guard

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
-from ..objective import group_norms
+from ..pipeline.objective import group_norms
 from ..search import limits
 from .refine import STEP, Bounds, inside, inward
 from .spline import Local

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..camera import Camera, intrinsics
 from ..errors import InputError
-from ..files import read_json, write_json
+from ..storage.files import read_json, write_json
 from ..trajectory import FRAME_LIMIT, SIZE_LIMIT, Trajectory
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import kernel
+from ..computer.compiled import kernel
 
 
 @kernel(nogil=True)

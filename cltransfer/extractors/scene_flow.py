@@ -9,8 +9,8 @@ import torch
 from kornia.utils import create_meshgrid
 from torch import Tensor
 
-from ..arrays import plain
 from ..camera import Camera
+from ..computer.arrays import plain
 from ..features import Features
 from ..registry import EXTRACTORS
 

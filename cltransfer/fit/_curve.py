@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ..files import atomic, write_text
+from ..storage.files import atomic, write_text
 
 
 @dataclass(frozen=True)

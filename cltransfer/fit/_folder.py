@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, UsageError
-from ..files import check_out, read_json, write_json
+from ..storage.files import check_out, read_json, write_json
 from ._curve import Level
 
 STATE = "fit.json"

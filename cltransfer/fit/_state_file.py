@@ -10,8 +10,8 @@ from typing import Any
 from torch import Tensor
 
 from ..errors import InputError
-from ..files import atomic
-from ..tensor_file import check_tensor_file
+from ..storage.files import atomic
+from ..storage.tensor_file import check_tensor_file
 
 FORMAT = "cltransfer.state.1"
 LIMIT = 16 * 2**30  # bytes

@@ -11,7 +11,7 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from ..cuda import require_gsplat
+from ..computer.cuda import require_gsplat
 from ..registry import FITTERS
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes.ply import write_splats

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..arrays import plain
+from ..computer.arrays import plain
 
 RIDGE = 1e-8  # added to the second moments, so that a layer one pixel wide still has a fit
 

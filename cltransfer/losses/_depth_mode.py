@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..arrays import plain
+from ..computer.arrays import plain
 
 
 def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:

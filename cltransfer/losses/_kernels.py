@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import kernel
+from ..computer.compiled import kernel
 
 BINS = 256
 PIXELS = 160 * 90  # Scott's rule counts a layer's pixels as in a frame of this many

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from ..config.layers import read_yaml
 from ..errors import CltransferError, InputError, ModelError, UsageError
-from ..files import atomic, cache_dir, check_size, content_hash, read_json, write_json
+from ..storage.files import atomic, cache_dir, check_size, content_hash, read_json, write_json
 
 Kind = Literal["model", "asset"]
 VARIABLE = "CLTRANSFER_CATALOGUE"

@@ -9,8 +9,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ..files import content_hash
-from ..plugin_code import code_of
+from ..registry.plugin_code import code_of
+from ..storage.files import content_hash
 from .catalogue import entry_of_file
 from .places import found_model, model_places
 

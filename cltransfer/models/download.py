@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from ..files import atomic, content_hash
+from ..storage.files import atomic, content_hash
 from .catalogue import LARGEST, Entry, pin
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..computer.memory import VARIABLE as MEMORY
+from ..computer.memory import free_bytes
+from ..computer.threads import thread_count
 from ..errors import ModelError, UsageError
-from ..memory import VARIABLE as MEMORY
-from ..memory import free_bytes
-from ..threads import thread_count
 from .catalogue import entry_of_file
 from .interface import Port, Shape, differs, joined, ports
 

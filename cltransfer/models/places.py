@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from ..errors import ModelError
-from ..files import cache_dir
+from ..storage.files import cache_dir
 from .catalogue import entry_of_file, stand_ins
 
 

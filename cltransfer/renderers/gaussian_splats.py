@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
-from ..cuda import moved, on_device, require_cuda, require_gsplat
+from ..computer.cuda import moved, on_device, require_cuda, require_gsplat
+from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.splats import Splats
-from ..threads import thread_count
 from . import _splats_gsplat, _splats_torch
 from ._request import check_device, check_request
 from .kernels import splats as kernels

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..cuda import moved, on_device, require_cuda
+from ..computer.cuda import moved, on_device, require_cuda
+from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.mesh import Mesh as Triangles
-from ..threads import thread_count
 from . import _mesh_torch
 from ._request import check_device, check_request
 from .kernels import mesh as kernels

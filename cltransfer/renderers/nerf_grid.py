@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
-from ..cuda import moved, on_device, require_cuda
+from ..computer.cuda import moved, on_device, require_cuda
+from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
-from ..threads import thread_count
 from . import _nerf_grid_torch
 from ._request import check_device, check_request
 from .kernels import grids as kernels

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
-from ..scores import Scores
+from ..pipeline.scores import Scores
 from ..subject import Subject
 from ..trajectory import Trajectory
 

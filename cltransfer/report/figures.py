@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from ..scores import Term
+from ..pipeline.scores import Term
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .data import ReportData

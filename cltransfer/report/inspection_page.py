@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, StrictUndefined
 
 from ..clips.source import unnamed
-from ..files import csp_hash, write_text
-from ..reference import is_scene
+from ..reading.reference import is_scene
+from ..storage.files import csp_hash, write_text
 
 if TYPE_CHECKING:
     from ..inspect_clip import Inspection

@@ -11,8 +11,8 @@ from typing import Any
 
 from torch import Tensor
 
-from ..files import csv_text, write_json, write_text
-from ..scores import Scores, Term
+from ..pipeline.scores import Scores, Term
+from ..storage.files import csv_text, write_json, write_text
 from .data import ReportData
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "first view / mean")

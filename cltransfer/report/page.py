@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from torch import Tensor
 
-from ..files import write_text
+from ..storage.files import write_text
 from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
 from .metrics import head, number, rows, sums

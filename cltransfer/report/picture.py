@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import atomic
+from ..storage.files import atomic
 
 QUALITY = 92  # of a JPEG
 

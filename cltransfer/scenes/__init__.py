@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
-from ..plugin_code import code_of
+from ..registry.plugin_code import code_of
 from ..subject import Subject
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..computer.memory import require_free
 from ..errors import UsageError
-from ..memory import require_free
 from .columns import SH0
 from .mesh import Mesh, folded
 from .nerf_grid import MOST_VERTICES, NerfGrid

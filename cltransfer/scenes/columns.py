@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ..computer.memory import VARIABLE, free_bytes
 from ..errors import InputError, ResourceError
-from ..memory import VARIABLE, free_bytes
 from ..renderers.kernels import Array
 from .splats import Splats
 

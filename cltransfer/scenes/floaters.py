@@ -17,11 +17,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..computer.memory import require_free
+from ..computer.threads import thread_count
 from ..errors import InputError
-from ..files import atomic, cache_dir, into_cache
-from ..memory import require_free
 from ..renderers.kernels import Array
-from ..threads import thread_count
+from ..storage.files import atomic, cache_dir, into_cache
 from . import Scene
 from .simplify import subset
 from .splats import Splats

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ModelError, named
-from ..files import check_size
-from ..plugin_code import code_of
 from ..registry import RENDERERS
+from ..registry.plugin_code import code_of
+from ..storage.files import check_size
 from .geometry import Geometry, lacking
 
 

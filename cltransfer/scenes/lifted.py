@@ -16,13 +16,13 @@ from .. import __version__
 from ..camera import Camera
 from ..errors import InputError
 from ..features import Features
-from ..files import cache_dir, into_cache
-from ..graph import run
 from ..models.content import reading
-from ..plan import CLIP_SOURCE, Plan, make_plan
+from ..pipeline.graph import run
+from ..pipeline.plan import CLIP_SOURCE, Plan, make_plan
 from ..renderers._request import drawn_by
+from ..storage.files import cache_dir, into_cache
+from ..storage.tensor_file import save_tensors
 from ..subject import Subject
-from ..tensor_file import save_tensors
 from . import Scene
 from .find_people import Boxes
 from .lift import Lift, LiftOptions, lift, summary

@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..declared import SCENE_SUFFIXES
 from ..errors import InputError, UsageError
-from ..files import content_hash
+from ..registry.declared import SCENE_SUFFIXES
+from ..storage.files import content_hash
 from . import Scene
 from .foreign import own_suffixes, read_foreign, reader_code, reader_of
 from .moment import START, Moment, split_moment

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
+from ..computer.memory import require_free
 from ..errors import InputError
-from ..memory import require_free
 from .gltf_tree import COUNT_LIMIT
 from .ply_header import HEADER_LIMIT, SIZES
 

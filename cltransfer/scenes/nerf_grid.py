@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..computer.memory import require_free
 from ..errors import InputError
-from ..files import atomic
-from ..memory import require_free
 from ..renderers.kernels.grid_pack import Packed, pack
-from ..tensor_file import check_tensor_file
+from ..storage.files import atomic
+from ..storage.tensor_file import check_tensor_file
 
 FORMAT = "cltransfer.nerf_grid.1"
 LIMIT = 4 * 2**30  # bytes

@@ -11,7 +11,7 @@ from numpy.lib.recfunctions import unstructured_to_structured
 from plyfile import PlyData, PlyElement
 
 from ..errors import InputError
-from ..files import atomic
+from ..storage.files import atomic
 from .columns import Columns, affordable_degree, drawable
 from .ply_compressed import CHUNK, PACKED, from_compressed, ranges
 from .ply_header import BLOCK, Element, check_header, read_columns, read_rows

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..computer.memory import require_free
 from ..errors import InputError
-from ..memory import require_free
 from ..renderers.kernels import Array
 
 FORMATS = ("PNG", "JPEG", "WEBP")  # that are decoded; other decoders are many, and some start programs

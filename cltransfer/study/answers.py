@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import read_text
+from ..storage.files import read_text
 from .design import QUESTIONS, Study
 
 COLUMNS = ("study", "participant", "item", "question", "left", "right", "chosen", "seconds")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, UsageError
-from ..files import read_json
+from ..storage.files import read_json
 
 # the paper's three criteria (Sec. 6.4), asked of two anonymised videos beside the reference
 QUESTIONS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import UsageError
-from ..files import check_out
+from ..storage.files import check_out
 from .design import Study
 
 INDEX = "index.html"

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..files import csv_text, write_json, write_text
 from ..report.tables import Table, to_markdown
+from ..storage.files import csv_text, write_json, write_text
 from .analysis import CONFIDENCE, FEWEST, Preference, Strength, preferences, strengths
 from .answers import Choice, read_answers
 from .design import NO_STUDY, QUESTIONS, Study

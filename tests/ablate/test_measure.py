@@ -18,8 +18,8 @@ from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
-from cltransfer.objective import Objective
-from cltransfer.readback import read_path
+from cltransfer.pipeline.objective import Objective
+from cltransfer.run.readback import read_path
 from cltransfer.skeleton import key_joints
 
 W, H = 160, 90

@@ -7,7 +7,7 @@ import pytest
 from cltransfer.bench.protocol import Trial
 from cltransfer.bench.rows import FILE, Bench, kept_rows, read_rows, run_trials
 from cltransfer.errors import InputError
-from cltransfer.kept_lines import keep
+from cltransfer.storage.kept_lines import keep
 
 TRIALS = [Trial("fast", shot, "plaza-2000", "plaza-2000", 1000, 4, ("search_side=64",)) for shot in ("pan", "zoom")]
 

@@ -6,11 +6,11 @@ import torch
 
 from cltransfer.clips.join_persons import join
 from cltransfer.clips.persons import Spot, overlap
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import all_boxes
-from cltransfer.read_frames import read_frames
+from cltransfer.pipeline.components import Components
+from cltransfer.reading.frames import read_frames
 
 
 def walk(start: float, step: float, frames: int, width: float = 20.0) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.feature_file import FeatureFile
+from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.testing import sample_features, sample_subject

@@ -18,7 +18,7 @@ from cltransfer.describe.sources import describe_path, path_features
 from cltransfer.describe.strip import write_strip
 from cltransfer.errors import InputError
 from cltransfer.features import Features
-from cltransfer.reference import Reference
+from cltransfer.reading.reference import Reference
 from cltransfer.shots import Setup, shot
 from cltransfer.subject import Subject
 from cltransfer.testing import sample_features, sample_subject, without_person

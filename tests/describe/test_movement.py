@@ -6,14 +6,14 @@ import pytest
 import torch
 
 from cltransfer.bench.describe import NAMES
-from cltransfer.components import SCENE_SOURCE, Components
 from cltransfer.config import load_config
 from cltransfer.describe.flow_motion import background_cells, flow_motion, robust_fit
 from cltransfer.describe.motion import PRIMITIVES, Motion
 from cltransfer.describe.movement import movement
 from cltransfer.describe.path_motion import path_motion
 from cltransfer.features import Features
-from cltransfer.graph import run_clip
+from cltransfer.pipeline.components import SCENE_SOURCE, Components
+from cltransfer.pipeline.graph import run_clip
 from cltransfer.shots import SHOTS, builtin_reference, shot
 from cltransfer.testing import sample_features, sample_subject
 

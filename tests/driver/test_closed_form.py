@@ -12,8 +12,8 @@ import torch
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.closed_form import COARSE, DISTANCES, _cheapest, _looked_up, closed_form
-from cltransfer.preparation import Clock, Inputs, Job, prepare
 from cltransfer.progress import silent
+from cltransfer.run.preparation import Clock, Inputs, Job, prepare
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.trajectory import Trajectory

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.follow import follow
 from cltransfer.driver.initial_view import any_view
 from cltransfer.driver.schedule import make_schedule
 from cltransfer.driver.stage import Stage
-from cltransfer.objective import Objective
-from cltransfer.readback import read_path
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import builtin_reference

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.cma_es import Budget
 from cltransfer.driver.frame import SAME, Memory, Solved, carried, solve
@@ -20,7 +19,8 @@ from cltransfer.driver.problem import Problem
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
-from cltransfer.objective import Objective
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.scenes import Scene
 from cltransfer.scenes.splats import Splats
 from cltransfer.subject import Subject

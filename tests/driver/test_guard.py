@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera, concatenate
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.follow import follow
 from cltransfer.driver.guard import READ, Guard
@@ -16,12 +15,13 @@ from cltransfer.driver.schedule import make_schedule
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
-from cltransfer.objective import Objective
-from cltransfer.plan import Step
-from cltransfer.preparation import Clock, Inputs, prepare
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.plan import Step
 from cltransfer.progress import silent
-from cltransfer.readback import read_path
 from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.run.preparation import Clock, Inputs, prepare
+from cltransfer.run.readback import read_path
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.scenes.splats import Splats

@@ -10,13 +10,13 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera, resized
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.initial_view import COARSE, Aim, best_of_orbit, given_view
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, UsageError
 from cltransfer.features import Features
-from cltransfer.objective import Objective
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.shots import shot
 from cltransfer.testing.samples import sample_cameras, sample_features

@@ -6,18 +6,18 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path
 from cltransfer.driver.spline import Local
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip, between
-from cltransfer.objective import Objective
-from cltransfer.readback import read_path
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.reading.tracks import along
+from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
 from cltransfer.shots import shot
-from cltransfer.tracks import along
 
 FRAMES, D = 12, 7
 

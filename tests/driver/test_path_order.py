@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver import path_order
 from cltransfer.driver.joint import Effort
@@ -16,9 +15,10 @@ from cltransfer.driver.path_order import LeastPath, least_path
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
-from cltransfer.objective import Objective
-from cltransfer.plan import Step
-from cltransfer.readback import read_path
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.plan import Step
+from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SubjectOrbit

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from cltransfer.driver.refine import Refinement, differences, flat_directions, least_curvature, refine
-from cltransfer.objective import group_norms
+from cltransfer.pipeline.objective import group_norms
 
 GROUPS = torch.tensor([0, 0, 1, 2])
 TARGET = torch.tensor([0.2, -0.3, 0.1], dtype=torch.float64)

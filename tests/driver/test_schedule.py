@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.schedule import LEAN_STEPS, POLISH, Schedule, make_schedule
 from cltransfer.features import Features
-from cltransfer.objective import Objective
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import SEARCHES
 from cltransfer.testing import sample_features
 from cltransfer.testing.samples import sample_cameras, sample_subject

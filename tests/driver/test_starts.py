@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.initial_view import any_view
@@ -16,8 +15,9 @@ from cltransfer.driver.stage import Stage
 from cltransfer.driver.starts import Starting
 from cltransfer.errors import InputError
 from cltransfer.features import Features
-from cltransfer.objective import Objective
-from cltransfer.readback import read_path
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.run.readback import read_path
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import shot

@@ -12,8 +12,8 @@ from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.working_set import SHARES, WorkingSet
 from cltransfer.errors import UsageError
-from cltransfer.objective import Objective
-from cltransfer.plan import make_plan
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.plan import make_plan
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.simplify import working_set

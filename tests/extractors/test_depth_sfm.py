@@ -15,13 +15,13 @@ from cltransfer.extractors.depth_sfm import DepthSfm
 from cltransfer.extractors.layers import Layers
 from cltransfer.extractors.scene_subject import SceneSubject
 from cltransfer.features import Features, OfThisRun
-from cltransfer.graph import run, run_clip
 from cltransfer.losses.filmic_space import FilmicSpace, layer_depths
-from cltransfer.objective import Objective
-from cltransfer.plan import make_plan
+from cltransfer.pipeline.graph import run, run_clip
+from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.plan import make_plan
+from cltransfer.pipeline.scores import score
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.scores import score
 from cltransfer.shots import shot
 
 SIZE = (480, 270)

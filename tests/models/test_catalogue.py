@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
-from cltransfer.files import content_hash, write_json
 from cltransfer.models.catalogue import LARGEST, Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
 from cltransfer.models.onnx import Network
 from cltransfer.models.places import find_model
+from cltransfer.pipeline.components import Components
+from cltransfer.storage.files import content_hash, write_json
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 HASH = "0123456789abcdef" * 4

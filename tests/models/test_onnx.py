@@ -11,10 +11,10 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.files import content_hash
 from cltransfer.models.catalogue import catalogue
 from cltransfer.models.interface import joined
 from cltransfer.models.onnx import Network, providers
+from cltransfer.storage.files import content_hash
 
 KNOWN = catalogue("model")
 MODELS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "models"

@@ -3,10 +3,10 @@ import os
 import pytest
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.files import content_hash
 from cltransfer.models.catalogue import catalogue
 from cltransfer.models.content import model_content
 from cltransfer.models.places import find_model
+from cltransfer.storage.files import content_hash
 
 KNOWN = catalogue("model")
 

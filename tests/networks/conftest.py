@@ -16,9 +16,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
-from cltransfer.readback import render_frames
+from cltransfer.pipeline.components import Components
+from cltransfer.run.readback import render_frames
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.columns import SH0

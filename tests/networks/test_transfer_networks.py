@@ -11,7 +11,7 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.models.onnx import Network
-from cltransfer.rounds import UNBIASED
+from cltransfer.run.rounds import UNBIASED
 from cltransfer.transfer import Inputs, Result, transfer
 
 SMALL = ("search_side=96", "output_side=240", "threads=1")

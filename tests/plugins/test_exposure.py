@@ -16,7 +16,7 @@ import torch
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
 from cltransfer.features import Features
-from cltransfer.objective import Objective
+from cltransfer.pipeline.objective import Objective
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.testing import ExtractorCase, LossCase, sample_features, without_person

@@ -9,7 +9,7 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.errors import UsageError
-from cltransfer.objective import Objective
+from cltransfer.pipeline.objective import Objective
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
 from cltransfer.testing import LossCase, sample_features

@@ -21,11 +21,11 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.components import SCENE_SOURCE, Components
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, UsageError
 from cltransfer.features import Features
-from cltransfer.graph import run
+from cltransfer.pipeline.components import SCENE_SOURCE, Components
+from cltransfer.pipeline.graph import run
 from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers._request import drawn_by

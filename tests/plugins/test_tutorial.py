@@ -12,10 +12,10 @@ import pytest
 import torch
 
 from cltransfer.ablate.read import read_sweep
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.schedule import make_schedule
-from cltransfer.objective import Objective
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.plugins import allow
 from cltransfer.registry import LOSSES
 from cltransfer.testing import sample_features

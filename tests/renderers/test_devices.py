@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
-from cltransfer.cuda import moved, on_device
+from cltransfer.computer.cuda import moved, on_device
 from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers import _mesh_torch, _nerf_grid_torch, _splats_torch

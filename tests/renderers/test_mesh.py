@@ -14,9 +14,9 @@ import torch
 import trimesh
 from torch import Tensor
 
-from cltransfer import memory
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.camera import Camera, intrinsics
+from cltransfer.computer import memory
 from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.renderers._request import renderer_of

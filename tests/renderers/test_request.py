@@ -11,14 +11,14 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.errors import ModelError
 from cltransfer.features import Features
-from cltransfer.readback import render_frames
-from cltransfer.reference import Reading, read_reference
+from cltransfer.pipeline.components import Components
+from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers._request import drawn_by
+from cltransfer.run.readback import render_frames
 from cltransfer.scenes import Scene
 from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import builtin_scene

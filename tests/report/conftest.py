@@ -2,8 +2,8 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
+from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag, ReportData
-from cltransfer.scores import Scores, Term
 from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag
-from cltransfer.scores import Scores, Term
 
 
 def term(name: str, values: list[float], reason: str = "") -> Term:

@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 import torch
 
+from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag
 from cltransfer.report.metrics import metrics_table, rows, sums, write_metrics
 from cltransfer.report.page import page
-from cltransfer.scores import Scores, Term
 
 NAN = float("nan")
 

@@ -3,9 +3,9 @@ from dataclasses import replace
 
 import torch
 
+from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag, ReportData
 from cltransfer.report.page import page, write_report
-from cltransfer.scores import Scores, Term
 from cltransfer.trajectory import Trajectory
 
 

@@ -14,8 +14,8 @@ import pytest
 import torch
 import trimesh
 
-from cltransfer import memory
 from cltransfer.camera import Camera
+from cltransfer.computer import memory
 from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.renderers.gaussian_splats import GaussianSplats

@@ -10,8 +10,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.computer.memory import VARIABLE
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.memory import VARIABLE
 from cltransfer.scenes import floaters as module
 from cltransfer.scenes.floaters import MEMBERS, floaters, without_floaters
 from cltransfer.scenes.load import load_scene

@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.components import SCENE_SOURCE, Components
 from cltransfer.config import load_config
 from cltransfer.features import Features
-from cltransfer.graph import run
+from cltransfer.pipeline.components import SCENE_SOURCE, Components
+from cltransfer.pipeline.graph import run
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.find_people import ring
 from cltransfer.scenes.lift import LiftOptions, lift

@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from cltransfer import memory
+from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import FORMAT, NerfGrid, read_grid, write_grid

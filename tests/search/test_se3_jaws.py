@@ -10,14 +10,14 @@ from kornia.geometry.conversions import vector_to_skew_symmetric_matrix
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.frame import Memory, solve
 from cltransfer.driver.problem import Problem
 from cltransfer.driver.schedule import make_schedule
 from cltransfer.driver.stage import Stage
-from cltransfer.objective import Objective
-from cltransfer.readback import read_path
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.se3_jaws import Se3Jaws, exponential
 from cltransfer.shots import shot

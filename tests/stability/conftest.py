@@ -10,12 +10,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
-from cltransfer.feature_file import FeatureFile
 from cltransfer.features import Features
-from cltransfer.reference import Reading, read_reference
+from cltransfer.pipeline.components import Components
+from cltransfer.reading.feature_file import FeatureFile
+from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import Setup, shot

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
-from cltransfer.objective import Objective
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import SEARCHES
 from cltransfer.scenes import Scene
 

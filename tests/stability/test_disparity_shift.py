@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.depth_alignment import align_depth
 from cltransfer.extractors._disparity import aligned, depth_from_disparity
 from cltransfer.extractors.layers import Layers
 from cltransfer.extractors.scene_subject import SceneSubject
 from cltransfer.features import Features
 from cltransfer.losses.filmic_space import FilmicSpace
+from cltransfer.reading.depth_alignment import align_depth
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot

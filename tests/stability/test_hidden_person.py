@@ -7,8 +7,8 @@ import torch
 
 from cltransfer.bench.driver import SIZE, TEACHER, drawn, settings
 from cltransfer.losses.shot_size import degenerate
-from cltransfer.preparation import Clock, prepare
 from cltransfer.progress import silent
+from cltransfer.run.preparation import Clock, prepare
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.subject import Subject

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.components import Components
 from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError
-from cltransfer.objective import Objective
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes import Scene
 from cltransfer.scenes.ply import read_splats, write_splats

@@ -10,8 +10,8 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.errors import InputError
-from cltransfer.run_files import open_run
-from cltransfer.run_folder import write_run
+from cltransfer.run.folder import write_run
+from cltransfer.storage.run_files import open_run
 from cltransfer.transfer import Inputs
 
 PERSON = ("shot_size", "framing", "camera_angle")

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.flags import run_flags
 from cltransfer.losses.shot_size import degenerate
+from cltransfer.run.flags import run_flags
 
 
 @pytest.mark.parametrize("offset", [(0.45, 0.0), (0.0, 0.4)], ids=["right", "down"])

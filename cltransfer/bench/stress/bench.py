@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...files import write_text
+from ...storage.files import write_text
 from ..rows import kept_rows, measured_at
 from ..section import machine, table, write_section
 from ..trial import Row

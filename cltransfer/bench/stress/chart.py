@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...files import write_text
+from ...storage.files import write_text
 from .trial import STRESSORS
 from .verdicts import StressVerdict
 

@@ -19,20 +19,20 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera, resized
-from ...components import Components
+from ...computer.threads import set_threads
 from ...config import load_config, to_yaml
 from ...driver.stage import Stage
 from ...errors import UsageError
-from ...feature_file import FeatureFile
 from ...features import Features
-from ...objective import Objective
-from ...readback import read_path
+from ...pipeline.components import Components
+from ...pipeline.objective import Objective
+from ...reading.feature_file import FeatureFile
+from ...run.readback import read_path
 from ...scenes import Scene
 from ...scenes.lifted import LABELS, SUBJECT
 from ...scenes.load import load_scene
 from ...scenes.ply import write_splats
 from ...shots import shot
-from ...threads import set_threads
 from ...trajectory import Trajectory
 from ...transfer import Inputs, transfer
 from ..failure import Shown, cover, failed_clip, failed_frames, pinned_frames

@@ -1,7 +1,7 @@
 """Inner loops in numba, without torch: numpy arrays in, numpy arrays out.
 
-What is called from Python is a :func:`~cltransfer.compiled.kernel`, whose machine code is kept; its helpers are
-compiled into it.
+What is called from Python is a :func:`~cltransfer.computer.compiled.kernel`, whose machine code is kept; its helpers
+are compiled into it.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import CACHED, INLINE, Array, f32
 from .grid_march import (
     LOOSE,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...memory import LITTLE, affordable, require_free
+from ...computer.memory import LITTLE, affordable, require_free
 from . import Array
 from .mesh_pool import pool
 from .mesh_raster import HOLE, rasterise, resolve, to_camera

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import CACHED, Array, f32
 
 

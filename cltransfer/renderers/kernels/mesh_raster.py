@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import CACHED, INLINE, Array, f32
 
 INSIDE = -1e-9  # weight of a corner that still counts as inside: closes the seam between two faces

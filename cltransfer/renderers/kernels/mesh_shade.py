@@ -7,7 +7,7 @@ from math import floor, sqrt
 import numpy as np
 from numba import njit
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import CACHED, INLINE, Array
 from .mesh_raster import ACROSS, CLAMP, DOWN, HEIGHT, MIRROR, OFFSET, REPEAT, WIDTH
 

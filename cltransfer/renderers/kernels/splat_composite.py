@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import CACHED, FAST, FAST_INLINE, Array, f32
 from .splat_cull import View
 from .splat_pack import MIN_ALPHA

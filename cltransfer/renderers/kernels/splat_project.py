@@ -9,7 +9,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import CACHED, INLINE, Array, f32
 from .splat_cull import LOW_PASS, View
 from .splat_pack import COVARIANCE, LABEL, MIN_ALPHA, OPACITY, RADIUS

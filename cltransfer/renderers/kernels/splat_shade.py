@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ...compiled import kernel
+from ...computer.compiled import kernel
 from . import FAST, FAST_INLINE, Array, f32
 from .splat_cull import View
 from .splat_project import BLUE, GREEN, RED, SOURCE, Slab, prefetch

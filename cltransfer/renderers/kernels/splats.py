@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...memory import affordable
+from ...computer.memory import affordable
 from . import Array
 from .splat_composite import ALL_PLANES, DEPTH_PLANES, Outputs, clear, composite, resolve
 from .splat_cull import Settings, View, cull, make_view, sort_by_depth

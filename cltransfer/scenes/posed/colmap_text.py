@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ...files import read_lines
 from ...renderers.kernels import Array
+from ...storage.files import read_lines
 from .assemble import IMAGE_LIMIT, POINT_LIMIT
 from .colmap_tables import COUNTS, Calibration, Shot, Tables
 

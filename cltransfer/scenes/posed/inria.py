@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...files import read_json
+from ...storage.files import read_json
 from . import PosedImages
 from .assemble import View, find_image, inverse, lens_of, numbers, posed_images, rigid
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ...files import read_text
 from ...renderers.kernels import Array
+from ...storage.files import read_text
 
 BYTE_LIMIT = 4 * 2**20
 ENTRY_LIMIT = 10_000

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...files import read_json
+from ...storage.files import read_json
 from . import PosedImages
 from .assemble import View, find_image, inverse, lens_of, numbers, posed_images, rigid, size_of_image
 from .lens import Lens

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from cltransfer import memory
+from cltransfer.computer import memory
 from cltransfer.renderers.kernels import splats
 from cltransfer.renderers.kernels.splat_cull import sort_by_depth
 from cltransfer.renderers.kernels.splat_pack import CHUNK, Packed, morton_codes, pack

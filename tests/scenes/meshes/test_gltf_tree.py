@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from cltransfer import memory
+from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes import gltf_tree
 from cltransfer.scenes.asset_files import LIMIT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cltransfer import memory
+from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.mesh_need import check_obj, check_ply
 from cltransfer.scenes.read_mesh import read_mesh

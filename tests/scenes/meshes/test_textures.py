@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cltransfer import memory
+from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes import textures
 from cltransfer.scenes.read_mesh import read_mesh

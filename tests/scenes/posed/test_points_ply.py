@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plyfile import PlyData, PlyElement
 
-from cltransfer import memory
+from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.posed import read_posed
 from cltransfer.scenes.posed.points_ply import read_points

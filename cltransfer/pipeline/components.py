@@ -1,0 +1,81 @@
+"""What a config builds, and which extractors its losses need for a clip or for renders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..config.options import RunConfig
+from ..errors import ModelError
+from ..features import NAMES
+from ..registry import EXTRACTORS
+from ..registry.declared import names_of
+from ..registry.typed import nearest
+from .plan import CLIP_SOURCE, Family, Plan, make_plan
+
+SCENE_SOURCE = frozenset({"camera", "person"})
+
+
+@dataclass(frozen=True)
+class Components:
+    """What a config builds.
+
+    Args:
+        renderer: the one renderer.
+        extractors: by name.
+        losses: by name, in the config's order.
+    """
+
+    renderer: Any
+    extractors: Mapping[str, Any]
+    losses: Mapping[str, Any]
+
+    @classmethod
+    def build(cls, config: RunConfig) -> Components:
+        """Components of ``config``.
+
+        Raises:
+            UsageError: an option has the wrong type or range.
+            ModelError: a loss or an extractor asks for what is no feature.
+        """
+        parts = cls(config.build_one("renderer"), config.build("extractors"), config.build("losses"))
+        parts._check_features()
+        return parts
+
+    def _check_features(self) -> None:
+        """Refuse a name that nothing can ever provide: it would only be told as missing when all is done."""
+        given = {*NAMES, *self.renderer.provides, *(n for e in self.extractors.values() for n in e.provides)}
+        for who, how, name in (*_asked("extractor", self.extractors), *_asked("loss", self.losses)):
+            if name not in given and name not in (known := given | _provided_by_any()):
+                reason = f"{how} {name!r}, expected a feature or what an extractor provides"
+                raise ModelError("", who, reason, nearest(name, known))
+
+    def plan(self, family: Family, shared: frozenset[str] | None = None, also: frozenset[str] = frozenset()) -> Plan:
+        """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).
+
+        ``shared`` names what the other side has: a loss that the other side cannot feed asks for nothing. ``also``
+        names what is wanted beside what the losses ask for, where no network has to read it.
+        """
+        source = CLIP_SOURCE if family == "image" else frozenset(self.renderer.provides) | SCENE_SOURCE
+        wanted: set[str] = set()
+        drawn = {name for e in self.extractors.values() if e.family in ("scene", "both") for name in e.provides}
+        uses = {name for name in also if name in drawn}
+        for loss in self.losses.values():
+            if shared is None or shared >= set(loss.requires):
+                wanted.update(loss.requires)
+                uses.update(getattr(loss, "uses", ()))
+        return make_plan(frozenset(wanted), self.extractors, source, family, shared, frozenset(uses))
+
+
+def _asked(kind: str, parts: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Who asks for a feature, how, and for which."""
+    for name, part in parts.items():
+        for how in ("requires", "uses"):
+            for feature in getattr(part, how, ()):
+                yield f"{kind} {name!r}", how, feature
+
+
+def _provided_by_any() -> set[str]:
+    """What the extractors provide that there are, in a config or not."""
+    return {name for known in EXTRACTORS.names() for name in names_of(EXTRACTORS.get(known), "provides")}

@@ -1,0 +1,179 @@
+"""Running a plan: on frames that stand alone, or along a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..errors import UsageError
+from ..features import Features
+from .plan import CLIP_SOURCE, Plan, Step
+
+CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB as float
+Load = Callable[[int, int], Features]
+
+
+def run(plan: Plan, now: Features, before: Features | None) -> Features:
+    """``now`` with every step of ``plan`` done; ``before`` is the frame before, None for a first frame.
+
+    Raises:
+        UsageError: a step reads whole clips only.
+    """
+    for step in plan.steps:
+        if step.whole_clip:
+            raise UsageError(
+                "", f"extractor {step.name}", "reads a whole clip, not single renders", "use extract.inner=geometric"
+            )
+        if _needs_before(step) and before is None:
+            now = _undefined(now, step)
+        else:
+            now = step(now, before if _needs_before(step) else None)
+    return now
+
+
+def run_clip(
+    plan: Plan,
+    load: Load,
+    count: int,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Features:
+    """Features of a clip of ``count`` frames, without its pixels.
+
+    ``load(start, stop)`` delivers the source's features of a few frames at a time, so that memory does not grow with
+    the clip. The first frame has no flow: NaN. What a step that reads the whole clip cannot tell is left out with the
+    reason, and so is what needs it.
+    """
+    keep = plan.wanted | {"camera", "person"}
+    between = keep if not plan.reads_whole_clip else keep | plan.passed_on - CLIP_SOURCE
+    found: Features | None = None
+    for steps, whole in _stages(plan.steps):
+        if steps or found is None:
+            found = _in_chunks(steps, found, load, count, between, progress)
+        if whole is not None:
+            found = _read_whole(whole, found, load)
+            dear = frozenset(whole.extractor.provides)
+            keep, between = keep | dear, between | dear
+    assert found is not None  # there is at least one stage
+    return found.only(keep)
+
+
+def _stages(steps: Sequence[Step]) -> list[tuple[list[Step], Step | None]]:
+    """Steps that look at few frames at a time, each time up to the next that reads the whole clip."""
+    stages: list[tuple[list[Step], Step | None]] = []
+    waiting: list[Step] = []
+    for step in steps:
+        if step.whole_clip:
+            stages.append((waiting, step))
+            waiting = []
+        else:
+            waiting.append(step)
+    return [*stages, (waiting, None)]
+
+
+def _read_whole(step: Step, found: Features, load: Load) -> Features:
+    lost = _lost(step, found.reasons)
+    if lost:
+        return replace(found, reasons={**found.reasons, **lost})
+    with step.named:
+        got = step.checked(step.extractor.read_clip(found, load))
+    for name in step.extractor.provides:
+        if not got.has(name) and name not in got.reasons:
+            raise UsageError("", f"extractor {step.name}", f"gave neither {name!r} nor a reason")
+    return got
+
+
+def _lost(step: Step, reasons: Mapping[str, str]) -> dict[str, str]:
+    """Why ``step`` cannot give what it provides, because of what it requires; empty if it can."""
+    lacking = [name for name in step.extractor.requires if name in reasons]
+    return dict.fromkeys(step.extractor.provides, reasons[lacking[0]]) if lacking else {}
+
+
+def _in_chunks(
+    steps: Sequence[Step],
+    found: Features | None,
+    load: Load,
+    count: int,
+    keep: frozenset[str],
+    progress: Callable[[int], None],
+) -> Features:
+    """Every frame through ``steps``, beside what was ``found`` before; of all that, ``keep``."""
+    reasons = dict(found.reasons) if found else {}
+    possible = []
+    for step in steps:
+        lost = _lost(step, reasons)
+        reasons.update(lost)
+        possible += [] if lost else [step]
+    parts: list[Features] = []
+    last: Features | None = None
+    for start in range(0, count, CHUNK):
+        stop = min(start + CHUNK, count)
+        now = load(start, stop)
+        if found is not None:
+            now = joined(now, found[slice(start, stop)])
+        done = _run_chunk(possible, now, last)
+        last = done[len(done) - 1]
+        parts.append(done.only(keep))
+        progress(stop)
+    return replace(Features.concatenate(parts), reasons=reasons)
+
+
+def joined(features: Features, more: Features) -> Features:
+    """``features`` with what ``more`` has of the same frames."""
+    new = {name: more.require(name) for name in more.names() if name not in more.extras}
+    return replace(features, **new, extras={**features.extras, **more.extras})
+
+
+def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> Features:
+    for step in steps:
+        if not _needs_before(step):
+            now = step(now, None)
+        elif last is not None:
+            inputs = Features.concatenate([last.only(now.names()), now])
+            now = step(now, inputs[list(range(len(now)))])
+        elif len(now) == 1:
+            now = _undefined(now, step)
+        else:
+            later = step(now[1:], now[:-1])
+            for name in step.extractor.provides:
+                value = later.require(name)
+                now = now.having(name, torch.cat([_unknown(value[:1]), value]))
+    return now
+
+
+def _needs_before(step: Step) -> bool:
+    return bool(getattr(step.extractor, "needs_before", False))
+
+
+def _undefined(now: Features, step: Step) -> Features:
+    """What a step that compares with the frame before gives a first frame: NaN, of the shape of what it gives."""
+    shapes: dict[str, tuple[int, ...]] = {"flow": (2, *_map_size(now)), "flow_confidence": _map_size(now)}
+    if set(step.extractor.provides) <= set(shapes):
+        rows = {n: torch.empty((len(now), *shapes[n]), device=_device(now)) for n in step.extractor.provides}
+    else:
+        given = step(now, now)
+        rows = {name: given.require(name) for name in step.extractor.provides}
+    for name, value in rows.items():
+        now = now.having(name, _unknown(value))
+    return now
+
+
+def _unknown(value: Tensor) -> Tensor:
+    """Rows like those of ``value`` that say nothing: NaN, and of a mask no pixel, as it has no NaN."""
+    if value.dtype is torch.bool:
+        return torch.zeros_like(value)
+    return torch.full_like(value, float("nan"), dtype=value.dtype if value.is_floating_point() else torch.float32)
+
+
+def _device(now: Features) -> torch.device | None:
+    return next((getattr(now, name).device for name in ("depth", "image", "subject") if now.has(name)), None)
+
+
+def _map_size(now: Features) -> tuple[int, int]:
+    for name in ("depth", "image", "subject"):
+        if now.has(name):
+            height, width = now.require(name).shape[-2:]
+            return height, width
+    return now.size[1], now.size[0]

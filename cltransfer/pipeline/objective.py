@@ -1,0 +1,161 @@
+"""Candidates to totals: the weighted sum of Eq. 15, with undefined terms named and priced, never dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..errors import ModelError, named
+from ..features import Features
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The active losses of a run, in the order of the config.
+
+    Args:
+        losses: by name; each is the metric too.
+    """
+
+    losses: Mapping[str, Any]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the terms, in order."""
+        return tuple(self.losses)
+
+    @property
+    def weights(self) -> Tensor:
+        """lambda of Eq. 15, (L,)."""
+        return torch.tensor([loss.weight for loss in self.losses.values()], dtype=torch.float64)
+
+    @property
+    def penalties(self) -> Tensor:
+        """Raw value that stands in for an undefined term, (L,)."""
+        return torch.tensor([loss.penalty for loss in self.losses.values()], dtype=torch.float64)
+
+    def terms(self, reference: Features, rendered: Features) -> Tensor:
+        """Raw terms, (B, L); NaN where undefined. ``reference`` has 1 or B frames.
+
+        Raises:
+            ModelError: a loss fails, or gives anything but B values.
+        """
+        count = max(len(reference), len(rendered))
+        columns = []
+        for name, loss in self.losses.items():
+            if any(not (reference.has(n) and rendered.has(n)) for n in loss.requires):
+                columns.append(torch.full((count,), torch.nan, dtype=torch.float64))
+            else:
+                columns.append(_answer(loss, (reference, rendered), (count,), f"loss {name!r}"))
+        return torch.stack(columns, dim=1)
+
+    def defined(self, reference: Features) -> Tensor:
+        """Which terms the reference has, (N, L) bool: a term is defined where the reference scores itself."""
+        return torch.isfinite(self.terms(reference, reference))
+
+    def totals(self, terms: Tensor, defined: Tensor) -> Tensor:
+        """Weighted totals (B,) of raw terms (B, L), Eq. 15: the sum of :meth:`weighted`."""
+        return self.weighted(terms, defined).sum(dim=1)
+
+    def weighted(self, terms: Tensor, defined: Tensor) -> Tensor:
+        """Weighted terms (B, L) of raw terms (B, L).
+
+        A term the reference lacks costs nothing, whatever is rendered; a term that only the render lacks costs its
+        penalty, so that leaving the frame never pays.
+        """
+        priced = self.priced(terms, defined)
+        return torch.where(defined, priced * self.weights, torch.zeros_like(priced))
+
+    def priced(self, terms: Tensor, defined: Tensor) -> Tensor:
+        """Raw terms (B, L) with the penalty where only the render lacks one; NaN where the reference does."""
+        return torch.where(torch.isfinite(terms), terms, self.penalties).masked_fill(~defined, torch.nan)
+
+    @property
+    def groups(self) -> Tensor | None:
+        """Group of each residual, (R,); None where a loss has no residuals."""
+        groups: list[int] = []
+        for loss in self.losses.values():
+            if not hasattr(loss, "residuals"):
+                return None
+            first = max(groups, default=-1) + 1
+            groups += [first + group for group in loss.groups]
+        return torch.tensor(groups)
+
+    def rows(self, defined: Tensor) -> Tensor:
+        """Residuals of the ``defined`` terms (L,), (R,) bool; of losses that have some."""
+        sizes = torch.tensor([len(getattr(loss, "groups", ())) for loss in self.losses.values()])
+        return defined.repeat_interleave(sizes)
+
+    @property
+    def paired(self) -> Tensor:
+        """Residuals that compare a frame with the one before, (R,) bool; of losses that have some."""
+        marks: list[bool] = []
+        for loss in self.losses.values():
+            marks += ["flow" in loss.requires] * len(getattr(loss, "groups", ()))
+        return torch.tensor(marks)
+
+    def placed(self, reference: Features) -> Tensor:
+        """Frames (N,) bool of which some term tells where to stand: one that needs no motion."""
+        unmoved = torch.tensor(["flow" not in loss.requires for loss in self.losses.values()])
+        return (self.defined(reference) & unmoved).any(1)
+
+    def residuals(self, reference: Features, rendered: Features, defined: Tensor) -> Tensor:
+        """Weighted residuals (B, R) of B candidates for one reference frame; their group norms add up to the total.
+
+        Args:
+            reference: one frame.
+            rendered: B candidates.
+            defined: which terms the reference has, (L,) bool; the others leave zeros.
+
+        Raises:
+            ModelError: a loss fails, or gives anything but (B, R) residuals.
+        """
+        parts = []
+        for (name, loss), there in zip(self.losses.items(), defined.tolist()):
+            if not there:
+                parts.append(torch.zeros(len(rendered), len(loss.groups), dtype=torch.float64))
+                continue
+            if any(not rendered.has(name) for name in loss.requires):
+                part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
+            else:
+                shape = (len(rendered), len(loss.groups))
+                part = _answer(loss.residuals, (reference, rendered), shape, f"residuals of loss {name!r}")
+            lost = ~torch.isfinite(part).all(1)
+            part = part.masked_fill(lost[:, None], 0.0)
+            part[lost, 0] = loss.penalty
+            parts.append(loss.weight * part)
+        return torch.cat(parts, dim=1)
+
+    def lost_residuals(self, defined: Tensor) -> Tensor:
+        """Weighted residuals (R,) of a view that shows nothing: the penalty of each of the ``defined`` terms (L,)."""
+        parts = []
+        for loss, there in zip(self.losses.values(), defined.tolist()):
+            part = torch.zeros(len(loss.groups), dtype=torch.float64)
+            part[0] = loss.weight * loss.penalty if there else 0.0
+            parts.append(part)
+        return torch.cat(parts)
+
+
+def _answer(call: Callable[..., Any], features: tuple[Features, Features], shape: tuple[int, ...], who: str) -> Tensor:
+    """What a loss says of ``features``, as float64 of ``shape``.
+
+    Raises:
+        ModelError: it fails, or says anything else.
+    """
+    expected = f"expected values of shape {shape}"
+    with named(who, expected):
+        value = call(*features)
+    if not isinstance(value, Tensor) or tuple(value.shape) != shape:
+        came = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+        raise ModelError("", who, f"{expected}, got {came}", "return a tensor with one row a frame")
+    return value.double()
+
+
+def group_norms(residuals: Tensor, groups: Tensor) -> Tensor:
+    """Norm of each group, (B, G), of residuals (B, R)."""
+    squares = torch.zeros(len(residuals), int(groups.max()) + 1, dtype=residuals.dtype)
+    return squares.index_add(1, groups, residuals**2).sqrt()

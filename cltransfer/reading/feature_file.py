@@ -1,0 +1,162 @@
+"""Extracted features on disk, as safetensors: read once a clip, used by every run after."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..features import SHAPES, Features, OfThisRun
+from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
+
+FORMAT = "cltransfer.features.1"
+LIMIT = 4 * 2**30  # bytes
+STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confidence", "orientation")
+
+MASKS = ("subject", "layers")
+TOGETHER = (("layers", "subject", "depth"), ("layers", "flow", "flow_confidence"))  # maps on one grid each
+
+
+@dataclass(frozen=True)
+class FeatureFile:
+    """Features of N frames with their times and where they came from.
+
+    Args:
+        features: without pixels.
+        times: (N,) [s].
+        origin: what was read and how, for reports.
+    """
+
+    features: Features
+    times: Tensor  # (N,)
+    origin: str
+
+    @property
+    def size(self) -> int:
+        """Bytes that it takes on disk, or a little more."""
+        return HEADER_LIMIT + sum(tensor.nbytes for tensor in self._tensors().values())
+
+    @property
+    def lasts(self) -> bool:
+        """Whether another run finds all of it here, but the pixels, and nothing that it may tell better itself."""
+        lost = self.features.names() - {*STORED, *self.features.extras, "image"}
+        return not lost and not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
+
+    def save(self, path: Path) -> None:
+        """Write the file, whole or not at all."""
+        origin = self.origin.encode(errors="backslashreplace").decode()  # a file's name may be no UTF-8
+        meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": origin}
+        meta["reasons"] = json.dumps(dict(self.features.reasons))
+        save_tensors(path, self._tensors(), meta)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}
+        extras = {f"extras.{name}": value.contiguous() for name, value in self.features.extras.items()}
+        return {"times": self.times, **stored, **extras}
+
+    @classmethod
+    def load(cls, path: Path) -> FeatureFile:
+        """Read the file.
+
+        Raises:
+            InputError: it is missing, too large, of another format, or its tensors are of a wrong type or do not
+                fit together.
+        """
+        from safetensors import SafetensorError, safe_open
+
+        check_tensor_file(path, LIMIT, "feature file")
+        try:
+            with safe_open(path, framework="pt") as stream:
+                meta: dict[str, str] = stream.metadata() or {}
+                tensors = {key: stream.get_tensor(key) for key in stream.keys()}  # noqa: SIM118
+        except SafetensorError as error:
+            raise InputError(path, "", f"not a feature file: {error}") from None
+        if meta.get("format") != FORMAT:
+            raise InputError(path, "format", f"expected {FORMAT!r}, got {meta.get('format')!r}")
+        return cls(_features(path, tensors, meta), _times(path, tensors), meta.get("origin", ""))
+
+
+def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
+    times = tensors.get("times")
+    if (
+        times is None
+        or times.is_complex()
+        or times.dim() != 1
+        or len(times) == 0
+        or not bool((times.diff() > 0).all() and times.isfinite().all())
+    ):
+        raise InputError(path, "times", "expected a list of increasing times")
+    return times.double()
+
+
+def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> Features:
+    count = len(_times(path, tensors))
+    try:
+        width, height = (int(v) for v in json.loads(meta["size"]))
+    except (KeyError, ValueError, TypeError, OverflowError, RecursionError):
+        width = height = 0
+    if width < 1 or height < 1:
+        raise InputError(path, "size", "expected [width, height]")
+    for name, value in tensors.items():
+        if value.dim() == 0 or len(value) != count:
+            got = "a single value" if value.dim() == 0 else len(value)
+            raise InputError(path, name, f"expected {count} frames, got {got}")
+        shape = SHAPES.get(name)
+        if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
+            raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
+    own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
+    _check_grids(path, own)
+    extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
+    return replace(Features((width, height)), **own, extras=extras, reasons=_reasons(path, meta))
+
+
+def _typed(path: Path, name: str, value: Tensor) -> Tensor:
+    """The tensor with the type that the feature has: a mask is bool, all else floats of 32 bits or more.
+
+    Raises:
+        InputError: it is of another type, and nothing says what its values mean.
+    """
+    if name in MASKS:
+        if value.dtype is torch.bool or (value.dtype is torch.uint8 and not bool((value > 1).any())):
+            return value.bool()
+        raise InputError(
+            path, name, f"expected bool, or uint8 of 0 and 1, got {_type(value)}", "store the mask as bool"
+        )
+    if not value.is_floating_point():
+        raise InputError(path, name, f"expected floats, got {_type(value)}", "store it as float32")
+    return value.float() if value.dtype.itemsize < 4 else value  # float64 stays: what was kept comes back to the bit
+
+
+def _type(value: Tensor) -> str:
+    return str(value.dtype).removeprefix("torch.")
+
+
+def _check_grids(path: Path, features: dict[str, Tensor]) -> None:
+    """Refuse maps that are looked at together and do not have the same pixels."""
+    for maps in TOGETHER:
+        there = [name for name in maps if name in features]
+        for name in there[1:]:
+            got, want = (tuple(features[n].shape[-2:]) for n in (name, there[0]))
+            if got != want:
+                reason = f"expected the {want[1]}x{want[0]} pixels of {there[0]}, got {got[1]}x{got[0]}"
+                raise InputError(path, name, reason, "extract or resize all maps on one grid")
+
+
+def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:
+    """Why features are missing; a file from before they were noted has none."""
+    try:
+        told = json.loads(meta.get("reasons", "{}"))
+    except (ValueError, RecursionError):
+        told = None
+    if not isinstance(told, dict) or not all(isinstance(reason, str) for reason in told.values()):
+        raise InputError(path, "reasons", "expected reasons by feature")
+    return told
+
+
+def _fits(got: torch.Size, shape: tuple[int | None, ...]) -> bool:
+    return all(want is None or have == want for have, want in zip(got, shape))

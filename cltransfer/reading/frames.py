@@ -1,0 +1,133 @@
+"""Frames to features: all persons found along the clip, one followed, and read by the image extractors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..clips.join_persons import join
+from ..clips.persons import Who
+from ..computer.memory import require_free
+from ..errors import UsageError
+from ..features import Features
+from ..pipeline.graph import CHUNK, run_clip
+from ..pipeline.plan import Plan
+from ..progress import Progress, silent
+from ..scenes.find_people import Found, boxes_of
+from ..subject import Subject
+
+MAPS = 48  # bytes a pixel of a clip, at the peak: 37 measured without a depth network, whose maps are added
+HINT = "thin the clip by frames=, or take a part, #t=START,END"
+
+Follow = Callable[[list[np.ndarray]], tuple[np.ndarray, tuple[str, ...]]]
+"""Of all persons' boxes (P, 5) in each of N frames the one person's, (N, 5), NaN where it is not seen; and flags."""
+
+
+def check_maps(*images: Tensor) -> None:
+    """Refuse clips, each (N, 3, H, W), of which more would be read than there is memory for.
+
+    Raises:
+        ResourceError: less is free than the maps of all their frames take.
+    """
+    need = sum(MAPS * len(image) * image.shape[2] * image.shape[3] for image in images)
+    what = " and ".join(f"{len(image)} of {image.shape[3]}x{image.shape[2]}" for image in images)
+    require_free(need, "", f"the maps of frames, {what},", HINT)
+
+
+def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times: Tensor | None = None) -> Features:
+    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's.
+
+    Args:
+        image: the frames.
+        plan: of image extractors.
+        progress: called with a step, frames done, frames in all.
+        times: of the frames, (N,) [s], by which the person is followed; None takes 24 a second.
+
+    Raises:
+        ValueError: ``image`` is anything else.
+    """
+    _check_frames(image)
+    return read_frames(image, plan, None, progress, times)[0]
+
+
+def _check_frames(image: object) -> None:
+    came = type(image).__name__
+    if isinstance(image, Tensor):
+        if image.dtype == torch.uint8 and image.ndim == 4 and image.shape[1] == 3 and image.numel():
+            return
+        came = f"{str(image.dtype).removeprefix('torch.')} {tuple(image.shape)}"
+        came += ": (frames * 255).round().byte()" * image.is_floating_point()
+    raise ValueError(f"expected uint8 frames (N, 3, H, W), got {came}")
+
+
+def render_features(image: Tensor, cameras: Camera, subject: Subject | None, plan: Plan) -> Features:
+    """Features of rendered frames (N, 3, H, W) uint8, read by the image extractors of ``plan``.
+
+    Args:
+        image: what N ``cameras`` of that size see.
+        cameras: of the frames.
+        subject: whose features are read: a bystander may be nearer; None is the largest person.
+        plan: of image extractors.
+    """
+    if subject is None:
+        return clip_features(image, plan)
+    person = Found(subject.anchor, subject.height, len(cameras))
+    body = subject.joints[torch.isfinite(subject.joints).all(1)]
+    return _read(image, plan, lambda boxes: (boxes_of(person, body, cameras, boxes).numpy(), ()), silent)[0]
+
+
+def read_frames(
+    image: Tensor, plan: Plan, who: Who, progress: Progress = silent, times: Tensor | None = None
+) -> tuple[Features, tuple[str, ...]]:
+    """Features of frames (N, 3, H, W) uint8, and what a reader should know.
+
+    Where the plan's detector sees all persons, they are joined along the clip and one is followed.
+
+    Args:
+        image: the frames.
+        plan: of image extractors.
+        who: whom to follow; None is the largest.
+        progress: called with a step, frames done, frames in all.
+        times: of the frames, (N,) [s], increasing; None takes 24 a second.
+
+    Raises:
+        UsageError: there is no such person.
+        ResourceError: see :func:`check_maps`.
+    """
+    if _detector(plan) is None and who not in (None, 0):
+        raise UsageError("", "#person", "no extractor tells persons apart", "add extractors.detect_yolox={}")
+    shown = None if times is None else times.double().cpu().numpy()
+    return _read(image, plan, lambda boxes: join(boxes, shown).follow(who), progress)
+
+
+def _detector(plan: Plan) -> Any:
+    """The extractor that sees all persons, None where there is none."""
+    return next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
+
+
+def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
+    check_maps(image)
+    count, detector = len(image), _detector(plan)
+    load = partial(_loaded, image, None)
+    flags: tuple[str, ...] = ()
+    if detector is not None:
+        found = []
+        for start in range(0, count, CHUNK):
+            found += detector.persons(load(start, start + CHUNK))
+            progress("finding persons", min(start + CHUNK, count), count)
+        box, flags = follow(found)
+        load = partial(_loaded, image, torch.from_numpy(box).float())
+        plan = plan.without(detector)
+    features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
+    return features, flags
+
+
+def _loaded(image: Tensor, box: Tensor | None, start: int, stop: int) -> Features:
+    size = (image.shape[3], image.shape[2])
+    return Features(size, image=image[start:stop].float() / 255, box=None if box is None else box[start:stop])

@@ -1,0 +1,75 @@
+"""Scenes by what a person or a run says of them: a scene with a trajectory, or a digest seen here before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import InputError
+from ..scenes import Scene
+from ..scenes.lifted import load_person
+from ..scenes.load import load_scene
+from ..storage.files import cache_dir, into_cache, read_json, write_json
+from ..storage.run_files import require_done
+from ..trajectory import Trajectory
+from .scene_source import split_scene
+
+REFERENCE_ASPECT = (16, 9)
+REFERENCE_FRAMES = 24
+
+
+def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Scene, Trajectory]:
+    """Scene and cameras of a reference that is shot in a scene.
+
+    Args:
+        source: ``builtin:SHOT``, or ``SCENE@TRAJECTORY.json``; the scene's person is ``subject.json`` beside the
+            trajectory, unless the scene knows its own.
+        frames: how many; a trajectory is taken whole or thinned evenly.
+        side: longer side of its frames [px].
+
+    Raises:
+        InputError: a file is missing or damaged, or of a run that was not finished.
+        UsageError: there is no such built-in shot.
+    """
+    split = split_scene(source)
+    if split is None:
+        from ..shots import builtin_reference
+
+        size = (side, round(side * REFERENCE_ASPECT[1] / REFERENCE_ASPECT[0]))
+        return builtin_reference(source.removeprefix("builtin:"), size, frames or REFERENCE_FRAMES)
+    scene_name, path = split[0], Path(split[1])
+    require_done(path.parent)
+    trajectory = Trajectory.load(path)
+    scene = load_scene(scene_name)
+    if scene.subject is None and path.with_name("subject.json").is_file():
+        scene = load_person(scene, path.with_name("subject.json"))
+    return scene, _thinned(trajectory, frames, side)
+
+
+def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajectory:
+    count = len(trajectory)
+    keep = min(frames or count, count)
+    index = [round(i * (count - 1) / max(keep - 1, 1)) for i in range(keep)]
+    width, height = trajectory.camera.size
+    scale = side / max(width, height)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return Trajectory(trajectory.camera[index].at_size(size), trajectory.times[index] - trajectory.times[0])
+
+
+def remember(digest: str, source: str) -> None:
+    """Note where a scene of this content was found, so that a run folder need not name a path."""
+    where = source if source.startswith("builtin:") else str(Path(source).resolve())
+    note = cache_dir() / "scenes" / f"{digest}.json"
+    with into_cache(note, f"a later render needs --scene {where}"):
+        write_json(note, {"path": where})
+
+
+def recall(digest: str) -> str:
+    """Where a scene of this content was last found on this computer.
+
+    Raises:
+        InputError: it was never seen here.
+    """
+    note = cache_dir() / "scenes" / f"{digest}.json"
+    if not digest.isalnum() or not note.is_file():
+        raise InputError("", "scene", "this computer has not seen the scene of this run", "name it: --scene FILE")
+    return str(read_json(note)["path"])

@@ -1,0 +1,210 @@
+"""The reference: a clip, an image folder, a run, a feature file, or a scene with a trajectory; read once, cached."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from .. import __version__
+from ..clips.join_persons import RULES
+from ..errors import InputError
+from ..features import Features
+from ..models.content import reading
+from ..pipeline.components import SCENE_SOURCE, Components
+from ..pipeline.graph import run_clip
+from ..pipeline.plan import Family, Plan
+from ..progress import Progress, silent
+from ..shots import SHOTS
+from ..storage.files import cache_dir, content_hash, into_cache
+from ..storage.run_files import kept_frames
+from .feature_file import LIMIT, FeatureFile
+from .frames import check_maps, read_frames
+from .scene_source import split_scene
+
+if TYPE_CHECKING:
+    from ..clips.clip import Clip
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a transfer or an evaluation is measured against.
+
+    Args:
+        features: N frames without pixels.
+        times: (N,) [s], from 0.
+        image: the frames, (N, 3, H, W) uint8, None for a feature file.
+        name: for tables and folders.
+        digest: of its content.
+        family: which extractors read it: image (a clip) or scene (a scene with a trajectory).
+        missing: features it cannot have, with the reason.
+        flags: what was done to it and what is doubtful in it, for reports.
+    """
+
+    features: Features
+    times: Tensor  # (N,)
+    image: Tensor | None
+    name: str
+    digest: str
+    family: Family
+    missing: Mapping[str, str]
+    flags: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a reference is read.
+
+    Args:
+        frames: how many, evenly over the clip; None takes all.
+        side: longer side of the frames that a scene with a trajectory is rendered at [px].
+        scene_family: which extractors read a scene with a trajectory.
+    """
+
+    frames: int | None = None
+    side: int = 720
+    scene_family: Family = "scene"
+
+
+def read_reference(source: str, parts: Components, reading: Reading, progress: Progress = silent) -> Reference:
+    """Read ``source``.
+
+    Args:
+        source: a video or an image folder, with ``#t=START,END&person=ID`` for a part of it and ``#fps=N`` for how
+            fast its images play (:class:`cltransfer.clips.source.ClipSource`), a feature file (.safetensors),
+            ``builtin:SHOT``, or ``SCENE@TRAJECTORY.json`` (:func:`cltransfer.reading.scene_source.split_scene`).
+        parts: the config's components.
+        reading: frames, size, extractors.
+        progress: called with a step, frames done, frames in all.
+
+    Raises:
+        InputError: it is missing, damaged, has a cut, or shows no person in any frame.
+        UsageError: the part asked for cannot be.
+    """
+    if is_scene(source):
+        reference = _from_scene(source, parts, reading, progress)
+    elif source.endswith(".safetensors"):
+        reference = _from_file(Path(source), parts, reading.frames)
+    else:
+        reference = _from_clip(source, parts, reading.frames, progress)
+    _require_person(reference)
+    return reference
+
+
+def is_scene(source: str) -> bool:
+    """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
+    return source.startswith("builtin:") or split_scene(source) is not None
+
+
+def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
+    from ..clips.open_clip import open_clip
+    from ..clips.source import ClipSource
+
+    asked_for = ClipSource.parse(source)
+    if source in SHOTS and not asked_for.path.exists():
+        raise InputError(source, "", "no such file", f"did you mean builtin:{source}?")
+    where = replace(asked_for, path=kept_frames(asked_for.path))
+    clip, flags = open_clip(where, frames)
+    plan = parts.plan("image")
+    digest = content_hash(where.path)
+    asked = [frames, str(where.span), where.fps, where.person, RULES]
+    key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
+    cached = cache_dir() / "features" / f"{key}.safetensors"
+    if cached.is_file():
+        stored = FeatureFile.load(cached)
+        features, read = _with_pixels(stored.features, clip, plan), tuple(stored.origin.splitlines()[1:])
+    else:
+        plan.load_networks()
+        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress, clip.times)
+        file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
+        if file.size <= LIMIT and file.lasts:  # others are read anew by every run
+            with into_cache(cached, "the next run reads the clip anew"):
+                file.save(cached)
+    flags = (*flags, *read)
+    name = asked_for.path.stem
+    return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
+
+
+def _with_pixels(features: Features, clip: Clip, plan: Plan) -> Features:
+    """What the cache keeps of a ``clip``, and its pixels where the plan wants them: they are in the clip itself.
+
+    Raises:
+        ResourceError: there is no memory for them, as where the clip is read.
+    """
+    if "image" not in plan.wanted:
+        return features
+    check_maps(clip.image)
+    return replace(features, image=clip.features().image)
+
+
+def _pixels(image: Tensor) -> str:
+    """SHA-256 of the pixels of frames (N, 3, H, W) uint8: one file may be decoded otherwise than it once was."""
+    digest = hashlib.sha256()
+    for frame in image:  # 3 ms each at 960 x 540
+        digest.update(frame.contiguous().numpy())
+    return digest.hexdigest()
+
+
+def _key(what: list[Any], plan: Plan) -> str:
+    steps = [[s.name, reading(s.extractor), list(s.hidden)] for s in plan.steps]
+    text = json.dumps([__version__, what, sorted(plan.wanted), steps], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
+    stored = FeatureFile.load(path)
+    index = list(range(len(stored.times)))
+    if frames is not None and frames != len(index):
+        reason = f"holds {len(index)} frames, {frames} asked for"
+        raise InputError(path, "frames", reason, "flow spans neighbours: extract the clip again instead")
+    wanted = {n for loss in parts.losses.values() for n in loss.requires}
+    missing = {n: "not in the feature file" for n in wanted if not stored.features.has(n)}
+    return Reference(stored.features, stored.times, None, path.stem, content_hash(path), "image", missing)
+
+
+def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
+    from ..renderers._request import drawn_by, renderer_of
+    from .named_scenes import load_reference_scene
+
+    scene, path = load_reference_scene(source, reading.frames, reading.side)
+    if scene.subject is None and reading.scene_family == "scene":
+        raise InputError(source, "subject", "the reference scene has no lifted person", "run: cltransfer lift SCENE")
+    plan = parts.plan(reading.scene_family)
+    buffers = (plan.buffers | {"image"}) - SCENE_SOURCE
+    renderer = renderer_of(scene, parts.renderer)
+    images: list[Tensor] = []
+
+    def load(start: int, stop: int) -> Features:
+        rendered = drawn_by(renderer, scene, path.camera[start:stop], buffers)
+        images.append(quantised(rendered.require("image")))
+        return replace(rendered, image=images[-1].float() / 255)
+
+    features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
+    told = [scene.digest, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
+    digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
+    features = replace(features, camera=None, person=None)
+    name = source.removeprefix("builtin:").replace("@", "-")
+    image = torch.cat(images)
+    return Reference(features, path.times, image, Path(name).stem, digest, reading.scene_family, plan.missing)
+
+
+def quantised(image: Tensor) -> Tensor:
+    """What a file keeps of frames (N, 3, H, W) in [0, 1]: uint8."""
+    return (image.clamp(0, 1) * 255).round().to(torch.uint8)
+
+
+def _require_person(reference: Reference) -> None:
+    if not reference.features.has("keypoints"):
+        return
+    seen = torch.isfinite(reference.features.require("keypoints")[..., 0]).any(1)
+    if not bool(seen.any()):
+        raise InputError(reference.name, "person", f"none found in {len(reference)} frames")

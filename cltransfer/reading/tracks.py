@@ -1,0 +1,163 @@
+"""Cleaning what was read along a clip, before it is aimed at: front and back sorted out, jitter filtered gently.
+
+A clip's own scores always use what was read; only the search looks at the cleaned tracks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..orientation import wrap
+from ..placement import frame_joints, visible_joints
+from ..skeleton import JOINTS
+
+FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
+CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
+SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, from which on their order is sure
+MEDIAN = 5  # frames
+
+
+def cleaned(features: Features, frames: float) -> Features:
+    """The features of a clip with yaw flips repaired, and joints and angles filtered.
+
+    Joints are filtered within stretches in which the same key joints are visible, because a joint that enters the
+    frame moves the centroid by right.
+
+    Args:
+        features: N frames in order.
+        frames: standard deviation of the Gaussian along the clip [frames]; 0 leaves everything as it was read.
+    """
+    if frames <= 0 or len(features) < 3:
+        return features
+    new: dict[str, Any] = {}
+    if features.has("orientation"):
+        new["orientation"] = _steady_angles(turned_back(features).require("orientation"), frames)
+    if features.has("keypoints"):
+        stretches = _stretches(visible_joints(frame_joints(features)))
+        joints = features.require("keypoints").clone()
+        for first, last in stretches:
+            joints[first:last, :, :2] = along(joints[first:last, :, :2].flatten(1), frames).unflatten(1, (14, 2))
+        new["keypoints"] = joints
+    return replace(features, **new)
+
+
+def turned_back(features: Features) -> Features:
+    """The features of N frames in order, with those turned by pi in which the person's back was taken for the front."""
+    if not features.has("orientation"):
+        return features
+    angles = features.require("orientation")
+    yaw = repair_flips(angles[:, 0], facing(features))
+    return replace(features, orientation=torch.cat([yaw[:, None], angles[:, 1:]], dim=1))
+
+
+def facing(features: Features) -> Tensor:
+    """Whether the shoulders' order says front (1) or back (-1), or in between how surely, (N,); 0 where it is unknown.
+
+    The body's left shoulder is on the right of who sees its front. What is right and left in the image is counted along
+    the body's roll.
+    """
+    if not features.has("keypoints"):
+        return torch.zeros(len(features), dtype=torch.float64)
+    parts = [JOINTS.index(name) for name in ("left_shoulder", "right_shoulder", "head_top")]
+    joints, roll = features.require("keypoints").double()[:, parts], features.require("orientation").double()[:, 2]
+    left, right, top = joints[..., :2].unbind(1)
+    across = torch.stack([torch.cos(roll), torch.sin(roll)], dim=1)
+    apart = ((left - right) * across).sum(1) / (top - (left + right) / 2).norm(dim=1)
+    known = visible_joints(joints).all(1) & apart.isfinite()
+    return torch.where(known, (apart / SURELY_WIDE).clamp(-1, 1), 0.0)
+
+
+def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
+    """Yaw with frames that were read back to front turned by pi, by a two-state Viterbi.
+
+    Between two frames the body turns little, so a jump by pi is the reader's; which side is right is decided by the
+    majority, and by what another reader says of it. NaN frames are passed over.
+
+    Args:
+        yaw: (N,) [rad], 0 in front of the body.
+        facing: whether it shows its front (1) or back (-1), (N,), 0 where unknown; see :func:`facing`.
+    """
+    known = torch.isfinite(yaw).nonzero()[:, 0]
+    if len(known) < 2:
+        return yaw
+    both = torch.stack([yaw[known], yaw[known] + math.pi], dim=1)  # (M, 2)
+    costs = torch.tensor([0.0, FLIP_COST], dtype=yaw.dtype).repeat(len(known), 1)
+    if facing is not None:
+        costs = costs + CONTRADICTED * (-facing[known, None].to(yaw) * both.cos().sign()).clamp_min(0)
+    pay, back = costs[0], []
+    for (before, now), cost in zip(pairwise(both), costs[1:]):
+        turn = wrap(now[:, None] - before[None]).abs()  # (now, before)
+        best = (pay[None] + turn).min(1)
+        back.append(best.indices)
+        pay = best.values + cost
+    state = int(pay.argmin())
+    states = [state]
+    for step in reversed(back):
+        state = int(step[state])
+        states.append(state)
+    repaired = yaw.clone()
+    repaired[known] = wrap(both[torch.arange(len(known)), torch.tensor(states[::-1])])
+    return repaired
+
+
+def along(x: Tensor, frames: float) -> Tensor:
+    """x (N, D) filtered along N by a Gaussian of standard deviation ``frames``; NaN rows stay and count for nothing."""
+    index = torch.arange(len(x), dtype=x.dtype)
+    weight = torch.exp(-0.5 * ((index[:, None] - index[None]) / frames) ** 2)  # (N, N)
+    there = torch.isfinite(x)
+    # a line is fitted under the window, so that a steady motion and its ends stay what they are
+    offset = index[None] - index[:, None]
+    filled = torch.where(there, x, 0.0)
+    s0, s1, s2 = (torch.einsum("nm,md->nd", weight * offset**k, there.to(x)) for k in (0, 1, 2))
+    t0, t1 = (torch.einsum("nm,md->nd", weight * offset**k, filled) for k in (0, 1))
+    spread = s0 * s2 - s1**2
+    line = (s2 * t0 - s1 * t1) / spread.clamp_min(1e-9)
+    return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
+
+
+def runs(frames: Tensor) -> list[tuple[int, int]]:
+    """Of ``frames`` (N,) bool that follow one another the first, and the one after the last.
+
+    >>> runs(torch.tensor([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
+    edges = torch.nn.functional.pad(frames.int(), (1, 1)).diff().nonzero()
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _steady_angles(angles: Tensor, frames: float) -> Tensor:
+    """Angles (N, 3) [rad] filtered, never across frames that were not read: who comes back may stand elsewhere."""
+    known = torch.isfinite(angles).all(1)
+    if int(known.sum()) < 3:
+        return angles
+    steady = torch.full_like(angles, torch.nan)
+    steady[known] = _unwrap(angles[known])
+    for first, last in runs(known):
+        steady[first:last] = along(running_median(steady[first:last]), frames)
+    return wrap(steady)
+
+
+def running_median(x: Tensor) -> Tensor:
+    """Running median of x (N, D) over up to MEDIAN frames, fewer at the ends."""
+    reach = MEDIAN // 2
+    rows = [x[max(0, i - min(reach, i, len(x) - 1 - i)) : i + min(reach, i, len(x) - 1 - i) + 1] for i in range(len(x))]
+    return torch.stack([row.median(0).values for row in rows])
+
+
+def _unwrap(angles: Tensor) -> Tensor:
+    steps = wrap(angles[1:] - angles[:-1])
+    return torch.cat([angles[:1], angles[:1] + steps.cumsum(0)])
+
+
+def _stretches(visible: Tensor) -> list[tuple[int, int]]:
+    """First and last + 1 of the runs in which the visible set (N, 5) stays the same."""
+    changes = (visible[1:] != visible[:-1]).any(1).nonzero()[:, 0] + 1
+    edges = [0, *changes.tolist(), len(visible)]
+    return list(pairwise(edges))

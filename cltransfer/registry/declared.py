@@ -1,0 +1,203 @@
+"""What a class declares to be a component, looked at when it registers: a mistake shows before anything runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import reprlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from types import MemberDescriptorType
+from typing import Any
+
+from ..errors import ModelError
+
+FAMILIES = ("image", "scene", "both")
+SCENE_SUFFIXES = (
+    ".ply",
+    ".splat",
+    ".spz",
+    ".safetensors",
+    ".glb",
+    ".gltf",
+    ".obj",
+    ".yaml",
+    ".yml",
+)  # of what we read ourselves
+_ABSENT = object()
+
+
+def _always(cls: type[Any]) -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Declared:
+    """An attribute, an option or a method of a component's class.
+
+    Args:
+        name: of it.
+        expected: what it says, in words.
+        example: how it is written.
+        right: whether a value of it can be meant.
+        option: it is a field, so that a config can set it.
+        of_class: it is asked of the class, before there is any component.
+        when: of which classes it is expected.
+    """
+
+    name: str
+    expected: str
+    example: str
+    right: Callable[[Any], bool] = callable
+    option: bool = False
+    of_class: bool = False
+    when: Callable[[type[Any]], bool] = _always
+
+    def found(self, cls: type[Any]) -> str:
+        """What ``cls`` has instead, empty where it is as expected."""
+        value = next((vars(c)[self.name] for c in cls.__mro__ if self.name in vars(c)), _ABSENT)
+        is_option = self.name in {field.name for field in dataclasses.fields(cls)}
+        if self.option and not is_option:
+            return f"has no option {self.name}"
+        if value is _ABSENT:
+            return "" if is_option else f"has no {self.name}"
+        told_by_each = not self.of_class and isinstance(value, property | cached_property | MemberDescriptorType)
+        return "" if told_by_each or self.right(value) else f"has {self.name} = {reprlib.repr(value)}"
+
+
+def check_declared(what: str, cls: type[Any], wanted: Iterable[Declared]) -> None:
+    """Refuse a class that is no component.
+
+    Args:
+        what: the component, for the line.
+        cls: its frozen dataclass.
+        wanted: what such a class declares.
+
+    Raises:
+        ModelError: something is missing or cannot be meant; the line says how it is written.
+    """
+    for declared in wanted:
+        found = declared.found(cls) if declared.when(cls) else ""
+        if found:
+            reason = f"class {cls.__name__} {found}, expected {declared.expected}"
+            raise ModelError("", what, reason, f"write {declared.example} in the class")
+
+
+def names_of(cls: type[Any], attribute: str) -> list[str]:
+    """The names that a class tells, sorted; none where only its components do, by a property."""
+    names = getattr(cls, attribute, ())
+    return sorted(names) if _names(names) else []
+
+
+def _names(value: Any) -> bool:
+    return isinstance(value, tuple | list | set | frozenset) and all(isinstance(name, str) for name in value)
+
+
+def _some_names(value: Any) -> bool:
+    return _names(value) and len(value) > 0
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _positive(value: Any) -> bool:
+    return _number(value) and value > 0
+
+
+def _weight(value: Any) -> bool:
+    return _number(value) and value >= 0
+
+
+def _count(value: Any) -> bool:
+    return isinstance(value, int) and value > 0
+
+
+def _flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def _groups(value: Any) -> bool:
+    return isinstance(value, tuple | list) and bool(value) and all(isinstance(g, int) and g >= 0 for g in value)
+
+
+def _family(value: Any) -> bool:
+    return value in FAMILIES
+
+
+def _suffixes(value: Any) -> bool:
+    if not (isinstance(value, tuple | list) and value and all(isinstance(suffix, str) for suffix in value)):
+        return False
+    return all(re.fullmatch(r"\.[a-z0-9_]+", suffix) and suffix not in SCENE_SUFFIXES for suffix in value)
+
+
+def _of_the_class(value: Any) -> bool:
+    return isinstance(value, staticmethod | classmethod)
+
+
+def _reads(cls: type[Any]) -> bool:
+    return hasattr(cls, "suffixes")
+
+
+def _whole_clip(cls: type[Any]) -> bool:
+    return bool(getattr(cls, "whole_clip", False))
+
+
+USES = Declared("uses", "a tuple of feature names", 'uses = ("depth",)', _names, when=lambda cls: hasattr(cls, "uses"))
+LOSS = (
+    Declared("requires", "a tuple of feature names", 'requires = ("keypoints",)', _some_names),
+    USES,
+    Declared("unit", "the unit of the raw value as text", 'unit = "frame"', _text),
+    Declared("penalty", "a finite number above 0", "penalty = 1.0", _positive),
+    Declared("weight", "a number of 0 or more", "weight: float = 1.0", _weight, option=True),
+    Declared("__call__", "the raw loss, (B,)", "def __call__(self, reference, rendered)"),
+    Declared(
+        "groups", "the group of each residual, counted from 0", "groups = (0,)", _groups,
+        when=lambda cls: hasattr(cls, "residuals"),
+    ),
+)  # fmt: skip
+EXTRACTOR = (
+    Declared("requires", "a tuple of feature names", 'requires = ("image",)', _names),
+    USES,
+    Declared("provides", "a tuple of feature names, at least one", 'provides = ("keypoints",)', _some_names),
+    Declared("family", f"one of {', '.join(FAMILIES)}", 'family = "image"', _family),
+    Declared(
+        "__call__", "frames with what it provides", "def __call__(self, now, before)",
+        when=lambda cls: not _whole_clip(cls),
+    ),
+    Declared("read_clip", "a whole clip with what it provides", "def read_clip(self, found, load)", when=_whole_clip),
+)  # fmt: skip
+RENDERER = (
+    Declared("provides", "the names of its buffers, at least one", 'provides = frozenset({"image"})', _some_names),
+    Declared("render", "what cameras see", "def render(self, scene, cameras, buffers)"),
+    Declared(
+        "draws", "a tuple of the renderers whose scenes it draws, at least one", 'draws = ("gaussian_splats",)',
+        _some_names, when=lambda cls: hasattr(cls, "draws"),
+    ),
+    Declared(
+        "suffixes", f"a tuple of suffixes in small letters, none of {', '.join(SCENE_SUFFIXES)}",
+        'suffixes = (".mine",)', _suffixes, of_class=True, when=_reads,
+    ),
+    Declared(
+        "read", "a static or class method that reads a file of its suffixes", "@staticmethod def read(path)",
+        _of_the_class, of_class=True, when=_reads,
+    ),
+)  # fmt: skip
+SEARCH = (
+    Declared("dimensions", "the length of x, 1 or more", "dimensions = 7", _count),
+    Declared("needs_subject", "True or False", "needs_subject = True", _flag),
+    Declared("bounds", "the lowest and highest x", "def bounds(self)"),
+    Declared("cameras", "the cameras of x", "def cameras(self, x, home, subject)"),
+    Declared("vector", "the x of cameras", "def vector(self, camera, home, subject)"),
+)
+FITTER = (
+    Declared("side", "the images' longer side in px", "side: int = 200", _count, option=True),
+    Declared("require", "a look at what the computer has", "def require(self)"),
+    Declared("fit", "levels of detail", "def fit(self, views, folder, report)"),
+)

@@ -1,0 +1,158 @@
+"""Plain values to a dataclass, each by the type of its field; what does not fit is told in plain words."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import reprlib
+from collections.abc import Iterable, Iterator, Mapping
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from ..errors import ModelError, UsageError
+
+T = TypeVar("T")
+REQUIRED = "???"  # what OmegaConf takes for a value that is still to come
+WORDS: dict[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    str: "text",
+    NoneType: "null",
+    Any: "a value",
+}
+CLOSE = 0.7  # of two words, in [0, 1]: a letter or two apart; "out" and "joint" are 0.5
+MANY: dict[Any, str] = {int: "whole numbers", float: "numbers", bool: "true or false", str: "texts"}
+
+
+def typed(cls: type[T], values: Mapping[str, Any]) -> T:
+    """A ``cls``, a dataclass, of plain ``values``.
+
+    Raises:
+        UsageError: a key that ``cls`` has not, a value that does not fit, or one that is missing; ``field`` is its key.
+            Or what ``cls`` itself refuses, with its reason.
+        ModelError: ``cls`` has an option that no config can hold.
+    """
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    for key in _left_open(values):
+        raise UsageError("", key, "is required", "write its value")
+    try:
+        schema = OmegaConf.structured(cls)
+    except OmegaConfBaseException as error:
+        expected = "options that are numbers, text, true or false, or lists and mappings of them"
+        raise ModelError("", f"class {cls.__name__}", f"expected {expected}, got {_first_line(error)}") from error
+    try:
+        merged = OmegaConf.merge(schema, dict(values))
+    except (OmegaConfBaseException, ValueError, TypeError) as error:
+        raise _mistake(cls, values) or UsageError("", "", _first_line(error)) from None
+    try:
+        return OmegaConf.to_object(merged)  # type: ignore[return-value]
+    except OmegaConfBaseException as error:
+        raise _mistake(cls, values) or UsageError("", "", _first_line(error)) from None
+    except (ValueError, TypeError) as error:
+        raise UsageError("", _named(cls, str(error)), _first_line(error)) from None
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint that names the known word nearest to ``name``, or all of them."""
+    options = sorted(known)
+    close = difflib.get_close_matches(str(name), options, n=1, cutoff=CLOSE)
+    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(options)}"
+
+
+def in_words(hint: Any) -> str:
+    """What a value of a type is, for a person.
+
+    >>> in_words(float | None)
+    'a number or null'
+    >>> in_words(tuple[float, float])
+    'a list of 2 numbers'
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return f"one of {', '.join(map(str, inner))}"
+    if origin in (Union, UnionType):
+        return " or ".join(in_words(each) for each in inner)
+    if origin in (tuple, list):
+        count = f"{len(inner)} " if origin is tuple and ... not in inner else ""
+        of = next(iter(inner), None)
+        return f"a list of {count}{'mappings' if dataclasses.is_dataclass(of) else MANY.get(of, 'values')}"
+    if dataclasses.is_dataclass(hint) or origin in (dict, Mapping):
+        return "a mapping of keys to values"
+    return WORDS.get(hint, getattr(hint, "__name__", str(hint)))
+
+
+def _mistake(cls: type[Any], values: Mapping[str, Any], above: str = "") -> UsageError | None:
+    """The first of ``values`` that is no value of ``cls``, or that it lacks; ``above`` is the key they stand under."""
+    hints, fields = get_type_hints(cls), {field.name: field for field in dataclasses.fields(cls)}
+    for key, value in values.items():
+        if key not in fields:
+            return UsageError("", f"{above}{key}", "no such key", nearest(key, fields))
+        for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
+            if found := _mistake(inner, part, f"{where}."):
+                return found
+        if not _fits(fields[key], hints[key], value):
+            return UsageError("", f"{above}{key}", f"expected {in_words(hints[key])}, got {_shown(value)}")
+    for name, field in fields.items():
+        if name not in values and field.default is field.default_factory is dataclasses.MISSING:
+            return UsageError("", f"{above}{name}", "is required", f"expected {in_words(hints[name])}")
+    return None
+
+
+def _inside(hint: Any, value: Any, key: str) -> Iterator[tuple[type[Any], Mapping[str, Any], str]]:
+    """Dataclasses that stand in a value, or in a list of them, with what they are given and their keys."""
+    if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
+        yield hint, value, key  # type: ignore[misc]
+    elif get_origin(hint) is list and isinstance(value, list):
+        for i, entry in enumerate(value):
+            yield from _inside(get_args(hint)[0], entry, f"{key}[{i}]")
+
+
+def _fits(field: dataclasses.Field[Any], hint: Any, value: Any) -> bool:
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    default: Any = dataclasses.field(default=field.default, default_factory=field.default_factory)
+    alone = dataclasses.make_dataclass("Alone", [(field.name, hint, default)])
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(alone), {field.name: value})
+    except (OmegaConfBaseException, ValueError, TypeError):
+        return False
+    try:
+        OmegaConf.to_object(merged)
+    except OmegaConfBaseException:
+        return False
+    except (ValueError, TypeError):  # a dataclass inside refuses what has the right types
+        return True
+    return True
+
+
+def _left_open(value: Any, key: str = "") -> Iterator[str]:
+    """Keys in ``value`` whose own is still to come."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _left_open(part, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list | tuple):
+        for i, part in enumerate(value):
+            yield from _left_open(part, f"{key}[{i}]")
+    elif isinstance(value, str) and value == REQUIRED:
+        yield key
+
+
+def _named(cls: type[Any], reason: str) -> str:
+    """The option that a class speaks of when it refuses its values; empty where it is none or several."""
+    words = set("".join(c if c.isalnum() or c == "_" else " " for c in reason).split())
+    told = [field.name for field in dataclasses.fields(cls) if field.name in words]
+    return told[0] if len(told) == 1 else ""
+
+
+def _shown(value: Any) -> str:
+    """A value as YAML has it, cut where it is long."""
+    plain = {None: "null", True: "true", False: "false"}
+    return plain[value] if value is None or isinstance(value, bool) else reprlib.repr(value)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,124 @@
+"""What a reader of a result should know: what failed or is doubtful, in which frame, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import torch
+
+from ..driver.refine import least_curvature
+from ..features import nobody
+from ..losses.camera_movement import weight_note
+from ..losses.shot_size import ShotSize, degenerate
+from ..near_plane import drawn_whole, smaller_near
+from ..report.data import Flag
+from ..search import limits
+
+if TYPE_CHECKING:
+    from ..transfer import Result
+
+DEGENERATE = 1.0  # least curvature of the total along a direction of x below which nothing determines it; usually > 10
+ON_BOUND = 1e-6  # of the half-range
+
+
+def run_flags(result: Result) -> tuple[Flag, ...]:
+    """The flags of a transfer, those of the whole run first, then by frame."""
+    flags = [*_of_the_run(result), *_reference(result), *_undefined(result), *_views(result), *_search(result)]
+    return tuple(sorted(flags, key=lambda flag: -1 if flag.frame is None else flag.frame))
+
+
+def _of_the_run(result: Result) -> Iterator[Flag]:
+    for term in result.verified.terms:
+        if term.reason:
+            yield Flag(None, f"{term.name}: {term.reason}")
+    for flag in result.reference.flags:
+        yield Flag(None, f"reference: {flag}")
+    if result.alignment is not None:
+        yield Flag(None, f"depth network: {result.alignment}")
+    weight = weight_note(result.objective.losses, result.reference.features.size[0])
+    for note in (result.schedule.note, result.note, weight):
+        if note:
+            yield Flag(None, note)
+    yield from _floaters(result)
+    yield from _near(result)
+    person = result.scene.subject
+    if person is not None and (person.people or 1) > 1:
+        hint = "`cltransfer lift SCENE --person N` and --subject take another"
+        yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")
+    if not result.schedule.free_lens:
+        space = result.verified.term("filmic_space")
+        known = space is not None and space.defined
+        why = "" if known else ": without filmic space it cannot be told apart from distance"
+        yield Flag(None, f"focal length kept{why}")
+
+
+def _floaters(result: Result) -> Iterator[Flag]:
+    if not result.floaters:
+        return
+    hanging, left_out = f"Gaussians that hang in the air by themselves: {result.floaters}", result.kept.left_out
+    if left_out is None:
+        yield Flag(None, f"{hanging}, searched with them: what is found without is far worse among them")
+        return
+    yield Flag(None, f"{hanging}, left out of the search (floaters=keep would search with them)")
+    if left_out.matters:
+        totals = f"the total is {left_out.among:.3g} for {left_out.alone:.3g} without"
+        removed = "`cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them"
+        yield Flag(None, f"they spoil the result, {totals}: {removed}")
+
+
+def _near(result: Result) -> Iterator[Flag]:
+    """Whether the person comes nearer to a camera than what is drawn whole, as in a scene whose unit is large."""
+    person, cameras = result.scene.subject, result.trajectory.camera
+    if person is None:
+        return
+    pixels, depth = cameras.project(person.joints)
+    shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
+    nearest = torch.where(shown, depth, torch.inf).amin(1)
+    count, least = int((nearest < drawn_whole(result.renderer)).sum()), float(nearest.min())
+    if count:
+        where = f"in {count} of {len(cameras)} frames, as near as {least:.2g} scene units"
+        yield Flag(None, f"the person is faded or cut {where}: set {smaller_near(result.renderer, least / 2)}")
+
+
+def _reference(result: Result) -> Iterator[Flag]:
+    features = result.reference.features
+    if not features.has("keypoints"):
+        return
+    unseen = nobody(features)
+    for i in unseen.nonzero()[:, 0].tolist():
+        yield Flag(i, "no person in the reference")
+    loss = result.objective.losses.get("shot_size")
+    if not isinstance(loss, ShotSize) or loss.mode != "robust":
+        return
+    joints = "key joints" if loss.joints == "key" else "joints"
+    for i in (degenerate(features, loss.joints) & ~unseen).nonzero()[:, 0].tolist():
+        yield Flag(i, f"fewer than two {joints} in the reference: the size is that of the mask, and not certain")
+
+
+def _undefined(result: Result) -> Iterator[Flag]:
+    for term in result.verified.terms:
+        if term.reason:
+            continue
+        for i in (~torch.isfinite(term.values)).nonzero()[:, 0].tolist():
+            if i > 0 or "flow" not in result.objective.losses[term.name].requires:  # the first frame has no flow
+                yield Flag(i, f"{term.name} undefined")
+
+
+def _views(result: Result) -> Iterator[Flag]:
+    for reason, frames in result.kept.blocked.items():
+        for i in frames.nonzero()[:, 0].tolist():
+            yield Flag(i, reason)
+
+
+def _search(result: Result) -> Iterator[Flag]:
+    x, search = result.kept.x, result.search
+    low, high = limits(search, x.shape[1])
+    for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
+        yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
+    local = result.kept.found.local
+    if local is None:
+        return
+    for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):
+        if least_curvature(jacobian, residuals, local.groups) < DEGENERATE:
+            yield Flag(i, "degenerate: some change of the camera costs nothing, it is not determined")

@@ -1,0 +1,123 @@
+"""Reading back what was found: frames rendered, read by networks or by geometry, scored against the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..clips.part import BYTE_LIMIT
+from ..computer.memory import require_free
+from ..driver.follow import still
+from ..driver.stage import Stage
+from ..errors import ResourceError
+from ..features import Features
+from ..pipeline.components import Components
+from ..pipeline.scores import Scores, score
+from ..progress import Progress, silent
+from ..reading.frames import render_features
+from ..reading.reference import Reference, quantised
+from ..renderers._request import drawn_by
+from ..scenes import Scene
+
+RENDER_BATCH = 8  # frames of a video rendered together
+READ_BACK = 90  # bytes a pixel of the result, measured at the peak: maps of reference, result and first view
+HINT = "lower output_side or frames"
+
+
+@dataclass(frozen=True)
+class Readback:
+    """A path as its reference would be read.
+
+    Args:
+        image: the rendered frames, (N, 3, H, W) uint8, as they are kept.
+        features: what the extractors saw in them.
+        scores: against the reference.
+    """
+
+    image: Tensor  # (N, 3, H, W) uint8
+    features: Features
+    scores: Scores
+
+
+def check_frames(count: int, size: tuple[int, int]) -> None:
+    """Refuse a video of ``count`` frames of (W, H) [px] that cannot be kept in memory.
+
+    Raises:
+        ResourceError: it takes more than the limit, or than is free.
+    """
+    need = 3 * count * size[0] * size[1]
+    if need > BYTE_LIMIT:
+        reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
+        raise ResourceError("", "frames", reason, HINT)
+    require_free(need, "", f"{count} frames of {size[0]}x{size[1]}", HINT)
+
+
+def check_result(count: int, size: tuple[int, int]) -> None:
+    """Refuse a transfer whose result, ``count`` frames of (W, H) [px], cannot be read back: that comes last.
+
+    Raises:
+        ResourceError: see :func:`check_frames`, or there is less free than the maps of all frames take.
+    """
+    check_frames(count, size)
+    width, height = size
+    require_free(READ_BACK * count * width * height, "", f"the maps of {count} frames of {width}x{height}", HINT)
+
+
+def render_frames(scene: Scene, parts: Components, cameras: Camera, progress: Progress = silent) -> Tensor:
+    """Frames (N, 3, H, W) uint8 of N cameras.
+
+    Raises:
+        ResourceError: see :func:`check_frames`.
+    """
+    check_frames(len(cameras), cameras.size)
+    image = torch.empty((len(cameras), 3, *cameras.size[::-1]), dtype=torch.uint8)
+    for start in range(0, len(cameras), RENDER_BATCH):
+        end = min(start + RENDER_BATCH, len(cameras))
+        drawn = drawn_by(parts.renderer, scene, cameras[start:end], frozenset({"image"}))
+        image[start:end] = quantised(drawn.require("image"))
+        progress("rendering", end, len(cameras))
+    return image
+
+
+def read_back(
+    stage: Stage,
+    parts: Components,
+    reference: Reference,
+    cameras: Camera,
+    by_networks: bool,
+    progress: Progress = silent,
+) -> Readback:
+    """Render a path at its own size and score it by networks (on the frames as kept) or by the stage's extractors."""
+    image = render_frames(stage.scene, parts, cameras, progress)
+    stage.spent.renders += len(image)
+    if by_networks:
+        plan = parts.plan("image", reference.features.names())
+        features = render_features(image, cameras, stage.scene.subject, plan)
+        stage.spent.network_passes += len(image) * plan.passes
+    else:
+        features = read_path(replace(stage, size=cameras.size), cameras)
+    return Readback(image, features, score(stage.objective, reference.features, features, reference.missing))
+
+
+def read_held(stage: Stage, parts: Components, reference: Reference, shown: Readback, cameras: Camera) -> Scores:
+    """Scores of the first view held still for the whole clip: what a transfer has to beat.
+
+    Two frames of it are read; every later one is as the second, since the scene does not move.
+    """
+    twice = still(cameras, min(2, len(cameras)))
+    if shown.features.has("camera"):
+        seen = read_path(replace(stage, size=cameras.size), twice)
+    else:
+        plan = parts.plan("image", reference.features.names())
+        seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
+        stage.spent.network_passes += len(twice) * plan.passes
+    features = seen[[0] + [1] * (len(cameras) - 1)]
+    return score(stage.objective, reference.features, features, reference.missing)
+
+
+def read_path(stage: Stage, cameras: Camera) -> Features:
+    """Features of a path by the stage's extractors, each frame with the one before it."""
+    return Features.concatenate([replace(seen, image=None) for seen in stage.path(cameras)])

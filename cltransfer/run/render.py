@@ -1,0 +1,149 @@
+"""A run rendered once more: larger, or as a film."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera, fitted_size, resized
+from ..clips.clip import write_video
+from ..computer.threads import default_count, set_threads
+from ..config import load_config
+from ..driver.guard import Guard
+from ..errors import InputError, UsageError
+from ..features import Features
+from ..pipeline.components import Components
+from ..progress import Progress
+from ..reading.named_scenes import recall
+from ..renderers._request import drawn_by
+from ..scenes import Scene
+from ..scenes.lifted import SUBJECT
+from ..scenes.load import load_scene
+from ..storage.files import read_json
+from ..storage.run_files import CONFIG, MANIFEST, VIDEO, require_done
+from ..subject import Subject
+from ..trajectory import FRAME_LIMIT, Trajectory
+from .readback import RENDER_BATCH, render_frames
+
+ACTING = ("output_side", "renderer", "threads")  # keys of the config that change how a path is drawn
+MOST_FPS = 240
+LOOKED_AT = 160  # longer side at which the frames between are looked at [px]
+
+
+@dataclass(frozen=True)
+class Film:
+    """A video that was made of a run.
+
+    Args:
+        video: the file.
+        notes: what is doubtful in the frames between those of the run.
+    """
+
+    video: Path
+    notes: tuple[str, ...] = ()
+
+
+def render_run(
+    run: Path, overrides: Sequence[str], fps: float | None, scene: str | None, out: Path | None, progress: Progress
+) -> Film:
+    """Render the video of a run again.
+
+    No search has seen the frames between those of the run, so they are looked at for what a search would not take.
+
+    Args:
+        run: folder of the run.
+        overrides: config on top of the run's, of :data:`ACTING`, e.g. ``output_side=1280``.
+        fps: frames a second, between those of the run too, the camera led smoothly through them; None is the run's own.
+        scene: the scene, where this computer has not seen it; it must have the content the run was made with.
+        out: the video; None is ``RUN/video/render.mp4``.
+        progress: called with a step, frames done, frames in all.
+
+    Raises:
+        UsageError: ``out`` is no .mp4, the run's config cannot be meant, a key changes nothing here, or ``fps`` makes
+            too many frames.
+        InputError: the folder is no run or one that was not finished, or the scene is another one.
+    """
+    if out is not None and out.suffix.lower() != ".mp4":
+        raise UsageError(out, "--out", "expected a name that ends in .mp4")
+    _check_keys(overrides)
+    if not (run / MANIFEST).is_file():
+        raise InputError(run, MANIFEST, "no such file", "expected the folder of a run")
+    require_done(run)
+    digest, up = _scene_of(run)
+    config = load_config(run / CONFIG, overrides)
+    if not (run / CONFIG).stat().st_size:
+        raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
+    trajectory = _filmed(Trajectory.load(run / "trajectory.json"), fps)
+    set_threads(config.threads or default_count())
+    parts = Components.build(config)
+    source = scene or recall(digest)
+    loaded = load_scene(source, up) if scene else _recalled(source, up)
+    if loaded.digest != digest:
+        raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
+    cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
+    image = render_frames(loaded, parts, cameras, progress)
+    target = out or run / VIDEO
+    write_video(target, image, trajectory.times)
+    if fps is None:
+        return Film(target)
+    person = Subject.load(run / SUBJECT) if (run / SUBJECT).is_file() else None
+    return Film(target, tuple(_doubts(loaded, parts, cameras, trajectory.times, person)))
+
+
+def _check_keys(overrides: Sequence[str]) -> None:
+    for override in overrides:
+        key = override.partition("=")[0].partition(".")[0]
+        if key not in ACTING:
+            what = "the path of a run stands; only how it is drawn can change"
+            raise UsageError("", key, what, f"{', '.join(ACTING)}, and --fps for more frames a second")
+
+
+def _scene_of(run: Path) -> tuple[str, tuple[float, float, float]]:
+    """Digest and up of the scene that a run was made in."""
+    try:
+        scene = read_json(run / MANIFEST)["scene"]
+        up = scene["up"]
+        return str(scene["sha256"]), (float(up[0]), float(up[1]), float(up[2]))
+    except (KeyError, TypeError, ValueError, IndexError):
+        raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
+
+
+def _recalled(source: str, up: tuple[float, float, float]) -> Scene:
+    """The scene from where this computer has last seen it."""
+    try:
+        return load_scene(source, up)
+    except InputError as error:
+        hint = error.hint or "it has been moved? name it: --scene FILE"
+        raise InputError(error.where, error.field, error.reason, hint) from None
+
+
+def _filmed(trajectory: Trajectory, fps: float | None) -> Trajectory:
+    """The path at ``fps`` from its first frame on."""
+    if fps is None:
+        return trajectory
+    if not 0 < fps <= MOST_FPS:
+        raise UsageError("", "--fps", f"expected a rate in (0, {MOST_FPS}], got {fps:g}")
+    start, end = float(trajectory.times[0]), float(trajectory.times[-1])
+    count = int((end - start) * fps + 1e-6) + 1
+    if count > FRAME_LIMIT:
+        raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {FRAME_LIMIT}")
+    return trajectory.at((start + torch.arange(count, dtype=torch.float64) / fps).clamp(max=end))
+
+
+def _doubts(scene: Scene, parts: Components, cameras: Camera, times: Tensor, person: Subject | None) -> Iterator[str]:
+    """What is wrong with the frames of N cameras at ``times`` (N,) [s], a line for each reason."""
+    small = cameras.at_size(fitted_size(cameras.size, LOOKED_AT))
+    guard, found = Guard(None if person is None else person.height), list[dict[str, Tensor]]()
+    for start in range(0, len(small), RENDER_BATCH):
+        some = small[start : start + RENDER_BATCH]
+        depth = drawn_by(parts.renderer, scene, some, frozenset({"depth"})).require("depth")
+        found.append(guard.reasons(Features(size=some.size, depth=depth, camera=some, person=person)))
+    for reason in found[0]:
+        wrong = torch.cat([reasons[reason] for reasons in found])
+        if wrong.any():
+            first, last = (float(times[wrong][i]) for i in (0, -1))
+            yield f"{reason} in {int(wrong.sum())} of {len(wrong)} frames, {first:.2f} to {last:.2f} s"

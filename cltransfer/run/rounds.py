@@ -1,0 +1,228 @@
+"""Rounds of search and reading back: with or without floaters, leanly or thoroughly, then the path through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from ..camera import Camera, concatenate
+from ..config.options import RunConfig
+from ..driver.aside import go_aside
+from ..driver.follow import Path, follow
+from ..driver.frame import Solved
+from ..driver.joint import Effort
+from ..driver.path_order import LeastPath, least_path
+from ..driver.second_guide import second_guide
+from ..driver.stage import Stage
+from ..driver.starts import Starts
+from ..driver.whole_clip import WholeClip
+from ..features import Features
+from ..progress import Progress
+from .correct import LEAST, corrected, measure_bias
+from .left_out import LeftOut
+from .preparation import Clock, Job
+from .readback import Readback, read_back, read_path
+
+Report = Callable[[int, Solved], None]
+
+BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
+UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
+SEEN = 0.05  # total that floaters have to cost before anything is done about them
+HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
+
+
+@dataclass(frozen=True)
+class Take:
+    """What one search found.
+
+    Args:
+        clip: what was searched.
+        found: each frame's minimum.
+        path: its order; None where every frame was left as it was found.
+        left_out: what the search did not see, None where it saw everything.
+    """
+
+    clip: WholeClip
+    found: Path
+    path: LeastPath | None
+    left_out: LeftOut | None = None
+
+    @property
+    def x(self) -> Tensor:
+        """The path taken, (N, D)."""
+        return self.found.x if self.path is None else self.path.x
+
+    @property
+    def cameras(self) -> Camera:
+        """N cameras of the path taken, at the output size."""
+        return self.found.camera if self.path is None else self.clip.cameras(self.path.x)
+
+    @property
+    def total(self) -> float:
+        """Mean total in the scene that was searched, of all weights; a view that is blocked pays every penalty."""
+        return _total(self, self.clip.stage) if self.path is None else self.path.total
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One round of search and reading back.
+
+    Args:
+        found: each frame's minimum.
+        cameras: N, of the path taken, at the output size.
+        path: its order; None where every frame was left as it was found.
+        shown: its frames, in the scene as it was given, read and scored.
+        blocked: views that a search must not take, (N,) bool by reason.
+        left_out: what the search did not see, None where it saw everything.
+    """
+
+    found: Path
+    cameras: Camera
+    path: LeastPath | None
+    shown: Readback
+    blocked: dict[str, Tensor]  # (N,) each
+    left_out: LeftOut | None
+
+    @property
+    def x(self) -> Tensor:
+        """The path taken, (N, D)."""
+        return self.found.x if self.path is None else self.path.x
+
+
+def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
+    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
+    corrects = job.by_networks and config.extract.inner == "geometric"
+    rounds = config.extract.corrections if corrects else 0
+    stage = replace(job.stage, scene=job.solid)
+    target, starts, made = job.wanted, job.starts, list[Attempt]()
+    for number in range(rounds + 1):
+        step = f"frames, round {number + 1}" if rounds else "frames"
+        report = _counting(progress, step, len(job.reference))
+        take = _searched(job, config, stage, target, starts, report)
+        if stage.scene is not job.stage.scene:
+            take = _with_floaters(job, config, take, report)
+        stage, cameras = take.clip.stage, take.cameras
+        clock.lap("search")
+        shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
+        last = number == rounds
+        seen = None if last and job.stage.guard is None else read_path(job.stage, cameras)
+        made.append(
+            Attempt(take.found, cameras, take.path, shown, _blocked(job.stage, seen, job.wanted), take.left_out)
+        )
+        clock.lap("reading back")
+        if last or seen is None:
+            break
+        bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
+        if not bias.known:
+            return made, f"no {'further ' if number else ''}{UNBIASED}"
+        target, starts = corrected(job.wanted, bias), Starts(cameras[0], take.clip.about(cameras[0], take.x))
+    return made, ""
+
+
+def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
+    """What was found without floaters, past them; or with them, where that is far worse there and the other gains more.
+
+    A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
+    """
+    first, left_out = _past_floaters(job, first, _left_out(job, first))
+    if not left_out.matters:
+        return replace(first, left_out=left_out)
+    target = first.clip.reference
+    second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
+    there = LeftOut(job.floaters, _total(second, first.clip.stage), second.total)
+    job.stage.spent.evaluations += len(second.x)
+    return second if there.better(left_out) else replace(first, left_out=left_out)
+
+
+def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
+    """The path aside where floaters hide the person, if that gains more among them than it loses without them."""
+    path, clip, stage = take.path, take.clip, job.stage
+    told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
+    if path is None or path.steady or not told or left_out.among <= left_out.alone + SEEN:
+        return take, left_out
+    whole = replace(clip, stage=stage)
+    alone = clip.residuals(path.x) if path.residuals is None else path.residuals
+    # the views of left_out once more, so not counted again
+    among = stage.path_residuals(clip.reference, take.cameras, clip.defined)
+    hidden = whole.totals(among) - clip.totals(alone) > HIDDEN
+    x, _ = go_aside(whole, path.x, among, hidden, path.about, path.lens_kept)
+    if x is path.x:
+        return take, left_out
+    residuals = clip.residuals(x)
+    moved = replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), aside=True)
+    there = replace(take, path=moved)
+    found = _left_out(job, there)
+    stage.spent.evaluations += len(x)
+    return (there, found) if found.better(left_out) else (take, left_out)
+
+
+def _left_out(job: Job, take: Take) -> LeftOut:
+    """What floaters cost the cameras of ``take``, found in a scene without them."""
+    return LeftOut(job.floaters, take.total, _total(take, job.stage))
+
+
+def _total(take: Take, stage: Stage) -> float:
+    """Mean total of what was found, in the scene of ``stage``; a view that is blocked there pays every penalty.
+
+    Not counted as evaluations: of what is kept it is its score, as it is rendered for every result.
+    """
+    terms = stage.path_terms(take.clip.reference, take.cameras, guarded=True)
+    return float(stage.objective.totals(terms, take.clip.defined).mean())
+
+
+def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
+    """The frames of one round, and the path through them where one is asked for."""
+    clip = WholeClip(stage, job.search, target, starts.homes[0])
+    found = _followed(job, stage.reduced(starts.homes[0], config.lod), target, starts, report)
+    return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
+
+
+def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:
+    local = found.local
+    if local is not None and config.lod > 0:  # merged, the scene has other residuals
+        local = replace(local, residuals=clip.residuals(found.x))
+    return least_path(clip, found.x, local, job.noise, Effort(config.joint, config.joint_steps), guide)
+
+
+def _followed(job: Job, stage: Stage, target: Features, starts: Starts, report: Report) -> Path:
+    """The clip followed leanly where that is good enough, else thoroughly too; the best.
+
+    Where part of it ended right, and the rest would cost less at its distances, it is followed once more, at those.
+    """
+    found = _followed_from(job, stage, target, starts, report)
+    if found.local is None or starts.guide is None or stage.scene.subject is None:
+        return found
+    clip = WholeClip(stage, job.search, target, starts.homes[0])
+    again = second_guide(clip, starts.guide, found.x, found.totals)
+    if again is None or not again.gains(clip, found.x, clip.totals(found.local.residuals)):
+        return found
+    homes = concatenate([starts.homes, again.first_views(clip)])
+    return _better(found, follow(stage, job.search, target, homes, job.schedule.lean, report, again.x))
+
+
+def _followed_from(job: Job, stage: Stage, target: Features, starts: Starts, report: Report) -> Path:
+    schedule, homes, guide = job.schedule, starts.homes, starts.guide
+    if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
+        return follow(stage, job.search, target, homes, schedule, report, guide)
+    first = follow(stage, job.search, target, homes, schedule.lean, report, guide)
+    if first.local is None or (first.local.total <= schedule.lean_limit and not first.drifts):
+        return first
+    return _better(first, follow(stage, job.search, target, homes, schedule, report, guide))
+
+
+def _better(first: Path, second: Path) -> Path:
+    assert first.local is not None
+    return second if second.local is not None and second.local.total < first.local.total else first
+
+
+def _counting(progress: Progress, step: str, count: int) -> Report:
+    def report(frame: int, solved: Solved) -> None:
+        progress(step, frame + 1, count)
+
+    return report
+
+
+def _blocked(stage: Stage, seen: Features | None, reference: Features) -> dict[str, Tensor]:
+    return {} if stage.guard is None or seen is None else stage.guard.reasons(seen, reference)

@@ -1,0 +1,1 @@
+"""Files in and out: whole or not there, capped before they are read."""

@@ -1,0 +1,229 @@
+"""Files in and out: caps before reading, whole files or none when writing, no formulas in tables, names by content."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import csv
+import hashlib
+import io
+import json
+import logging
+import os
+import secrets
+import stat
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, UsageError
+
+JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
+FORMULA = ("=", "+", "-", "@", "\t", "\n")  # how a cell may begin that a spreadsheet works out instead of showing it
+YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
+
+_log = logging.getLogger("cltransfer")
+
+
+@contextlib.contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Temporary name beside ``path`` that becomes ``path`` only if the block ends well.
+
+    The suffix stays last, so that encoders which choose a format by suffix still can. Who may read it is as of any
+    other new file there, whatever the writer has set: safetensors leaves its files to their owner alone.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    own = f"{os.getpid()}-{secrets.token_hex(4)}"  # threads share a number, and so do containers that share a folder
+    temporary = path.with_name(f".tmp-{own}-{path.name}")
+    try:
+        usual = _usual_mode(path.with_name(f".new-{own}-{path.name}"))
+        yield temporary
+        if stat.S_IMODE(temporary.stat().st_mode) != usual:
+            temporary.chmod(usual)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _usual_mode(path: Path) -> int:
+    """Permissions that a new file gets at ``path``, where none is left; the umask can only be asked by setting it."""
+    with path.open("ab") as stream:
+        usual = stat.S_IMODE(os.fstat(stream.fileno()).st_mode)
+    path.unlink(missing_ok=True)
+    return usual
+
+
+def check_out(folder: Path) -> None:
+    """Refuse an output folder that cannot be one, before any work is done for it.
+
+    Raises:
+        UsageError: there is a file of that name.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
+
+
+def refuse_link(path: Path) -> None:
+    """Refuse a link where a file is appended to: what is written would lie elsewhere.
+
+    Raises:
+        InputError: it is one.
+    """
+    if path.is_symlink():
+        raise InputError(path, "", "is a link", "put the file itself there")
+
+
+def refuse_outside(folder: Path, paths: Iterable[Path], whole: str) -> None:
+    """Refuse ``paths`` that lead out of ``folder``, that of the ``whole``: they would be read and written elsewhere.
+
+    Raises:
+        InputError: one of them is.
+    """
+    home = folder.resolve()
+    for path in paths:
+        if not Path(os.path.realpath(path)).is_relative_to(home):
+            raise InputError(path, "", f"leads out of the folder of its {whole}", "put the file itself there")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write ``text`` as UTF-8, whole or not at all; bytes of a file's name that are none are shown as ``\\udce9``."""
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write ``value`` as JSON, whole or not at all; NaN and infinity are refused (say null and why)."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def csv_text(lines: Iterable[Iterable[Any]]) -> str:
+    """``lines`` as CSV, each cell as :func:`csv_cell` has it; None is an empty one."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([csv_cell(value) for value in line] for line in lines)
+    return text.getvalue()
+
+
+def csv_cell(value: Any) -> Any:
+    """``value``; a text that a spreadsheet would take for a formula has a ``'`` before it.
+
+    >>> csv_cell("=1+1"), csv_cell("a=1"), csv_cell(-1.5)
+    ("'=1+1", 'a=1', -1.5)
+    """
+    if not isinstance(value, str):
+        return value
+    text = value.replace("\r", "\n")  # which the writer leaves unquoted, so that a line would end
+    return f"'{text}" if text.startswith(FORMULA) else text
+
+
+def read_json(path: Path, limit: int = JSON_LIMIT) -> Any:
+    """Parsed JSON of ``path``.
+
+    Raises:
+        InputError: the file is missing, larger than ``limit`` bytes, or not JSON.
+    """
+    text = read_text(path, limit)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, "", f"expected JSON, {error}") from None
+
+
+def read_text(path: Path, limit: int) -> str:
+    """UTF-8 text of ``path``, at most ``limit`` bytes.
+
+    Raises:
+        InputError: the file is missing, is no file, is too large or is not UTF-8.
+    """
+    check_size(path, limit)
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def read_lines(path: Path, limit: int, longest: int) -> Iterator[str]:
+    """Lines of a UTF-8 text of at most ``limit`` bytes, without their ends, one at a time.
+
+    Raises:
+        InputError: the file is missing, is no file, is too large or is not UTF-8, or a line has more characters than
+            ``longest``.
+    """
+    check_size(path, limit)
+    with path.open(encoding="utf-8") as stream:
+        try:
+            for number, line in enumerate(iter(lambda: stream.readline(longest + 2), ""), start=1):
+                if len(line.rstrip("\n")) > longest:
+                    raise InputError(path, f"line {number}", f"expected at most {longest} characters")
+                yield line.rstrip("\n")
+        except UnicodeDecodeError:
+            raise InputError(path, "", "expected UTF-8 text, got binary data") from None
+
+
+def check_size(path: Path, limit: int) -> None:
+    """Refuse what is no file of at most ``limit`` bytes.
+
+    Raises:
+        InputError: it is missing, a folder or larger.
+    """
+    if not path.is_file():
+        raise InputError(path, "", "no such file" if not path.exists() else "expected a file, got a folder")
+    size = path.stat().st_size
+    if size > limit:
+        raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
+
+
+def check_yaml(text: str, loader: Any) -> None:
+    """Refuse, as ``loader`` will read ``text``, anchors, of which a short file makes a huge value, and deep nesting.
+
+    Raises:
+        ValueError: it names an anchor or an alias, or is nested deeper than :data:`YAML_LEVELS`.
+        YAMLError: it is no YAML.
+    """
+    import yaml
+
+    deep, depth = ValueError(f"expected at most {YAML_LEVELS} levels"), 0
+    try:
+        for event in yaml.parse(text, loader):
+            if getattr(event, "anchor", None):
+                raise ValueError("expected no anchors and aliases (& and *), write the values")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > YAML_LEVELS:
+                raise deep
+    except yaml.YAMLError as error:
+        # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
+        raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
+
+
+def csp_hash(text: str) -> str:
+    """What a page's content security policy calls an inline script or style ``text``: base64 of its sha256."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file, or of the names and contents of a folder's files in name order."""
+    digest = hashlib.sha256()
+    members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for member in members:
+        if path.is_dir():
+            digest.update(os.fsencode(f"{member.relative_to(path)}\0{member.stat().st_size}\0"))
+        with member.open("rb") as stream:
+            while block := stream.read(2**20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def cache_dir() -> Path:
+    """Folder for what can be made again: ``CLTRANSFER_CACHE``, else ``~/.cache/cltransfer``."""
+    named = os.environ.get("CLTRANSFER_CACHE")
+    if named:
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltransfer"
+
+
+@contextlib.contextmanager
+def into_cache(path: Path, cost: str) -> Iterator[None]:
+    """The block writes ``path`` of the cache; if it cannot, that is told with what it will ``cost``, and no more."""
+    try:
+        yield
+    except OSError as error:
+        _log.warning("%s: %s: %s", path, error.strerror or error, cost)

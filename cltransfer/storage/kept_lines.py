@@ -1,0 +1,54 @@
+"""Values on disk, a line of JSON each, safe before the next is made: what was killed in the middle can go on."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..errors import InputError
+from .files import check_size, refuse_link
+
+Value = TypeVar("Value")
+
+
+def read_kept(path: Path, limit: int, parse: Callable[[Any], Value], kind: str) -> list[Value]:
+    """Values of a file's lines, none where there is no file; a last line that a kill has torn is cut off it.
+
+    Args:
+        path: of the file.
+        limit: bytes that it may have.
+        parse: a value of the JSON in one line; what it raises of ValueError, TypeError, KeyError or AttributeError
+            means that the line holds none.
+        kind: what a line is, for errors.
+
+    Raises:
+        InputError: another line is damaged, or the file is a link, a folder or too large.
+    """
+    refuse_link(path)
+    if not path.exists():
+        return []
+    check_size(path, limit)
+    data = path.read_bytes()
+    whole = data[: data.rfind(b"\n") + 1]
+    if len(whole) < len(data):
+        os.truncate(path, len(whole))
+    found = []
+    for number, line in enumerate(whole.splitlines(), 1):
+        try:
+            found.append(parse(json.loads(line)))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            hint = "remove the line to run that trial again"
+            raise InputError(path, f"line {number}", f"is no {kind}", hint) from None
+    return found
+
+
+def keep(path: Path, value: Any) -> None:
+    """Add a line for ``value``, plain JSON without NaN; it is on the disk when this returns."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab") as stream:
+        stream.write(json.dumps(value, allow_nan=False).encode() + b"\n")
+        stream.flush()
+        os.fsync(stream.fileno())

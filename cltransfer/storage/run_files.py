@@ -1,0 +1,75 @@
+"""What lies in a run folder, by name, and whether the run in it has come to its end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import InputError, UsageError
+from .files import check_out, refuse_outside
+
+MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
+FRAMES = Path("video") / "frames.mkv"  # lossless
+VIDEO = Path("video") / "render.mp4"
+BESIDE = Path("video") / "side_by_side.mp4"
+STRIP = "strip.jpg"
+RESULTS = (
+    DONE, MANIFEST, CONFIG, "trajectory.json", "camera/camera_path.json", FRAMES, VIDEO, BESIDE, STRIP,
+    "subject.json", "labels.safetensors", "metrics.json", "metrics.csv", "report.html",
+)  # fmt: skip
+
+
+def is_run(folder: Path) -> bool:
+    """Whether ``folder`` is that of a run, finished or not."""
+    return (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
+
+
+def require_done(folder: Path) -> None:
+    """Refuse a run that was killed: what lies there is of an earlier run, or not whole.
+
+    Raises:
+        InputError: ``folder`` is a run that has not come to its end, or a part of it leads elsewhere.
+    """
+    if not is_run(folder):
+        return
+    _refuse_links(folder)
+    if not (folder / DONE).is_file():
+        raise InputError(
+            folder, DONE, "this run was not finished", "go on with it: cltransfer transfer ... --resume RUN"
+        )
+
+
+def kept_frames(path: Path) -> Path:
+    """The clip to look at: the frames that the run in ``path`` has kept, or ``path`` itself where it is no run.
+
+    Raises:
+        InputError: the run has not come to its end, or a part of it leads elsewhere.
+    """
+    require_done(path)
+    return path / FRAMES if is_run(path) else path
+
+
+def open_run(folder: Path, resume: bool = False) -> Path:
+    """``folder``, as one that a run can be written into.
+
+    Raises:
+        UsageError: there is something else in it, or nothing to resume.
+        InputError: a part of it leads elsewhere.
+    """
+    check_out(folder)
+    _refuse_links(folder)
+    if resume and not (folder / JOURNAL).is_file():
+        raise UsageError(folder, "--resume", f"expected the folder of a run, it has no {JOURNAL}", "begin one: --out")
+    if folder.is_dir() and any(folder.iterdir()) and not is_run(folder):
+        raise UsageError(folder, "--out", "is neither empty nor a run", "name another folder")
+    return folder
+
+
+def _refuse_links(folder: Path) -> None:
+    """Refuse parts of a run that are links out of it."""
+    refuse_outside(folder, (folder / name for name in (JOURNAL, *RESULTS)), "run")
+
+
+def clear(folder: Path) -> None:
+    """Take away what an earlier run has left in ``folder``, first what says that it is whole."""
+    for name in RESULTS:
+        (folder / name).unlink(missing_ok=True)

@@ -1,0 +1,103 @@
+"""What a config builds: a loss or an extractor that asks for what no one can give is refused at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from cltransfer.config import load_config
+from cltransfer.errors import ModelError
+from cltransfer.pipeline.components import Components
+from cltransfer.registry import EXTRACTORS, LOSSES
+
+MINE = ["losses.mine={}"]
+
+
+def method(*arguments: object) -> None:
+    """Stands for any method."""
+
+
+@pytest.fixture
+def loss() -> Iterator[Callable[..., None]]:
+    """Registers a loss ``mine`` that asks for features; it is forgotten after the test."""
+
+    def register(*requires: str, uses: tuple[str, ...] = ()) -> None:
+        own = {"requires": requires, "uses": uses, "unit": "frame", "penalty": 1.0, "__call__": method}
+        LOSSES.register("mine")(_frozen({**own, "__annotations__": {"weight": float}, "weight": 1.0}))
+
+    yield register
+    LOSSES._classes.pop("mine", None)
+
+
+@pytest.fixture
+def extractor() -> Iterator[Callable[..., None]]:
+    """Registers an extractor ``gazer`` of ``gaze``; it is forgotten after the test."""
+
+    def register(*requires: str) -> None:
+        own = {"requires": requires, "provides": ("gaze",), "family": "image", "__call__": method}
+        EXTRACTORS.register("gazer")(_frozen(own))
+
+    yield register
+    EXTRACTORS._classes.pop("gazer", None)
+
+
+def _frozen(body: dict[str, Any]) -> type[Any]:
+    return dataclass(frozen=True)(type("Mine", (), body))
+
+
+@pytest.mark.parametrize("how", ["requires", "uses"])
+def test_a_loss_that_asks_for_no_feature_is_refused_with_what_was_meant(loss: Callable[..., None], how: str) -> None:
+    loss("keypoint") if how == "requires" else loss("flow", uses=("keypoint",))
+    with pytest.raises(ModelError) as caught:
+        Components.build(load_config(overrides=MINE))
+    line = "expected a feature or what an extractor provides (did you mean 'keypoints'?)"
+    assert str(caught.value) == f"loss 'mine': {how} 'keypoint', {line}"
+
+
+def test_an_extractor_that_asks_for_no_feature_is_refused(extractor: Callable[..., None]) -> None:
+    extractor("imgae")
+    with pytest.raises(ModelError, match=r"^extractor 'gazer': requires 'imgae', .* \(did you mean 'image'\?\)$"):
+        Components.build(load_config(overrides=["extractors.gazer={}"]))
+
+
+def test_what_a_plugin_provides_is_a_feature_whether_it_is_in_the_config_or_not(
+    loss: Callable[..., None], extractor: Callable[..., None]
+) -> None:
+    loss("gaze", uses=("depth_confidence",))
+    with pytest.raises(ModelError, match="requires 'gaze', expected a feature"):
+        Components.build(load_config(overrides=MINE))
+    extractor("image")
+    for more in ([], ["extractors.gazer={}"]):
+        assert "mine" in Components.build(load_config(overrides=[*MINE, *more])).losses
+
+
+def test_the_extractor_of_a_plugin_that_would_give_what_is_missing_is_named(
+    loss: Callable[..., None], extractor: Callable[..., None]
+) -> None:
+    loss("gaze")
+    extractor("image")
+    for family in ("image", "scene"):
+        missing = {
+            bool(more): Components.build(load_config(overrides=[*MINE, *more])).plan(family).missing
+            for more in ([], ["extractors.gazer={}"])
+        }
+        assert missing[False]["gaze"] == f"no {family} extractor provides 'gaze' (extractors.gazer={{}} does)"
+        assert "gaze" not in missing[True]
+    EXTRACTORS.get("gazer").family = "scene"  # of which a clip has none
+    parts = Components.build(load_config(overrides=MINE))
+    assert parts.plan("image").missing["gaze"] == "no image extractor provides 'gaze'"
+
+
+def test_an_extractor_whose_options_tell_what_it_provides_stands_beside_a_slip(loss: Callable[..., None]) -> None:
+    chosen = property(lambda self: (self.give,))
+    own = {"requires": ("image",), "provides": chosen, "family": "image", "__call__": method, "give": "gaze"}
+    loss("gazes")
+    EXTRACTORS.register("gazer")(_frozen({**own, "__annotations__": {"give": str}}))
+    try:
+        with pytest.raises(ModelError, match=r"requires 'gazes', .* \(did you mean 'gaze'\?\)$"):
+            Components.build(load_config(overrides=[*MINE, "extractors.gazer={}"]))
+    finally:
+        EXTRACTORS._classes.pop("gazer")

@@ -1,0 +1,107 @@
+"""Eq. 15 with undefined terms priced by name: leaving the frame never pays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.errors import ModelError, UsageError
+from cltransfer.features import Features
+from cltransfer.pipeline.objective import Objective
+
+
+@dataclass(frozen=True)
+class Distance:
+    requires: ClassVar[tuple[str, ...]] = ("box",)
+    unit: ClassVar[str] = "px"
+    penalty: ClassVar[float] = 50.0
+    weight: float = 2.0
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        return (reference.require("box") - rendered.require("box")).abs().sum(1)
+
+
+@dataclass(frozen=True)
+class Depth(Distance):
+    requires: ClassVar[tuple[str, ...]] = ("depth",)
+    weight: float = 7.0
+
+
+def boxes(*values: float) -> Features:
+    return Features((8, 8), box=torch.nn.functional.pad(torch.tensor(values)[:, None], (0, 4)))
+
+
+OBJECTIVE = Objective({"distance": Distance(), "depth": Depth()})
+
+
+def test_totals_weigh_and_skip_what_the_reference_lacks() -> None:
+    reference, rendered = boxes(1.0), boxes(1.0, 4.0)
+    terms = OBJECTIVE.terms(reference, rendered)
+    defined = OBJECTIVE.defined(reference)[0]
+    assert defined.tolist() == [True, False]
+    assert bool(torch.isnan(terms[:, 1]).all())
+    assert OBJECTIVE.totals(terms, defined).tolist() == [0.0, 6.0]
+
+
+def test_a_term_that_only_the_render_lacks_costs_its_penalty() -> None:
+    reference, rendered = boxes(1.0), boxes(float("nan"))
+    totals = OBJECTIVE.totals(OBJECTIVE.terms(reference, rendered), OBJECTIVE.defined(reference)[0])
+    assert totals.tolist() == [100.0]
+
+
+@dataclass(frozen=True)
+class Broken(Distance):
+    """Answers with ``how``, or raises it."""
+
+    groups: ClassVar[tuple[int, ...]] = (0,)
+    how: object = None
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        if isinstance(self.how, Exception):
+            raise self.how
+        return self.how  # type: ignore[return-value]
+
+    residuals = __call__
+
+
+@pytest.mark.parametrize(
+    ("how", "came"),
+    [
+        (torch.ones(2, 1), "got shape (2, 1)"),
+        (torch.ones(()), "got shape ()"),
+        (torch.ones(3), "got shape (3,)"),
+        (0.5, "got float"),
+        (None, "got NoneType"),
+        (ArithmeticError("the loss has\nno answer"), "it raised ArithmeticError: the loss has no answer"),
+    ],
+)
+def test_a_loss_that_gives_no_values_is_named_with_what_came(how: object, came: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        Objective({"distance": Distance(), "broken": Broken(how=how)}).terms(boxes(1.0), boxes(1.0, 4.0))
+    assert str(caught.value).startswith(f"loss 'broken': expected values of shape (2,), {came} (")
+    assert caught.value.__cause__ is (how if isinstance(how, Exception) else None)
+
+
+@pytest.mark.parametrize(("how", "came"), [(torch.ones(2), "got shape (2,)"), (KeyError("x"), "raised KeyError: 'x'")])
+def test_a_loss_that_gives_no_residuals_is_named_with_what_came(how: object, came: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        Objective({"broken": Broken(how=how)}).residuals(boxes(1.0), boxes(1.0, 4.0), torch.tensor([True]))
+    assert "residuals of loss 'broken': expected values of shape (2, 1), " in str(caught.value)
+    assert came in str(caught.value)
+
+
+@pytest.mark.parametrize("how", [MemoryError(), UsageError("", "weight", "is too large")])
+def test_what_is_told_already_is_told_as_it_is(how: Exception) -> None:
+    with pytest.raises(type(how)) as caught:
+        Objective({"broken": Broken(how=how)}).terms(boxes(1.0), boxes(1.0))
+    assert caught.value is how
+
+
+def test_a_frame_the_reference_lacks_costs_nothing_whatever_is_rendered() -> None:
+    reference = boxes(float("nan"))
+    totals = OBJECTIVE.totals(OBJECTIVE.terms(reference, boxes(3.0)), OBJECTIVE.defined(reference)[0])
+    assert totals.tolist() == [0.0]

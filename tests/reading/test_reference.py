@@ -1,0 +1,164 @@
+"""A clip is read once; what was read in other frames than it has now is not taken for it."""
+
+from __future__ import annotations
+
+import resource
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from cltransfer.clips import decoding
+from cltransfer.config import load_config
+from cltransfer.errors import ResourceError
+from cltransfer.features import Features, OfThisRun
+from cltransfer.pipeline.components import Components
+from cltransfer.reading import reference
+from cltransfer.reading.reference import Reading, read_reference
+from cltransfer.storage.files import cache_dir
+
+MIRROR = 2  # orientation of EXIF
+
+
+def mirrored(folder: Path) -> Path:
+    """A wall that moves down, in images that ask to be shown mirrored."""
+    folder.mkdir()
+    exif = Image.Exif()
+    exif[0x0112] = MIRROR
+    wall = np.random.default_rng(0).integers(0, 255, (36, 64, 3), np.uint8)
+    for i in range(3):
+        Image.fromarray(np.roll(wall, 2 * i, 0)).save(folder / f"{i}.png", exif=exif)
+    return folder
+
+
+@pytest.fixture
+def readings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Features]:
+    """What was read of frames so far, with a cache of the test's own."""
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    read, done = reference.read_frames, list[Features]()
+
+    def counted(*given):
+        features, flags = read(*given)
+        done.append(features)
+        return features, flags
+
+    monkeypatch.setattr(reference, "read_frames", counted)
+    return done
+
+
+def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    with monkeypatch.context() as before:
+        before.setattr(decoding, "_MIRRORED", ())  # as they were decoded once
+        then = read_reference(source, parts, Reading()).features.require("flow")
+    now = read_reference(source, parts, Reading()).features.require("flow")
+    assert float((then[1:, 1] * now[1:, 1]).median()) < 0  # the other way
+    torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
+    assert len(readings) == 2  # the third time nothing was read
+    assert len(list((cache_dir() / "features").iterdir())) == 2
+
+
+def test_a_cache_that_cannot_be_written_loses_no_reading(
+    mean_flow: tuple[str, ...],
+    readings: list[Features],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "file"))
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    assert read_reference(source, parts, Reading()).features is readings[0]
+    (line,) = caplog.messages
+    assert line.endswith("Not a directory: the next run reads the clip anew")
+
+
+def test_a_full_disk_loses_no_reading(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, usual[1]))  # [bytes] of any file: the rest of it fails
+    try:
+        got = read_reference(source, parts, Reading())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert got.features is readings[0]
+    (line,) = caplog.messages
+    assert line.endswith(": the next run reads the clip anew")
+    assert list((cache_dir() / "features").iterdir()) == []
+
+
+@pytest.mark.parametrize(("reason", "times"), [("it stands still", 1), (OfThisRun("time ran out"), 2)])
+def test_what_another_run_may_tell_is_not_kept(
+    reason: str,
+    times: int,
+    mean_flow: tuple[str, ...],
+    readings: list[Features],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lacking(*given):
+        features, flags = read(*given)
+        return replace(features, reasons={"depth": reason}), flags
+
+    read = reference.read_frames
+    monkeypatch.setattr(reference, "read_frames", lacking)
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    for _ in range(2):
+        assert read_reference(source, parts, Reading()).features.reasons == {"depth": reason}
+    assert len(readings) == times
+
+
+def test_what_the_cache_cannot_hold_is_read_anew(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def labelled(*given):
+        features, flags = read(*given)
+        return replace(features, label=torch.zeros(3, 36, 64)), flags
+
+    read = reference.read_frames
+    monkeypatch.setattr(reference, "read_frames", labelled)
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    for _ in range(2):
+        assert read_reference(source, parts, Reading()).features.has("label")
+    assert len(readings) == 2
+
+
+@dataclass(frozen=True)
+class OfPixels:
+    """A loss of what else is never kept: it is in the clip itself."""
+
+    requires = ("image",)
+
+
+def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = Components.build(load_config(overrides=mean_flow))
+    parts = replace(parts, losses={**parts.losses, "of_pixels": OfPixels()})
+    source = str(mirrored(tmp_path / "frames"))
+    first, second = (read_reference(source, parts, Reading()).features for _ in range(2))
+    assert len(readings) == 1
+    assert torch.equal(first.require("image"), second.require("image"))
+    assert first.names() == second.names()
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 3 * 3 * 64 * 36)  # the clip, but not as floats
+    with pytest.raises(ResourceError, match=r"the maps of frames, 3 of 64x36, need .* thin the clip by frames="):
+        read_reference(source, parts, Reading())
+
+
+def test_a_reading_by_other_rules_of_who_is_who_is_not_used(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    with monkeypatch.context() as before:
+        before.setattr(reference, "RULES", 1)
+        read_reference(source, parts, Reading())
+    read_reference(source, parts, Reading())
+    assert len(list((cache_dir() / "features").iterdir())) == 2

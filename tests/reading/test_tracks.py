@@ -1,0 +1,109 @@
+"""Front and back sorted out, jitter filtered, nothing moved that was right."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from cltransfer.features import Features
+from cltransfer.reading.tracks import along, cleaned, facing, repair_flips
+from cltransfer.skeleton import JOINTS
+
+
+def wrapped(x: torch.Tensor) -> torch.Tensor:
+    return (x + math.pi).remainder(2 * math.pi) - math.pi
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.4])
+def test_flipped_frames_are_turned_back(share: float) -> None:
+    generator = torch.Generator().manual_seed(3)
+    right = 0.4 + 0.6 * torch.linspace(0, 1, 40, dtype=torch.float64)
+    flipped = torch.randperm(40, generator=generator) < 40 * share
+    read = wrapped(right + math.pi * flipped)
+    error = wrapped(repair_flips(read) - right).abs()
+    assert float((error < 1e-6).double().mean()) >= 0.95
+
+
+def test_a_flipped_first_frame_does_not_lock_the_clip() -> None:
+    right = torch.full((10,), 0.3, dtype=torch.float64)
+    read = right.clone()
+    read[0] += math.pi
+    torch.testing.assert_close(repair_flips(read), right)
+
+
+def test_a_body_that_really_turns_around_is_left_alone() -> None:
+    turning = wrapped(torch.linspace(0, 2 * math.pi, 48, dtype=torch.float64))
+    torch.testing.assert_close(repair_flips(turning), turning)
+
+
+def shown(yaw: torch.Tensor, roll: float = 0.0) -> Features:
+    """A body of three joints seen from ``yaw`` (N,), leaning by ``roll``."""
+    across = torch.tensor([math.cos(roll), math.sin(roll)], dtype=torch.float64)
+    up = torch.tensor([math.sin(roll), -math.cos(roll)], dtype=torch.float64)
+    joints = torch.zeros(len(yaw), 14, 3, dtype=torch.float64)
+    for name, side, height in (("left_shoulder", 12.0, 0.0), ("right_shoulder", -12.0, 0.0), ("head_top", 0.0, 19.0)):
+        place = 50 + side * yaw.cos()[:, None] * across + height * up
+        joints[:, JOINTS.index(name)] = torch.cat([place, torch.ones(len(yaw), 1)], dim=1)
+    orientation = torch.stack([yaw, torch.zeros_like(yaw), torch.full_like(yaw, roll)], dim=1)
+    return Features((100, 100), keypoints=joints, orientation=orientation)
+
+
+@pytest.mark.parametrize("side", [0.4, 2.6])
+@pytest.mark.parametrize("roll", [0.0, 0.7])
+def test_half_the_frames_flipped_are_sorted_out_by_the_shoulders(side: float, roll: float) -> None:
+    right = side + 0.2 * torch.linspace(-1, 1, 20, dtype=torch.float64)
+    told = facing(shown(right, roll))
+    read = wrapped(right + math.pi * (torch.arange(20) % 2 == 0))
+    torch.testing.assert_close(wrapped(repair_flips(read, told) - right), torch.zeros(20, dtype=torch.float64))
+    torch.testing.assert_close(wrapped(repair_flips(wrapped(read + math.pi), told) - right), torch.zeros_like(right))
+
+
+def test_an_orientation_that_is_sure_of_itself_is_not_turned_by_the_shoulders() -> None:
+    yaw = torch.full((10,), 0.3, dtype=torch.float64)
+    torch.testing.assert_close(repair_flips(yaw, -facing(shown(yaw))), yaw)
+
+
+def test_shoulders_in_profile_or_unseen_say_nothing() -> None:
+    features = shown(torch.tensor([math.pi / 2, 0.0], dtype=torch.float64))
+    features.require("keypoints")[1, JOINTS.index("left_shoulder"), 2] = 0.1
+    assert facing(features).abs().lt(1e-9).all()
+    assert facing(Features((10, 10), orientation=torch.zeros(3, 3))).tolist() == [0, 0, 0]
+
+
+def test_frames_without_a_person_are_passed_over() -> None:
+    yaw = torch.tensor([0.1, math.nan, 0.1 + math.pi, 0.1, math.nan], dtype=torch.float64)
+    repaired = repair_flips(yaw)
+    assert torch.isnan(repaired).tolist() == [False, True, False, False, True]
+    torch.testing.assert_close(repaired[[0, 2, 3]], torch.full((3,), 0.1, dtype=torch.float64))
+
+
+def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:
+    line = torch.linspace(-1, 2, 30, dtype=torch.float64)[:, None]
+    torch.testing.assert_close(along(line, 1.5), line)
+    noise = 0.1 * torch.randn(30, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    assert float((along(line + noise, 1.5) - line).std()) < 0.6 * float(noise.std())
+
+
+def test_joints_are_not_filtered_across_a_change_of_the_visible_set() -> None:
+    keypoints = torch.zeros(10, 14, 3)
+    keypoints[..., 2] = 1.0
+    keypoints[:5, 6:8, 2] = 0.0  # hips come into the frame at frame 5, and all joints jump
+    keypoints[5:, :, 0] = 50.0
+    keypoints[..., 0] += 10
+    got = cleaned(Features((100, 100), keypoints=keypoints), 2.0).require("keypoints")
+    torch.testing.assert_close(got, keypoints)
+
+
+def test_angles_are_not_filtered_across_frames_without_a_person() -> None:
+    yaw = torch.zeros(60, 3)
+    yaw[20:40] = math.nan
+    yaw[40:, 0] = 1.2  # who comes back stands elsewhere
+    got = cleaned(Features((10, 10), orientation=yaw), 1.0).require("orientation")
+    torch.testing.assert_close(got, yaw, equal_nan=True)
+
+
+def test_zero_leaves_what_was_read() -> None:
+    features = Features((10, 10), orientation=torch.rand(6, 3))
+    assert cleaned(features, 0.0) is features

@@ -1,0 +1,91 @@
+"""Plain values become a dataclass, or one line says which of them does not fit, what was expected and what came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import pytest
+
+from cltransfer.errors import ModelError, UsageError
+from cltransfer.registry.typed import typed
+
+
+@dataclass
+class Inner:
+    rate: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.rate < 0:
+            raise ValueError(f"rate must not be negative, got {self.rate}")
+
+
+@dataclass(frozen=True)
+class Outer:
+    name: str
+    kind: Literal["near", "far"] = "near"
+    count: int | None = None
+    sure: bool = False
+    budget: int | str = "auto"
+    point: tuple[float, float] | None = None
+    words: tuple[str, ...] = ()
+    inner: Inner = field(default_factory=Inner)
+    inners: list[Inner] = field(default_factory=list)
+    more: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.count == 13:
+            raise ValueError("count must not be 13")
+        if self.count == 14:
+            raise ValueError("count must not be 14 where name is given")
+
+
+@dataclass
+class Unfit:
+    call: Callable[[int], int] | None = None
+
+
+def test_values_are_converted_by_the_types_of_their_fields() -> None:
+    made = typed(Outer, {"name": 3, "count": "4", "point": [1, 2], "inner": {"rate": 2}, "inners": [{"rate": 3}]})
+    assert made == Outer("3", count=4, point=(1.0, 2.0), inner=Inner(2.0), inners=[Inner(3.0)])
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({}, "name: is required (expected text)"),
+    ({"name": "???"}, "name: is required (write its value)"),
+    ({"name": None}, "name: expected text, got null"),
+    ({"name": [1]}, "name: expected text, got [1]"),
+    ({"nme": "a"}, "nme: no such key (did you mean 'name'?)"),
+    ({"kind": "middle"}, "kind: expected one of near, far, got 'middle'"),
+    ({"count": 1.5}, "count: expected a whole number or null, got 1.5"),
+    ({"sure": "perhaps"}, "sure: expected true or false, got 'perhaps'"),
+    ({"budget": True}, "budget: expected a whole number or text, got true"),
+    ({"point": 3}, "point: expected a list of 2 numbers or null, got 3"),
+    ({"point": [1]}, "point: expected a list of 2 numbers or null, got [1]"),
+    ({"point": [1, "x"]}, "point: expected a list of 2 numbers or null, got [1, 'x']"),
+    ({"point": {"x": 1}}, "point: expected a list of 2 numbers or null, got {'x': 1}"),
+    ({"point": [1, "???"]}, "point[1]: is required (write its value)"),
+    ({"words": "one"}, "words: expected a list of texts, got 'one'"),
+    ({"inner": 3}, "inner: expected a mapping of keys to values, got 3"),
+    ({"inner": {"rte": 3}}, "inner.rte: no such key (did you mean 'rate'?)"),
+    ({"inner": {"rate": "fast"}}, "inner.rate: expected a number, got 'fast'"),
+    ({"inners": [{}, {"rate": "fast"}]}, "inners[1].rate: expected a number, got 'fast'"),
+    ({"inners": 3}, "inners: expected a list of mappings, got 3"),
+    ({"more": 3}, "more: expected a mapping of keys to values, got 3"),
+    ({"more": {"a": {"b": "???"}}}, "more.a.b: is required (write its value)"),
+    ({"count": 13}, "count: count must not be 13"),
+    ({"count": 14}, "count must not be 14 where name is given"),
+]
+
+
+@pytest.mark.parametrize(("values", "line"), WRONG)
+def test_what_does_not_fit_is_told_in_plain_words(values: dict[str, Any], line: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        typed(Outer, values if not values or {"name", "nme"} & set(values) else {"name": "a", **values})
+    assert str(caught.value) == line
+
+
+def test_a_class_whose_options_no_config_can_hold_is_named() -> None:
+    with pytest.raises(ModelError, match=r"^class Unfit: expected options that are numbers, text, true or false"):
+        typed(Unfit, {})

@@ -1,0 +1,185 @@
+"""What a reader of a run is told that no number says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.losses.camera_movement import CameraMovement
+from cltransfer.losses.shot_size import ShotSize
+from cltransfer.pipeline.objective import Objective
+from cltransfer.registry import RENDERERS
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.run.flags import run_flags
+from cltransfer.scenes.floaters import floaters
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.splats import Splats
+from cltransfer.search.paper_box import PaperBox
+from cltransfer.transfer import Inputs, Result, transfer
+
+TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
+
+
+@pytest.mark.parametrize("people", [None, 1, 3])
+def test_other_people_in_the_scene_are_told(tmp_path: Path, people: int | None) -> None:
+    subject = load_scene("builtin:plaza").subject
+    assert subject is not None
+    replace(subject, people=people).save(tmp_path / "subject.json")
+    inputs = Inputs("builtin:plaza", "builtin:push_in", subject=tmp_path / "subject.json")
+    told = [flag.reason for flag in run_flags(transfer(inputs, load_config(overrides=TINY)))]
+    assert any("3 people in the scene, one is filmed" in reason for reason in told) == (people == 3)
+
+
+def test_what_was_left_out_of_the_search_is_told(plain: Result) -> None:
+    geometry = load_scene("builtin:plaza").geometry
+    assert isinstance(geometry, Splats)
+    assert plain.floaters == int(floaters(geometry).sum()) > 0
+    (told,) = [flag.reason for flag in run_flags(plain) if "hang in the air" in flag.reason]
+    assert told.endswith(f": {plain.floaters}, left out of the search (floaters=keep would search with them)")
+    (told,) = [flag.reason for flag in run_flags(kept(plain, left_out=None)) if "hang in the air" in flag.reason]
+    assert told.endswith(f": {plain.floaters}, searched with them: what is found without is far worse among them")
+    whole = transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "floaters=keep"]))
+    assert whole.floaters == 0
+    assert not any("hang in the air" in flag.reason for flag in run_flags(whole))
+
+
+def test_a_person_nearer_than_what_is_drawn_whole_is_told_with_what_would_draw_them(plain: Result) -> None:
+    def told(**options: float) -> list[str]:
+        result = replace(plain, renderer=GaussianSplats(**options))  # type: ignore[arg-type]
+        return [flag.reason for flag in run_flags(result) if "faded or cut" in flag.reason]
+
+    person, cameras = plain.scene.subject, plain.trajectory.camera
+    assert person is not None
+    pixels, depth = cameras.project(person.joints)
+    shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
+    far, near = depth.where(shown, torch.inf).amin(1).tolist()
+    assert told() == told(near=0.1, near_fade=near - 0.2) == []
+    (one,) = told(near=0.1, near_fade=near)
+    assert one.startswith(f"the person is faded or cut in 1 of 2 frames, as near as {near:.2g} scene units: set ")
+    (both,) = told(near=far + 0.1, near_fade=0)
+    assert "in 2 of 2 frames" in both
+    options = dict(part.split("=") for part in both.split(": set ")[1].split())
+    assert told(**{name.removeprefix("renderer.gaussian_splats."): float(v) for name, v in options.items()}) == []
+
+
+@dataclass(frozen=True)
+class Odd:
+    """The renderer of a plugin, whose ``near`` may be anything."""
+
+    near: Any = None
+    near_fade: Any = 9.0
+
+
+@pytest.mark.parametrize("near", [None, "0.1", [1.0], True, float("nan")])
+def test_a_near_plane_that_is_no_number_is_not_told_of(plain: Result, near: object) -> None:
+    assert not any("faded or cut" in flag.reason for flag in run_flags(replace(plain, renderer=Odd(near))))
+
+
+def test_the_options_that_are_told_are_those_of_the_renderer_in_use(
+    plain: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("", "odd"):
+        if name:
+            monkeypatch.setitem(RENDERERS._classes, name, Odd)
+        (told,) = [flag.reason for flag in run_flags(replace(plain, renderer=Odd(1))) if "faded or cut" in flag.reason]
+        above = "renderer.odd." if name else ""
+        assert re.search(rf": set {above}near=[\d.]+ {above}near_fade=[\d.]+$", told)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Result:
+    """A push in into the plaza, its frames as they were found: nothing is wrong with it."""
+    return transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "path=exact"]))
+
+
+def kept(result: Result, **changes: Any) -> Result:
+    attempts = list(result.attempts)
+    attempts[result.best] = replace(result.kept, **changes)
+    return replace(result, attempts=tuple(attempts))
+
+
+def blocked(result: Result) -> Result:
+    return kept(result, blocked={**result.kept.blocked, "the person is hidden": torch.tensor([False, True])})
+
+
+def on_bound(result: Result) -> Result:
+    x = result.kept.found.x.clone()
+    x[1, 3] = result.search.bounds()[1][3]
+    return kept(result, found=replace(result.kept.found, x=x))
+
+
+def undetermined(result: Result) -> Result:
+    local = result.kept.found.local
+    assert local is not None
+    jacobian = local.jacobian.clone()
+    jacobian[1, :, 2] = 0
+    return kept(result, found=replace(result.kept.found, local=replace(local, jacobian=jacobian)))
+
+
+def undefined(result: Result) -> Result:
+    shown = result.kept.shown
+    values = {term.name: term.values.clone() for term in shown.scores.terms}
+    values["framing"][1] = values["camera_movement"][0] = torch.nan  # the first frame never has flow
+    terms = tuple(replace(term, values=values[term.name]) for term in shown.scores.terms)
+    return kept(result, shown=replace(shown, scores=replace(shown.scores, terms=terms)))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (blocked, "the person is hidden"),
+        (on_bound, "distance at its bound"),
+        (undetermined, "degenerate: some change of the camera costs nothing, it is not determined"),
+        (undefined, "framing undefined"),
+    ],
+)
+def test_what_is_doubtful_in_a_frame_is_told_of_that_frame_alone(
+    plain: Result, change: Callable[[Result], Result], reason: str
+) -> None:
+    before = [(flag.frame, flag.reason) for flag in run_flags(plain)]
+    after = [(flag.frame, flag.reason) for flag in run_flags(change(plain))]
+    assert all(frame is None for frame, _ in before)
+    assert after == [*before, (1, reason)]
+
+
+@pytest.mark.parametrize(
+    ("loss", "told"),
+    [
+        (ShotSize(), ["fewer than two key joints in the reference: the size is that of the mask, and not certain"]),
+        (ShotSize(joints="all"), []),
+        (ShotSize(mode="faithful"), []),
+        (None, []),
+    ],
+)
+def test_a_size_of_the_mask_is_told_where_a_loss_takes_it_from_there(
+    plain: Result, loss: ShotSize | None, told: list[str]
+) -> None:
+    keypoints = plain.reference.features.require("keypoints").clone()
+    keypoints[1, 2:, 2] = 0.0  # the shoulders alone: one key joint of two joints
+    reference = replace(plain.reference, features=replace(plain.reference.features, keypoints=keypoints))
+    losses = {name: other for name, other in plain.objective.losses.items() if name != "shot_size"}
+    objective = Objective(losses if loss is None else {**losses, "shot_size": loss})
+    flags = run_flags(replace(plain, reference=reference, objective=objective))
+    assert [flag.reason for flag in flags if flag.frame == 1] == told
+
+
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_a_movement_in_pixels_that_is_weighed_as_if_in_frame_widths_is_told(plain: Result, mode: Any) -> None:
+    objective = Objective({**plain.objective.losses, "camera_movement": CameraMovement(mode=mode)})
+    told = [flag for flag in run_flags(replace(plain, objective=objective)) if "camera_movement counts" in flag.reason]
+    width = plain.reference.features.size[0]
+    assert [(flag.frame, f" {width} times " in flag.reason) for flag in told] == [(None, True)] * (mode == "faithful")
+
+
+def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:
+    x = torch.zeros(2, 8, dtype=torch.float64)
+    x[0, 4] = x[1, 7] = 1.0
+    boxed = replace(kept(plain, found=replace(plain.kept.found, x=x)), search=PaperBox())
+    assert [flag.reason for flag in run_flags(boxed) if "bound" in flag.reason] == ["gamma at its bound"]

@@ -1,0 +1,242 @@
+"""Killed at any moment, a run goes on and ends in the same bits."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from cltransfer.config import load_config
+from cltransfer.driver.journal import _begun_so, _read
+from cltransfer.features import OfThisRun
+from cltransfer.pipeline.components import Components
+from cltransfer.reading.reference import Reading, read_reference
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.run.preparation import Inputs, _header
+from cltransfer.scenes.load import load_scene
+from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.storage.files import content_hash
+from cltransfer.storage.run_files import DONE, JOURNAL
+
+ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
+ARGS += ("threads=1", "-q")
+SHARES = (0.3, 0.7)  # of the whole run's journal, at which a run is killed
+
+
+def killed_at(size: int, cache: Path, run: Path, *arguments: str) -> None:
+    """Begin ``run``, or go on with it, and kill it as soon as its journal has ``size`` bytes."""
+    folder = "--resume" if run.exists() else "--out"
+    command = [sys.executable, "-m", "cltransfer", "transfer", *arguments, folder, str(run)]
+    env, journal = {**os.environ, "CLTRANSFER_CACHE": str(cache)}, run / JOURNAL
+    process = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 200
+        while process.poll() is None and time.monotonic() < deadline:
+            if journal.exists() and journal.stat().st_size >= size:
+                break
+            time.sleep(0.002)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait(30) == -signal.SIGKILL
+
+
+def answers(journal: Path) -> int:
+    """Whole answers in a journal; its header is none."""
+    return len(_read(journal)[0]) - 1
+
+
+@pytest.fixture
+def synced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The inode of the file of every fsync from now on."""
+    files, sync = list[int](), os.fsync
+
+    def listed(descriptor: int) -> None:
+        files.append(os.fstat(descriptor).st_ino)
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", listed)
+    return files
+
+
+def spent(run: Path) -> dict[str, Any]:
+    """What a run says that it cost, without its seconds."""
+    said = json.loads((run / "metrics.json").read_text())["spent"]
+    return {what: cost for what, cost in said.items() if not what.startswith("seconds")}
+
+
+@pytest.mark.parametrize("engine", ["refine", "cma"])
+def test_a_run_that_was_killed_twice_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
+    command: Callable[..., Any], cache: Path, tmp_path: Path, synced: list[int], engine: str
+) -> None:
+    arguments, whole, run = (*ARGS, f"engine={engine}"), tmp_path / "whole", tmp_path / "killed"
+    assert command("transfer", *arguments, "--out", whole).code == 0
+    complete, kept = (whole / JOURNAL).read_bytes(), 0
+    for share in SHARES:
+        killed_at(int(share * len(complete)), cache, run, *arguments)
+        left = (run / JOURNAL).read_bytes()
+        assert complete.startswith(left)
+        assert not (run / DONE).exists()
+        assert kept < (kept := answers(run / JOURNAL))
+    synced.clear()
+    resumed = command("transfer", *arguments, "--resume", run)
+    assert resumed.code == 0, resumed.err
+    computed = synced.count((run / JOURNAL).stat().st_ino)
+    assert computed == answers(whole / JOURNAL) - kept > 0
+    for name in ("trajectory.json", "metrics.csv", JOURNAL):
+        assert (run / name).read_bytes() == (whole / name).read_bytes()
+    assert spent(run) == spent(whole)
+    assert min(spent(run)[what] for what in ("evaluations", "renders")) > answers(whole / JOURNAL)
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        (("--init", "RUN/trajectory.json"), "init: the run was begun with 'auto', this is "),
+        (("--init", "RUN/trajectory.json"), "(go on with --init auto, or start over with another --out)"),
+        (("seed=5",), "config.seed: the run was begun with 0, this is 5 (go on with seed=0, or "),
+    ],
+)
+def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, changed: tuple[str, ...], reason: str
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    words = (word.replace("RUN", str(run)) for word in changed)
+    refused = command("transfer", "-c", run / "config.yaml", "-q", "--resume", run, *words)
+    assert refused.code == 3
+    assert reason in refused.err
+    assert refused.err.count("\n") == 1
+    assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
+
+
+def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
+    assert (
+        _begun_so("init", "my views/a.json", 0)
+        == "go on with --init 'my views/a.json', or start over with another --out"
+    )
+    again = "5 more settings differ: repeat the command as it was with --resume, or start over with another --out"
+    assert _begun_so("config.basin", 1000.0, 5) == again
+    assert _begun_so("config.basin", 1000.0, 1).startswith("1 more setting differs: repeat ")
+    assert _begun_so("config.warm_start", True, 0).startswith("go on with warm_start=true, or")
+    assert _begun_so("config.preset", "Mine $(date)", 0).startswith("go on with 'preset=Mine $(date)', or")
+    assert _begun_so("threads", "1; date", 0).startswith("go on with CLTRANSFER_THREADS='1; date', or")
+
+
+def test_a_run_of_other_threads_says_how_to_go_on(fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    begun = json.loads((run / "manifest.json").read_text())["threads"]
+    words = ("transfer", "-c", run / "config.yaml", "-q", "--resume", run)
+    refused = fresh(*words, CLTRANSFER_THREADS=str(begun + 1))
+    assert refused.code == 3
+    assert f"(go on with CLTRANSFER_THREADS={begun}, or start over with another --out)" in refused.err
+
+
+def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
+    fresh: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / DONE).unlink()
+    kept = (run / JOURNAL).read_bytes()
+    same = ("transfer", "-c", run / "config.yaml", "-q", "--out", run)
+    refused = fresh(*same)
+    assert refused.code == 2
+    assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
+    assert (run / JOURNAL).read_bytes() == kept
+    assert fresh(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
+    assert (run / DONE).is_file()
+
+
+@dataclass(frozen=True)
+class Plugin(GaussianSplats):
+    """A renderer whose code lies in this file."""
+
+    colours: str = ""
+
+
+def test_a_journal_is_of_the_code_and_the_files_of_every_plugin(tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, scene = Components.build(config), load_scene("builtin:plaza")
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    ours = _header(given, config, parts, SubjectOrbit(), scene, reference)
+    plugged = _header(given, config, replace(parts, renderer=Plugin()), SubjectOrbit(), scene, reference)
+    assert {key for key in plugged if plugged[key] != ours.get(key)} == {"code of the renderer"}
+    assert plugged["code of the renderer"] == content_hash(Path(__file__))
+    (tmp_path / "lut").write_text("red")
+    parts = replace(parts, renderer=Plugin(colours=str(tmp_path / "lut")))
+    with_file = _header(given, config, parts, SubjectOrbit(), scene, reference)
+    assert {key for key in with_file if with_file[key] != plugged.get(key)} == {"files of the renderer"}
+
+
+class Plain:
+    """A geometry of a plugin that is no dataclass; its file names another file."""
+
+    label = torch.zeros(1)
+
+    def __init__(self, texture: str) -> None:
+        self.texture = texture
+
+
+@dataclass(frozen=True, eq=False)
+class Textured:
+    """One that is."""
+
+    texture: str
+    label: torch.Tensor = Plain.label
+
+
+@pytest.mark.parametrize("kind", [Plain, Textured])
+def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, other = Components.build(config), tmp_path / "other"
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    scene, told = replace(load_scene("builtin:plaza"), geometry=kind(str(other))), []
+    for content in ("one", "another"):
+        other.write_text(content)
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert told[0] == told[1]
+    assert told[0]["code of the scene"] == content_hash(Path(__file__))
+
+
+def test_a_journal_is_of_what_could_be_read_of_the_reference_this_time() -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, scene = Components.build(config), load_scene("builtin:plaza")
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    told = []
+    for late in ({}, {"depth": "7 of 24 frames"}, {"depth": "9 of 24 frames"}):
+        reasons = {name: OfThisRun(f"time ran out with {when}") for name, when in late.items()}
+        read = replace(reference, features=replace(reference.features, reasons=reasons))
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, read))
+    assert told[1] == told[2] != told[0]
+
+
+@dataclass(frozen=True)
+class Gaze:
+    """A loss of a plugin, and its extractor."""
+
+    weights: str = ""
+
+
+def test_a_journal_is_of_an_extractor_that_bears_the_name_of_a_loss(tmp_path: Path) -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, weights = Components.build(config), tmp_path / "gaze.pt"
+    scene, reference = (
+        load_scene("builtin:plaza"),
+        read_reference("builtin:static", parts, Reading(2, 64, "scene")),
+    )
+    parts = replace(parts, extractors={"gaze": Gaze(str(weights))}, losses={"gaze": Gaze()})
+    told = []
+    for content in ("one", "another"):
+        weights.write_text(content)
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert {key for key in told[0] if told[0][key] != told[1][key]} == {"files of extractor gaze"}

@@ -1,0 +1,212 @@
+"""A scene is searched without its floaters; its result shows them, and says where they matter. What is tried counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cltransfer.bench.stress.case import Case
+from cltransfer.bench.stress.scenery import floaters
+from cltransfer.config import load_config
+from cltransfer.config.options import RunConfig
+from cltransfer.driver.frame import Solved
+from cltransfer.driver.second_guide import second_guide
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.starts import Starts
+from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.progress import silent
+from cltransfer.run.flags import run_flags
+from cltransfer.run.left_out import LeftOut
+from cltransfer.run.preparation import Clock, Job, prepare
+from cltransfer.run.rounds import Take, _followed, _followed_from, _left_out, _past_floaters, _searched, _with_floaters
+from cltransfer.scenes.floaters import without_floaters
+from cltransfer.scenes.lifted import load_person, save_labels
+from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.ply import write_splats
+from cltransfer.transfer import Inputs, Result, transfer
+
+TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
+
+
+def solved(inputs: Inputs) -> Result:
+    return transfer(inputs, load_config(overrides=TINY))
+
+
+@pytest.fixture(scope="module")
+def clean() -> Result:
+    """A push in into the plaza, of which only leaves float."""
+    return solved(Inputs("builtin:plaza", "builtin:push_in"))
+
+
+@pytest.fixture(scope="module")
+def hanging(tmp_path_factory: pytest.TempPathFactory) -> Inputs:
+    """The same with 150 large blobs in the air about the person."""
+    folder, plaza = tmp_path_factory.mktemp("hung"), load_scene("builtin:plaza")
+    assert plaza.subject is not None
+    scene = floaters(Case(None, None, plaza, None), 150, np.random.default_rng(1)).scene  # type: ignore[arg-type]
+    write_splats(folder / "scene.ply", scene.geometry)
+    plaza.subject.save(folder / "subject.json")
+    save_labels(folder, scene.geometry.label)
+    x, y, z = plaza.up.tolist()
+    return Inputs(str(folder / "scene.ply"), "builtin:push_in", subject=folder / "subject.json", up=(x, y, z))
+
+
+@pytest.fixture(scope="module")
+def hung(hanging: Inputs) -> Result:
+    return solved(hanging)
+
+
+def test_what_hangs_in_the_air_moves_no_camera(clean: Result, hung: Result) -> None:
+    torch.testing.assert_close(hung.trajectory.camera.w2c, clean.trajectory.camera.w2c, rtol=0, atol=1e-5)
+    torch.testing.assert_close(hung.trajectory.camera.K, clean.trajectory.camera.K, rtol=1e-5, atol=0)
+
+
+def test_a_result_is_of_the_scene_as_it_was_given(clean: Result, hung: Result) -> None:
+    left_out = hung.kept.left_out
+    assert left_out is not None
+    assert left_out.count == hung.floaters > 300
+    assert len(hung.scene.geometry) == len(clean.scene.geometry) + 150
+    assert hung.searched.total == pytest.approx(left_out.among)
+    assert left_out.alone < 0.1 < 1 < left_out.among
+    assert hung.verified.total > 1 > 0.2 > clean.verified.total
+    assert not torch.equal(hung.image, clean.image)
+
+
+def test_floaters_that_spoil_a_result_are_told(clean: Result, hung: Result) -> None:
+    told, why = [flag.reason for flag in run_flags(hung) if flag.frame is None]
+    hanging = f"Gaussians that hang in the air by themselves: {hung.floaters}"
+    assert told == f"{hanging}, left out of the search (floaters=keep would search with them)"
+    assert why.startswith("they spoil the result, the total is ")
+    assert why.endswith(" without: `cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them")
+    (told,) = [flag.reason for flag in run_flags(clean)]
+    assert "left out of the search" in told
+
+
+def test_frames_as_they_were_found_are_measured_alike_with_floaters_and_without() -> None:
+    found = transfer(
+        Inputs("builtin:plaza", "builtin:push_in"),
+        load_config(overrides=[*TINY[:1], "frames=4", *TINY[2:], "path=exact"]),
+    )
+    left_out = found.kept.left_out
+    assert left_out is not None
+    assert left_out.among == pytest.approx(found.searched.total)
+    assert left_out.alone == pytest.approx(left_out.among, rel=0.1)  # the leaves of the plaza are far from the person
+
+
+def test_the_person_of_a_run_is_that_of_the_scene(clean: Result, tmp_path: Path) -> None:
+    assert clean.scene.subject is not None
+    clean.scene.subject.save(tmp_path / "subject.json")
+    save_labels(tmp_path, clean.scene.geometry.label)
+    scene = load_scene("builtin:plaza")
+    assert len(without_floaters(scene).geometry) < len(scene.geometry)
+    assert torch.equal(load_person(scene, tmp_path / "subject.json").geometry.label, clean.scene.geometry.label)
+
+
+@pytest.mark.parametrize(
+    ("alone", "among", "matters"), [(0.05, 0.16, False), (0.05, 0.17, True), (1.0, 1.43, False), (1.0, 1.44, True)]
+)
+def test_what_counts_as_far_worse(alone: float, among: float, matters: bool) -> None:
+    assert LeftOut(5, alone, among).matters == matters
+
+
+@pytest.mark.parametrize(
+    ("alone", "among", "better"),
+    [
+        (0.5, 0.8, True),
+        (0.4, 0.9, True),
+        (0.5, 1.0, False),
+        (0.7, 0.85, False),
+        (0.7, 0.7, True),
+        (0.9, 0.1, True),
+        (0.95, 0.1, False),
+    ],
+)
+def test_a_path_past_floaters_gains_more_than_it_loses_and_is_no_path_for_them_alone(
+    alone: float, among: float, better: bool
+) -> None:
+    assert LeftOut(5, alone, among).better(LeftOut(5, 0.5, 1.0)) == better
+
+
+def quiet(frame: int, solved: Solved) -> None:
+    """Hears how far a search is."""
+
+
+def found_without_floaters(hanging: Inputs) -> tuple[Job, RunConfig, Take]:
+    """What is found in the scene without its floaters, which hide the person from there in every frame."""
+    config = load_config(overrides=TINY)
+    job = prepare(hanging, config, Clock(), silent, None)
+    take = _searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    assert take.path is not None
+    return job, config, take
+
+
+def cost(job: Job, step: Callable[[], object]) -> int:
+    """Evaluations that are counted while ``step`` is done."""
+    before = job.stage.spent.evaluations
+    step()
+    return job.stage.spent.evaluations - before
+
+
+def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(hanging: Inputs) -> None:
+    job, _, take = found_without_floaters(hanging)
+    left_out, frames = _left_out(job, take), len(take.x)
+    assert take.path is not None
+    assert take.path.residuals is not None  # so the path itself is not scored again
+    assert _past_floaters(job, take, left_out)[0] is take  # another was tried, and not taken
+    ways = len(job.search.aside) * frames
+    scored = ["what is chosen of all ways", "the same without floaters", "and among them"]
+    assert cost(job, lambda: _past_floaters(job, take, left_out)) == ways + len(scored) * frames
+
+
+def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hanging: Inputs) -> None:
+    job, config, take = found_without_floaters(hanging)
+    left_out, target = _left_out(job, take), take.clip.reference
+    assert left_out.matters
+    past = cost(job, lambda: _past_floaters(job, take, left_out))
+    search = cost(
+        job,
+        lambda: _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
+    )
+    assert cost(job, lambda: _with_floaters(job, config, take, quiet)) == past + search + len(take.x)
+
+
+FLOW = ["frames=8", "search_side=96", "output_side=96", "threads=1", "losses.camera_movement.weight=80"]
+NEARER, TREMBLES = slice(0, 5), 0.1  # frames; [rad]
+
+
+@pytest.fixture
+def astray() -> tuple[Job, Stage, Starts]:
+    """An orbit whose frames are left where the guide has them: five too near, and flow wrong at any distance."""
+    job = prepare(Inputs("builtin:plaza", "builtin:orbit"), load_config(overrides=FLOW), Clock(), silent, None)
+    stays = replace(job.schedule.refinement, steps=0)
+    schedule = replace(job.schedule, refinement=stays, lean_limit=0.0, basin=math.inf, rescue=math.inf)
+    assert job.starts.guide is not None
+    guide, stage = job.starts.guide.clone(), replace(job.stage, scene=job.solid)
+    guide[NEARER, 3] -= 0.5
+    guide[NEARER, 0] += TREMBLES * torch.tensor([1.0, -1.0, 1.0, -1.0, 1.0])
+    clip = WholeClip(stage, job.search, job.wanted, job.starts.homes[0])
+    return replace(job, schedule=schedule), stage, Starts(clip.cameras(guide[:1]), guide)
+
+
+def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weight(
+    astray: tuple[Job, Stage, Starts],
+) -> None:
+    job, stage, starts = astray
+    found = _followed_from(job, stage, job.wanted, starts, quiet)
+    clip = WholeClip(stage, job.search, job.wanted, starts.homes[0])
+    assert found.local is not None
+    assert starts.guide is not None
+    again = second_guide(clip, starts.guide, found.x, found.totals)
+    assert again is not None
+    whole = clip.totals(found.local.residuals)
+    torch.testing.assert_close(whole, clip.totals(clip.residuals(found.x)))
+    assert not again.gains(clip, found.x, found.totals)  # half the weight, by which each frame was searched
+    assert again.gains(clip, found.x, whole)
+    farther = _followed(job, stage, job.wanted, starts, quiet)
+    assert float((farther.x - found.x)[NEARER, 3].min()) > 0.4

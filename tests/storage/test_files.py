@@ -1,0 +1,63 @@
+"""Files that are written appear whole, with the permissions of any other new file."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from safetensors.torch import save_file
+
+from cltransfer.storage.files import YAML_LEVELS, atomic, check_yaml, write_text
+
+LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
+@pytest.fixture(params=[0o022, 0o002, 0o077])
+def umask(request: pytest.FixtureRequest) -> Iterator[int]:
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def test_who_may_read_a_file_is_as_the_umask_says_whatever_wrote_it(umask: int, tmp_path: Path) -> None:
+    with atomic(tmp_path / "a.safetensors") as temporary:
+        save_file({"a": torch.zeros(1)}, temporary)
+    write_text(tmp_path / "a.txt", "a")
+    for name in ("a.safetensors", "a.txt"):
+        assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o666 & ~umask
+
+
+def test_threads_that_write_one_file_do_not_take_each_others_half(tmp_path: Path) -> None:
+    with atomic(tmp_path / "kept") as one, atomic(tmp_path / "kept") as other:
+        assert one != other
+        one.write_text("1")
+        other.write_text("2")
+    assert (tmp_path / "kept").read_text() == "1"
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Path) -> None:
+    write_text(tmp_path / "a.txt", "old")
+    with pytest.raises(UnicodeEncodeError), atomic(tmp_path / "a.txt") as temporary:
+        temporary.write_text("ne\udce9", encoding="utf-8")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+
+
+@pytest.mark.parametrize("loader", LOADERS)
+def test_yaml_that_is_broken_beside_words_on_nesting_is_told_as_broken(loader: type) -> None:
+    with pytest.raises(yaml.YAMLError):
+        check_yaml("a: [1, nesting depth: 2", loader)
+
+
+@pytest.mark.parametrize("loader", LOADERS)
+@pytest.mark.parametrize("opened", ["[", "{a: ", "- "])
+def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str, loader: type) -> None:
+    check_yaml(opened * YAML_LEVELS + "1" + {"[": "]", "{a: ": "}"}.get(opened, "") * YAML_LEVELS, loader)
+    for levels in (YAML_LEVELS + 1, 2000, 100_000):  # libyaml has a limit of its own between
+        with pytest.raises(ValueError, match=f"expected at most {YAML_LEVELS} levels"):
+            check_yaml(opened * levels, loader)

@@ -1,0 +1,72 @@
+"""Lines that are kept: whole ones only, whatever moment the writer was killed at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.errors import InputError
+from cltransfer.storage.kept_lines import keep, read_kept
+
+LIMIT = 100  # bytes
+
+
+def read(path: Path) -> list[Any]:
+    return read_kept(path, LIMIT, lambda value: value["name"], "name")
+
+
+def test_what_was_kept_comes_back_in_order_and_nothing_where_nothing_was(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "names.jsonl"
+    assert read(path) == []
+    for name in "ba":
+        keep(path, {"name": name})
+    assert read(path) == ["b", "a"]
+
+
+def test_a_line_cut_off_at_any_byte_is_left_out_and_the_next_one_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "names.jsonl"
+    keep(path, {"name": "a"})
+    first = path.stat().st_size
+    keep(path, {"name": "b"})
+    whole = path.read_bytes()
+    for end in range(first, len(whole)):
+        path.write_bytes(whole[:end])
+        assert read(path) == ["a"]
+        keep(path, {"name": "b"})
+        assert path.read_bytes() == whole
+
+
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "names.jsonl"
+    keep(path, {"name": "a"})
+    keep(path, {"other": 1})
+    with pytest.raises(InputError, match="line 2: is no name"):
+        read(path)
+
+
+def test_no_more_is_read_than_was_said(tmp_path: Path) -> None:
+    path = tmp_path / "names.jsonl"
+    path.write_text("\n" * (LIMIT + 1))
+    with pytest.raises(InputError, match=f"expected at most {LIMIT} bytes"):
+        read(path)
+
+
+def test_a_value_without_json_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="JSON"):
+        keep(tmp_path / "names.jsonl", {"name": float("nan")})
+    assert read(tmp_path / "names.jsonl") == []
+
+
+def test_a_link_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "diary.txt").write_text("no line end")
+    (tmp_path / "names.jsonl").symlink_to(tmp_path / "diary.txt")
+    with pytest.raises(InputError, match=r"names.jsonl: is a link"):
+        read(tmp_path / "names.jsonl")
+    assert (tmp_path / "diary.txt").read_text() == "no line end"
+
+
+def test_a_folder_of_that_name_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="got a folder"):
+        read(tmp_path)

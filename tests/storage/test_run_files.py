@@ -1,0 +1,132 @@
+"""A run folder is one run: whole or refused, never two runs mixed, and nothing of it lies elsewhere."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.cli.shared import up_of
+from cltransfer.errors import InputError, UsageError
+from cltransfer.run.folder import command_again, default_folder
+from cltransfer.run.preparation import Inputs
+from cltransfer.storage.run_files import (
+    DONE,
+    FRAMES,
+    JOURNAL,
+    MANIFEST,
+    RESULTS,
+    clear,
+    kept_frames,
+    open_run,
+    require_done,
+)
+
+
+def killed(folder: Path) -> Path:
+    """A folder in which one run was finished and the next one killed."""
+    folder.mkdir()
+    for name in (MANIFEST, "trajectory.json", JOURNAL):
+        (folder / name).touch()
+    return folder
+
+
+def test_a_run_that_was_killed_is_no_result(tmp_path: Path) -> None:
+    run = killed(tmp_path / "run")
+    with pytest.raises(InputError, match=r"DONE: this run was not finished \(go on with it: .* --resume RUN\)"):
+        require_done(run)
+    (run / DONE).touch()
+    require_done(run)
+    require_done(tmp_path)  # no run at all: an image folder
+
+
+def test_of_a_run_its_kept_frames_are_looked_at_and_any_other_clip_is_itself(tmp_path: Path) -> None:
+    run = killed(tmp_path / "run")
+    with pytest.raises(InputError, match="not finished"):
+        kept_frames(run)
+    (run / DONE).touch()
+    assert kept_frames(run) == run / FRAMES
+    assert kept_frames(tmp_path) == tmp_path
+    assert kept_frames(tmp_path / "clip.mp4") == tmp_path / "clip.mp4"
+
+
+def test_what_an_earlier_run_left_is_taken_away_and_nothing_else(tmp_path: Path) -> None:
+    for name in (*RESULTS, "notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    clear(tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["camera", "notes.txt", "video"]
+
+
+def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
+    ask = "from cltransfer.run.folder import default_folder; print(default_folder('s.ply', 'r.mp4').name)"
+    begun = [subprocess.Popen([sys.executable, "-c", ask], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    names = [process.communicate()[0].strip() for process in begun]
+    assert [name.rpartition("-")[2] for name in names] == [str(process.pid) for process in begun]
+
+
+@pytest.mark.parametrize("source", [".", "..", "../..", "..#t=1,2", "/", "builtin:.."])
+def test_a_run_lies_in_the_folder_of_its_scene_whatever_its_reference_is_called(source: str) -> None:
+    assert default_folder("s.ply", source).parent == Path("outputs/s/run")
+    assert default_folder(source, "r.mp4").parent == Path("outputs/run/r")
+
+
+def test_the_line_that_makes_a_run_again_has_every_digit() -> None:
+    up = (0.1234567890123, -1.0, 1e-9)
+    words = shlex.split(command_again(Path("run"), Inputs("s.ply", "r.mp4", up=up), []))
+    assert up_of(words[words.index("--up") + 1]) == up
+
+
+def test_only_a_run_that_was_begun_is_resumed(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "typo"):
+        with pytest.raises(UsageError, match=r"--resume: expected the folder of a run, it has no journal.bin"):
+            open_run(folder, resume=True)
+    assert open_run(killed(tmp_path / "run"), resume=True) == tmp_path / "run"
+    assert open_run(tmp_path / "new") == tmp_path / "new"
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    with pytest.raises(UsageError, match="is neither empty nor a run"):
+        open_run(tmp_path / "full")
+
+
+@pytest.mark.parametrize("name", [JOURNAL, "trajectory.json", "video"])
+def test_a_part_that_is_a_link_out_of_the_run_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    run = killed(tmp_path / "run")
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(tmp_path / "elsewhere")
+    for refused in (open_run, require_done):
+        with pytest.raises(InputError, match="leads out of the folder of its run"):
+            refused(run)
+
+
+def test_every_reader_of_runs_refuses_an_unfinished_one(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / DONE).unlink()
+    page, reference = tmp_path / "page", f"builtin:courtyard@{run / 'trajectory.json'}"
+    for words in (
+        ("render", run),
+        ("describe", run),
+        ("study", run, tiny_run, "--out", page),
+        ("evaluate", tiny_run, run),
+        ("inspect", run),
+        ("transfer", "builtin:courtyard", run, "--out", tmp_path / "out"),
+        ("transfer", "builtin:courtyard", reference, "--out", tmp_path / "out"),
+    ):
+        answer = command(*words)
+        assert (answer.code, "this run was not finished" in answer.err) == (3, True), answer.err
+
+
+def test_a_run_is_resumed_in_its_own_folder(command: Callable[..., Any], tmp_path: Path) -> None:
+    answer = command("transfer", "--resume", tmp_path / "a", "--out", tmp_path / "b")
+    assert answer.code == 2
+    assert "--out: a run is resumed in its own folder" in answer.err
+    assert not list(tmp_path.iterdir())
