@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import configparser
 import importlib.util
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -203,3 +204,50 @@ def test_what_is_installed_includes_the_data_files() -> None:
     pages |= {f"cltransfer/report/{path.name}" for path in (ROOT / "cltransfer" / "report").glob("*.[hj]*")}
     assert len(pages) == 6
     assert presets | pages | {"cltransfer/py.typed", "cltransfer/models/catalogue.yaml"} <= shipped
+
+
+SHARED_LAYER = {("scenes", "renderers")}  # scenes/ asks renderers/ what draws a scene, as the README says
+
+
+def layers() -> list[list[str]]:
+    """The lines of the README's architecture, top to bottom: the paths below cltransfer/ that stand in each."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8").partition("```\ncltransfer/\n")[2]
+    lines = [line for line in text.partition("\nconfigs/")[0].splitlines() if not line.startswith(" " * 8)]
+    return [[re.sub(r"/$|\.py$", "", name) for name in line.split("   ")[0].split()] for line in map(str.strip, lines)]
+
+
+def rank(module: str) -> int:
+    """In which line a module stands: that of the longest path that holds it; -1 for cltransfer itself."""
+    path = module.removeprefix("cltransfer").lstrip(".").replace(".", "/")
+    if not path or path == "__main__":
+        return -1
+    nested = {"stress": "bench/stress"}
+    fits = [
+        (len(name), line)
+        for line, names in enumerate(layers())
+        for name in (nested.get(name, name) for name in names)
+        if fnmatch(f"{path}/", f"{name}/*") or fnmatch(path, name)
+    ]
+    assert fits, f"{module} stands nowhere in the README's architecture"
+    return max(fits)[1]
+
+
+def test_every_import_goes_down_the_architecture_of_the_readme() -> None:
+    modules = {module_of(path) for path in SOURCES}
+    upwards = []
+    for path in SOURCES:
+        own = module_of(path)
+        if own == "cltransfer":
+            continue
+        for target in sorted(set(imports(path)) & modules - {"cltransfer"}):
+            kinds = own.split(".")[1], target.split(".")[1]
+            if rank(own) > rank(target) and kinds[0] != kinds[1] and kinds not in SHARED_LAYER:
+                upwards.append(f"{own} imports {target}")
+    assert upwards == []
+
+
+def test_the_architecture_names_what_is_there() -> None:
+    for names in layers():
+        for name in names:
+            place = "bench/stress" if name == "stress" else name
+            assert any((ROOT / "cltransfer").glob(f"{place}.py")) or (ROOT / "cltransfer" / place).is_dir(), name
