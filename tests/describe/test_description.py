@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from matplotlib.figure import Figure
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.describe import sources
+from cltransfer.describe import sources, strip
 from cltransfer.describe.angle import dutch_class, height_class, side_class, staging_class
 from cltransfer.describe.description import Description, describe_features
 from cltransfer.describe.flow_motion import flow_motion
@@ -126,6 +127,14 @@ def test_a_path_without_a_person_says_what_to_name(tmp_path: Path) -> None:
     shot("pan", sample_subject(), (160, 90), 3).save(tmp_path / "trajectory.json")
     with pytest.raises(InputError, match="--subject"):
         describe_path(tmp_path / "trajectory.json")
+
+
+@pytest.mark.parametrize("frames", [2, 6, 40])
+def test_thumbnails_keep_their_shape_however_few_frames_there_are(frames: int, tmp_path: Path) -> None:
+    """Of an upright clip the row has room for 13; six frames drawn over it would be twice as wide as they are."""
+    ax = Figure().subplots()
+    strip._thumbnails(ax, torch.arange(frames).double(), torch.zeros(frames, 3, 320, 180, dtype=torch.uint8))
+    assert ax.images[0].get_array().shape == (strip.HIGH, round(strip.WIDE * 320 / 180) * (strip.HIGH * 180 // 320), 3)
 
 
 def test_the_strip_is_the_same_twice(tmp_path: Path) -> None:
