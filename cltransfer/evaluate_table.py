@@ -91,15 +91,15 @@ def _most_frames(summary: Summary) -> dict[str, int]:
 
 
 def _best(summary: Summary) -> set[tuple[str, str]]:
-    """Method and term of the lowest mean; none where a method lacks a clip, where another has more frames, or alone."""
+    """Method and term of the lowest mean, unless two share it, a method lacks a clip or another has more frames."""
     best = set()
     for term, most in _most_frames(summary).items():
         found = {method: terms[term] for method, terms in summary.items()}
         means = {method: value.mean for method, value in found.items() if value.mean is not None}
         if len(found) > 1 and means and all(value.clips == value.of for value in found.values()):
-            lowest = min(means, key=lambda method: means[method])
-            if found[lowest].defined == most:
-                best.add((lowest, term))
+            lowest = [method for method, mean in means.items() if mean == min(means.values())]
+            if len(lowest) == 1 and found[lowest[0]].defined == most:
+                best.add((lowest[0], term))
     return best
 
 

@@ -76,6 +76,11 @@ def test_the_best_is_bold_only_where_both_have_the_same_clips() -> None:
     assert "(2/3)" in methods_markdown(summarise([*ROWS, MISSING]))
 
 
+def test_neither_is_bold_where_two_are_equal() -> None:
+    twins = [replace(row, method="theirs") for row in ROWS[:2]]
+    assert "**" not in methods_markdown(summarise([*ROWS[:2], *twins]))
+
+
 def test_none_is_bold_where_a_clip_failed_for_all_alike() -> None:
     failed = [ClipScore(method, "c", reason="no person") for method in ("ours", "old_way")]
     assert "**" not in methods_markdown(summarise([*ROWS, *failed]))
