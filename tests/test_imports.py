@@ -33,7 +33,6 @@ VALUES = (
 )
 COMPONENTS = ("renderers", "extractors", "losses", "search", "scenes")
 DRIVING = (
-    "pipeline",
     "driver",
     "reading",
     "run",
@@ -49,8 +48,6 @@ DRIVING = (
 ALLOWED = {
     # search matches the reference's joints by the pure functions of the losses
     ("cltransfer.search.*", "cltransfer.losses"),
-    # lifting reads views by the image extractors
-    ("cltransfer.scenes.lifted", "cltransfer.pipeline"),
 }
 FORBIDDEN_CALLS = {"eval", "exec", "np.random.seed", "numpy.random.seed", "random.seed", "torch.manual_seed"}
 FORBIDDEN_CALLS |= {"yaml.load", "yaml.unsafe_load", "yaml.full_load", "torch.load", "torch.seed", "os.system"}

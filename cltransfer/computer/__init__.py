@@ -1,1 +1,1 @@
-"""What the computer has and how it is used: memory, threads, CUDA, packages, compiled kernels."""
+"""What runs and on what: memory, threads, CUDA, machine code of kernels, which packages and which commit."""

@@ -16,7 +16,7 @@ from ..report.data import Flag
 from ..search import limits
 
 if TYPE_CHECKING:
-    from ..transfer import Result
+    from .result import Result
 
 DEGENERATE = 1.0  # least curvature of the total along a direction of x below which nothing determines it; usually > 10
 ON_BOUND = 1e-6  # of the half-range

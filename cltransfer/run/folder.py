@@ -29,9 +29,9 @@ from ..report.strip import write_strip
 from ..scenes.lifted import SUBJECT, save_labels
 from ..storage.files import write_json, write_text
 from ..storage.run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, STRIP, VIDEO, clear
-from ..transfer import Result
 from .flags import run_flags
 from .preparation import Inputs
+from .result import Result
 
 
 def default_folder(scene: str, reference: str) -> Path:
