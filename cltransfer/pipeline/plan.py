@@ -20,6 +20,9 @@ from ..registry import EXTRACTORS
 
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})
+OFF_AT_FIRST = {  # what no default reads off a clip, and what would
+    "depth": " (extractors.depth_sfm={} does where the camera moves, extractors.depth_onnx by a network: README, Score)"
+}
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,7 @@ class _Planner:
         return tuple(hidden)
 
     def _hint(self, feature: str) -> str:
-        """The extractor of an allowed plugin that gives ``feature`` where it is in use; empty where there is none."""
+        """What would give ``feature`` if it were in use, an allowed plugin first; empty where nothing is known to."""
         for name, cls in EXTRACTORS.registered().items():
             if cls.__module__.startswith("cltransfer.") or name in self.extractors:
                 continue
@@ -213,7 +216,7 @@ class _Planner:
             reads = self.family == "scene" or getattr(cls, "family", "") != "scene"
             if reads and isinstance(gives, tuple | list | set | frozenset) and feature in gives:
                 return f" (extractors.{name}={{}} does)"
-        return ""
+        return OFF_AT_FIRST.get(feature, "") if self.family == "image" else ""
 
     def _provider(self, feature: str) -> str | None:
         order = (("scene", "both"), ("image",)) if self.family == "scene" else (("image", "both"),)

@@ -91,6 +91,13 @@ def test_the_extractor_of_a_plugin_that_would_give_what_is_missing_is_named(
     assert parts.plan("image").missing["gaze"] == "no image extractor provides 'gaze'"
 
 
+def test_of_a_clip_without_depth_what_would_read_it_is_named() -> None:
+    told = Components.build(load_config()).plan("image").missing["depth"]
+    assert told.startswith("no image extractor provides 'depth' (extractors.depth_sfm={} does")
+    by_sfm = Components.build(load_config(overrides=["extractors.depth_sfm={}"])).plan("image")
+    assert "depth" not in by_sfm.missing
+
+
 def test_an_extractor_whose_options_tell_what_it_provides_stands_beside_a_slip(loss: Callable[..., None]) -> None:
     chosen = property(lambda self: (self.give,))
     own = {"requires": ("image",), "provides": chosen, "family": "image", "__call__": method, "give": "gaze"}
