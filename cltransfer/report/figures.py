@@ -90,7 +90,7 @@ def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: s
         ax.yaxis.set_minor_formatter(lambda value, _: "")
     else:
         ax.set_ylim(bottom=0)
-    ax.set_title(f"{term.name} [{term.unit}]", pad=3)
+    ax.set_title(f"{term.name} [{term.unit}]{', log scale' if ax.get_yscale() == 'log' else ''}", pad=3)
     ax.grid(axis="y")
 
 

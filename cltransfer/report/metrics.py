@@ -156,7 +156,7 @@ def metrics_json(report: ReportData) -> dict[str, Any]:
         "metrics": {row.name: _row_json(row, report) for row in rows(report)},
         "flags": [{"frame": flag.frame, "reason": flag.reason} for flag in report.flags],
         "spent": {name: finite(value) if isinstance(value, float) else value for name, value in report.spent.items()},
-        "command": report.command,
+        "command": report.command or None,
     }
 
 

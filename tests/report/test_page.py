@@ -57,6 +57,17 @@ def test_a_scored_pair_of_clips_needs_no_cameras(report):
     assert "first view held still" not in text
 
 
+def test_the_page_says_what_its_columns_and_axes_are(report):
+    wide = replace(
+        report.scores, terms=(term("framing", [0.001, 1.0, 1.0, 1.0]), term("shot_size", [1.0, 1.0, 1.1, 1.2]))
+    )
+    text = page(replace(report, scores=wide, spent={"network_passes": 2.0}))
+    assert "First view: the camera stays where the first frame stands" in text
+    assert "First view" not in page(replace(report, baseline=None))
+    assert (text.count("framing [frame], log scale"), text.count("shot_size [frame], log scale")) == (1, 0)
+    assert "network passes" in text
+
+
 def test_one_frame_makes_a_page(report):
     one = ReportData(
         "one",
