@@ -1,4 +1,4 @@
-"""Clips: a video or a folder of images in, a video out, and frames of two clips paired by time."""
+"""Clips: a video or a folder of images in, a video out."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import torch
 from torch import Tensor
 
 from ..computer.threads import thread_count
-from ..errors import InputError, ResourceError
+from ..errors import ResourceError
 from ..features import Features
 from ..storage.files import atomic
 from .decoding import Frame, decode
 from .image_folder import FOLDER_RATE, folder_times
-from .part import ClipPart, evenly, files_of, find_part, images_of, nearest
+from .part import ClipPart, evenly, files_of, find_part, images_of
 
 
 @dataclass(frozen=True)
@@ -168,18 +168,3 @@ def _video_frame(rgb: Tensor, pix_fmt: str) -> av.VideoFrame:
         return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="bgr0")
     pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
     return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuv420p", dst_colorspace="ITU709")
-
-
-def pair_by_time(times: Tensor, other: Tensor) -> Tensor:
-    """Index (M,) int64 of the nearest of ``times`` (N,) [s] for each of ``other`` (M,) [s]; both increase.
-
-    Raises:
-        InputError: the two spans of time do not meet.
-
-    >>> pair_by_time(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.1, 0.6, 1.4]))
-    tensor([0, 1, 2])
-    """
-    if times[0] > other[-1] or other[0] > times[-1]:
-        spans = " and ".join(f"{float(t[0]):.3f} to {float(t[-1]):.3f} s" for t in (times, other))
-        raise InputError("", "times", f"the clips share no moment: {spans}")
-    return torch.from_numpy(nearest(times.numpy(), other.numpy()))

@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from .clip import Clip, pair_by_time
+from .clip import Clip
 from .image_folder import FOLDER_RATE, TIMES, image_files
 from .letterbox import find_letterbox
 from .open_clip import open_part, rate_assumed, without_bars
-from .part import evenly, find_part
+from .part import evenly, find_part, nearest
 from .source import ClipSource
 
 ALIKE = 0.01  # by which two frames' shapes, or what bars leave of them, may differ: a pixel of 100, and rounding
@@ -102,9 +102,9 @@ def pairs(original: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
     >>> pairs(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.0, 5.0]))
     (tensor([0]), tensor([0]))
     """
-    nearest = pair_by_time(original, shown)
-    apart = (original[nearest] - shown).abs()
-    counts = torch.unique_consecutive(nearest, return_counts=True)[1]
+    near = pair_by_time(original, shown)
+    apart = (original[near] - shown).abs()
+    counts = torch.unique_consecutive(near, return_counts=True)[1]
     kept = torch.stack([same[apart[same].argmin()] for same in torch.arange(len(shown)).split(counts.tolist())])
     if len(original) > 1:
         steps = original.diff()
@@ -112,7 +112,7 @@ def pairs(original: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
         kept = kept[~outside[kept]]
     if not len(kept):
         raise InputError("", "times", "the clips share no moment: all frames of one lie before or after the other")
-    return nearest[kept], kept
+    return near[kept], kept
 
 
 def _not_scored(original: Tensor, shown: Tensor, first: Tensor, frames: int | None) -> Notes:
@@ -146,3 +146,18 @@ def _one_by_one(render: ClipSource, original: Tensor) -> Notes:
     rate = f"{(count - 1) / float(original[-1]):.4g}"
     asked = f"if its times are meant, name FOLDER#fps={rate} or write a {TIMES}"
     return (f"it has as many images as the reference has frames, {count}: {asked}",)
+
+
+def pair_by_time(times: Tensor, other: Tensor) -> Tensor:
+    """Index (M,) int64 of the nearest of ``times`` (N,) [s] for each of ``other`` (M,) [s]; both increase.
+
+    Raises:
+        InputError: the two spans of time do not meet.
+
+    >>> pair_by_time(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.1, 0.6, 1.4]))
+    tensor([0, 1, 2])
+    """
+    if times[0] > other[-1] or other[0] > times[-1]:
+        spans = " and ".join(f"{float(t[0]):.3f} to {float(t[-1]):.3f} s" for t in (times, other))
+        raise InputError("", "times", f"the clips share no moment: {spans}")
+    return torch.from_numpy(nearest(times.numpy(), other.numpy()))

@@ -10,7 +10,8 @@ from jinja2 import Environment, StrictUndefined
 
 from ..clips.source import unnamed
 from ..reading.reference import is_scene
-from ..storage.files import csp_hash, write_text
+from ..storage.files import write_text
+from .policy import csp_hash
 
 if TYPE_CHECKING:
     from ..inspect_clip import Inspection

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import csv
 import hashlib
@@ -192,11 +191,6 @@ def check_yaml(text: str, loader: Any) -> None:
     except yaml.YAMLError as error:
         # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
         raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
-
-
-def csp_hash(text: str) -> str:
-    """What a page's content security policy calls an inline script or style ``text``: base64 of its sha256."""
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def content_hash(path: Path) -> str:

@@ -23,8 +23,9 @@ from ..clips.clip import read_clip, write_video
 from ..clips.open_clip import ASSUMED, open_clip, rate_assumed
 from ..clips.source import ClipSource
 from ..errors import InputError, UsageError
+from ..report.policy import csp_hash
 from ..report.side_by_side import reference_side
-from ..storage.files import content_hash, csp_hash, read_json, write_json, write_text
+from ..storage.files import content_hash, read_json, write_json, write_text
 from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
 from .folder import INDEX, MARK, check_key, check_page, key_of
