@@ -11,8 +11,8 @@ import cv2
 import pytest
 import torch
 
-from cltransfer.cli.app import _is_override
 from cltransfer.cli.evaluate import methods_of
+from cltransfer.cli.transfer import is_override
 from cltransfer.clips.clip import write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.config import load_config
@@ -281,7 +281,7 @@ def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
 @pytest.mark.parametrize("argument", [f"losses={{shot_size: {{weight: 1.0}}}}{' ' * 300}", f"seed=1{' ' * 300}"])
 def test_an_override_may_be_longer_than_the_name_of_a_file(argument: str, tmp_path: Path) -> None:
     folder = str(folder_of(tmp_path / "references", a=wall(0, 2)))
-    assert _is_override(argument)
+    assert is_override(argument)
     assert methods_of(folder, f"ours={folder}", [argument]) == ({"ours": Path(folder)}, [argument])
     assert methods_of(f"{folder}/a.mkv", argument, []) == ({}, [])
 

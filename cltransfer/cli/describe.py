@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ..config import load_config
 from ..storage.files import check_out, write_json, write_text
-from .shared import Allow, Config, Json, Overrides, Quiet, show
+from .shared import Allow, Config, Json, Overrides, Quiet, settings_of, show
 
 
 def describe(
@@ -26,12 +25,13 @@ def describe(
 ) -> None:
     """Say in a cinematographer's words what SOURCE is: shot size, angle, movement, staging.
 
+    cltransfer describe clip.mp4 frames=12 --out words
+
+    Two networks read a clip; get them first, once: cltransfer models pull default
+
     With --out it leaves description.json, description.txt and strip.svg in that folder.
     """
-    from ..plugins import allow
-
-    allow(allow_plugin or [])
-    settings = load_config(config, overrides or [])
+    settings = settings_of(config, overrides or [], allow_plugin)
     if out is not None:
         check_out(out)
     from ..computer.threads import set_threads, thread_count
@@ -59,11 +59,13 @@ def inspect(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Lay open what is read in a clip: a page with every frame's joints, layers, flow and angle drawn over it."""
-    from ..plugins import allow
+    """Lay open what is read in a clip: a page with every frame's joints, layers, flow and angle drawn over it.
 
-    allow(allow_plugin or [])
-    settings = load_config(config, overrides or [])
+    cltransfer inspect clip.mp4 frames=12 --out page
+
+    Two networks read a clip; get them first, once: cltransfer models pull default
+    """
+    settings = settings_of(config, overrides or [], allow_plugin)
     check_out(out)
     from ..computer.threads import set_threads, thread_count
     from ..inspect_clip import inspect_clip, write_inspection

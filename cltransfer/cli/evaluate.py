@@ -9,10 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from ..config import load_config
 from ..errors import InputError, UsageError
 from ..storage.files import check_out
-from .shared import Allow, Config, Json, Quiet, show, tell, unused_plugins
+from .shared import Allow, Config, Json, Quiet, settings_of, show, tell, unused_plugins
 
 
 def evaluate(
@@ -54,11 +53,8 @@ def evaluate(
     With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
     and methods.csv, .md and .tex with bootstrap intervals over the clips.
     """
-    from ..plugins import allow
-
-    allow(allow_plugin or [])
     methods, overrides = methods_of(reference, render, more or [])
-    settings = load_config(config, overrides)
+    settings = settings_of(config, overrides, allow_plugin)
     if out is not None:
         _check_out(out)
     from ..computer.threads import set_threads, thread_count

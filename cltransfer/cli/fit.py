@@ -25,13 +25,18 @@ def fit(
     ],
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY=VALUE]...", help="Options, e.g. budget=200000 degree=2 side=400."),
+        typer.Argument(
+            metavar="[KEY=VALUE]...",
+            help="Options; `plugins show fit.nerf_grid` explains them, fit.gaussian_splats those of splats.",
+        ),
     ] = None,
     representation: Annotated[str, typer.Option("--as", help="nerf_grid or gaussian_splats.")] = "nerf_grid",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit a scene to the images of POSED; every eighth is held out and scored on.
+
+    cltransfer fit POSED --as nerf_grid --out grid budget=200000 side=400
 
     Cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply), and curve.csv
     and curve.svg: what each level of detail reached.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import UsageError
-from .shared import Allow, Json, Quiet, Up, show, up_of
+from .shared import Allow, Json, Quiet, Up, settings_of, show, up_of
 
 if TYPE_CHECKING:
     from ..models.catalogue import Entry, Kind
@@ -122,14 +122,10 @@ def models_align(
     The policy is the config's: align=shift or metric. Add what is printed, with the same options, to evaluate and
     inspect, which have no scene; transfer finds it by itself.
     """
-    from ..plugins import allow
-
-    allow(allow_plugin or [])
+    settings = settings_of(None, overrides, allow_plugin)
     from ..computer.threads import set_threads, thread_count
-    from ..config import load_config
     from ..reading.depth_alignment import align_config
 
-    settings = load_config(None, overrides)
     set_threads(settings.threads or thread_count())
     found = align_config(scene, settings, views, up_of(up), subject)
     a, b = found.affine

@@ -27,7 +27,11 @@ def lift(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the person of SCENE: 14 joints in 3D, facing, height, and which Gaussians belong to it.
+    """Find the person of SCENE: 14 joints in 3D, facing, height, and which of its parts belong to it.
+
+    cltransfer lift scene.ply --out person
+
+    cltransfer lift man.glb renderer.mesh={} --out person
 
     Leaves subject.json, labels.safetensors and contact_sheet.png in the folder; `transfer` does the same by itself
     and keeps it in the cache. `transfer --subject FOLDER/subject.json` takes another one. Two networks look for the
@@ -94,6 +98,8 @@ def bake(
     as_json: Json = False,
 ) -> None:
     """Turn MESH into splats or a voxel grid of the same geometry, to compare representations and nothing else.
+
+    cltransfer bake man.glb --as gaussian_splats --out baked
 
     Leaves the scene, and subject.json and labels.safetensors where the mesh has a skeleton.
     """

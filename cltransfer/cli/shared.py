@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -34,6 +35,13 @@ Up = Annotated[
     typer.Option(help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes."),
 ]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; by default one in outputs/.")]
+
+
+def fail(reason: object, code: int) -> NoReturn:
+    """End with one line on stderr and this exit code."""
+    line = " ".join(str(reason).split())
+    print(f"error: {line}", file=sys.stderr)
+    sys.exit(code)
 
 
 def show(values: Any, text: str, as_json: bool) -> None:

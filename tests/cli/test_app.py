@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -274,6 +274,27 @@ def test_plugins_are_listed_and_shown(command: Callable[..., Any]) -> None:
     shown = json.loads(command("plugins", "show", "shot_size", "--json").out)
     assert shown["options"]["mode"] == "'robust'"
     assert "keypoints" in shown["requires"]
+
+
+def test_the_keys_of_a_run_are_explained_with_what_the_default_sets(command: Callable[..., Any]) -> None:
+    shown = command("plugins", "show", "config")
+    assert "popsize: candidates a generation." in shown.out
+    assert "  joint = 4" in shown.out.splitlines()  # balanced, not the field's own default
+    options = json.loads(command("plugins", "show", "config", "--json").out)["options"]
+    assert options["extract.corrections"] == 1
+    every = json.loads(json.dumps(asdict(load_config())))
+    assert set(options) == {
+        *(key for key, value in every.items() if not isinstance(value, dict)),
+        *(f"{key}.{own}" for key in ("adam", "extract") for own in every[key]),
+    }
+
+
+def test_what_fit_takes_is_listed_and_explained(command: Callable[..., Any]) -> None:
+    assert json.loads(command("plugins", "list", "--json").out)["fit"] == ["gaussian_splats", "nerf_grid"]
+    assert "  budget = 'auto'" in command("plugins", "show", "fit.nerf_grid").out.splitlines()
+    assert command("plugins", "show", "nerf_grid").out.startswith("renderer.nerf_grid\n")
+    missing = command("plugins", "show", "shot_sise")
+    assert missing.err == "error: shot_sise: no such component (did you mean 'shot_size'?)\n"
 
 
 def test_of_two_components_of_one_name_either_is_shown(

@@ -1,0 +1,152 @@
+"""The verbs that make cameras of a reference and a scene, and their video: transfer and render."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import UsageError
+from .shared import Allow, Config, Json, Out, Quiet, Up, fail, settings_of, show, tell, unused_plugins, up_of
+from .slips import check_order
+
+if TYPE_CHECKING:
+    from ..config.options import RunConfig
+    from ..report.data import ReportData
+    from ..transfer import Inputs
+
+DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
+
+
+def transfer(
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
+            help="Scene: splats (.ply, .splat, .spz), a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with "
+            "renderer.mesh={}), a .yaml of meshes or builtin:NAME (courtyard, the default, plaza, room, stage, path). "
+            "Reference: a video, an image folder (24 images/s unless FOLDER#fps=30 or its times.json says), "
+            "CLIP#t=START,END for a part, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT "
+            "(dolly_zoom, the default, push_in, pull_out, pan, tilt, orbit, zoom, crash_zoom, dutch, boom, truck, "
+            "static, handheld).",
+        ),
+    ] = None,
+    out: Out = None,
+    init: Annotated[
+        str,
+        typer.Option(
+            help="Initial view: auto, a trajectory file (its first camera), or SET:INDEX of a posed image set "
+            "(COLMAP, transforms.json, cameras.json, poses_bounds.npy, EasyMocap)."
+        ),
+    ] = "auto",
+    subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
+    up: Up = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(help="Go on with the killed run in this folder: the same command again with --resume FOLDER."),
+    ] = None,
+    config: Config = None,
+    print_config: Annotated[bool, typer.Option("--print-config", help="Print the merged config and stop.")] = False,
+    allow_plugin: Allow = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the cameras that shoot SCENE the way REFERENCE is shot.
+
+    cltransfer transfer builtin:room-3 builtin:orbit preset=fast frames=12 --out run
+
+    Leaves trajectory.json, camera/camera_path.json (nerfstudio), metrics.json, metrics.csv, video/render.mp4,
+    video/side_by_side.mp4, video/frames.mkv, strip.jpg, subject.json, config.yaml and report.html in the run folder,
+    and prints the five metrics. Clips and scenes of your own need two networks: cltransfer models pull default.
+    """
+    paths, overrides = split(arguments or [], 2)
+    if resume is not None and out not in (None, resume):
+        raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
+    settings = settings_of(config, overrides, allow_plugin)
+    if print_config:
+        from ..config import to_yaml
+
+        print(to_yaml(settings), end="")
+        return
+    scene, reference = (
+        [*paths, DEFAULT_SCENE, DEFAULT_REFERENCE][:2] if len(paths) != 1 else [paths[0], DEFAULT_REFERENCE]
+    )
+    check_order(scene, reference)
+    from ..run.folder import default_folder, summary_lines, summary_values
+    from ..transfer import Inputs
+
+    inputs = Inputs(scene, reference, init, subject, up_of(up))
+    folder = resume or out or default_folder(scene, reference)
+    shown = _run_into(folder, inputs, settings, allow_plugin or [], resume is not None, quiet)
+    show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
+    taken = [f"no reference named: {reference} is taken"] if len(paths) == 1 else []
+    tell([*taken, *unused_plugins(allow_plugin, settings)], as_json)
+
+
+def _run_into(
+    folder: Path, inputs: Inputs, settings: RunConfig, plugins: list[str], resumed: bool, quiet: bool
+) -> ReportData:
+    """Run a transfer, or go on with it, and write all that it leaves into ``folder``."""
+    from ..progress import progress
+    from ..run.folder import write_run
+    from ..storage.run_files import DONE, JOURNAL, open_run
+    from ..transfer import Record
+    from ..transfer import transfer as run
+
+    open_run(folder, resumed)
+    if not resumed and (folder / DONE).is_file() and not quiet:
+        print(f"note: the run in {folder} will be replaced (--out FOLDER keeps it)", file=sys.stderr)
+    try:
+        with progress(quiet) as report:
+            result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))
+            return write_run(folder, result, inputs, settings, plugins)
+    except KeyboardInterrupt:
+        begun = (folder / JOURNAL).is_file() and not (folder / DONE).is_file()
+        fail("interrupted" + f" (the same command with --resume {folder} goes on from here)" * begun, 130)
+
+
+def render(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="output_side=1280, renderer.NAME.OPTION=VALUE, threads=1."),
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Frames a second, between those of the run too; default: only those it has.")
+    ] = None,
+    scene: Annotated[str | None, typer.Option(help="The scene, where this computer has not seen it before.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Video; default RUN/video/render.mp4.")] = None,
+    allow_plugin: Allow = None,
+    quiet: Quiet = False,
+) -> None:
+    """Render the video of RUN again, larger, or smoothly from frame to frame.
+
+    cltransfer render run output_side=1280 --fps 24 --out shot.mp4
+    """
+    from ..plugins import allow
+
+    allow(allow_plugin or [])
+    from ..progress import progress
+    from ..run.render import render_run
+
+    with progress(quiet) as report:
+        film = render_run(run, overrides or [], fps, scene, out, report)
+    print(film.video)
+    tell(list(film.notes), as_json=False)
+
+
+def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
+    """Paths first, then key=value; a path that holds '=' must exist."""
+    paths = [a for a in arguments if not is_override(a)]
+    if len(paths) > most:
+        raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}")
+    return paths, [a for a in arguments if is_override(a)]
+
+
+def is_override(argument: str) -> bool:
+    """Whether it is key=value, and not a file whose name has a =."""
+    key = argument.partition("=")[0]
+    return "=" in argument and key.replace(".", "").replace("_", "").isalnum() and not os.path.exists(argument)
