@@ -77,7 +77,7 @@ def _read_whole(step: Step, found: Features, load: Load) -> Features:
     lost = _lost(step, found.reasons)
     if lost:
         return replace(found, reasons={**found.reasons, **lost})
-    with step.named:
+    with step.named, torch.no_grad():
         got = step.checked(step.extractor.read_clip(found, load))
     for name in step.extractor.provides:
         if not got.has(name) and name not in got.reasons:

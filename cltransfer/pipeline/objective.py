@@ -147,7 +147,7 @@ def _answer(call: Callable[..., Any], features: tuple[Features, Features], shape
         ModelError: it fails, or says anything else.
     """
     expected = f"expected values of shape {shape}"
-    with named(who, expected):
+    with named(who, expected), torch.no_grad():
         value = call(*features)
     if not isinstance(value, Tensor) or tuple(value.shape) != shape:
         came = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__

@@ -13,6 +13,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import torch
+
 from ..errors import ModelError, UsageError, named
 from ..features import Features
 from ..models.onnx import Network
@@ -34,9 +36,10 @@ class Step:
     hidden: tuple[str, ...] = ()
 
     def __call__(self, now: Features, before: Features | None) -> Features:
-        """``now`` with what this extractor provides."""
-        with self.named:
-            got = self.checked(self.extractor(now.only(now.names() - set(self.hidden)), before))
+        """``now`` with what this extractor provides; of the frame ``before`` it sees no more than of ``now``."""
+        shown = now.names() - set(self.hidden)
+        with self.named, torch.no_grad():
+            got = self.checked(self.extractor(now.only(shown), None if before is None else before.only(shown)))
         missing = [name for name in self.extractor.provides if not got.has(name)]
         if missing:
             raise UsageError("", f"extractor {self.name}", f"promised {missing[0]!r} and did not provide it")

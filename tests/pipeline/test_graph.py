@@ -328,3 +328,46 @@ def test_a_first_frame_has_no_pixel_of_a_mask_and_no_count(count: int) -> None:
     assert bool(got.require("changed")[0].isnan())
     assert got.require("changed")[1:].tolist() == [0] * (count - 1)
     assert not bool(run(made, Features((4, 2), image=still), None).require("subject").any())
+
+
+@dataclass(frozen=True)
+class Twice:
+    """Compares with the frame before; writes which of its features it saw in either."""
+
+    saw: list[tuple[bool, ...]]
+    provides = ("twice",)
+    requires = ("image",)
+    family = "both"
+    uses = ("depth",)
+    needs_before = True
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        assert before is not None
+        self.saw.append((now.has("depth"), before.has("depth"), before.has("twice")))
+        return now.having("twice", now.require("image").flatten(1).mean(1))
+
+
+@pytest.mark.parametrize("shared", [IMAGE, IMAGE | {"depth"}])
+def test_of_the_frame_before_no_more_is_shown_than_of_the_frame(shared: frozenset[str]) -> None:
+    """Along a clip and in a search alike, or one extractor reads the two sides by two rules."""
+    features = Features((4, 4), image=torch.rand(3, 3, 4, 4), depth=torch.ones(3, 4, 4))
+    step = Twice([])
+    made = make_plan(frozenset({"twice"}), {"twice": step}, IMAGE | {"depth"}, "scene", shared=shared)
+    before = run(made, features[0], None)
+    step.saw.clear()
+    run(made, features[1], before)
+    run_clip(made, lambda start, stop: features[start:stop], 3)
+    there = "depth" in shared
+    assert set(step.saw) == {(there, there, False)}
+
+
+def test_an_extractor_that_holds_weights_is_read_without_gradients() -> None:
+    weight = torch.nn.Parameter(torch.tensor(2.0))
+
+    class Learnt(Making):
+        def __call__(self, now: Features, before: Features | None) -> Features:
+            return now.having("gaze", weight * now.require("image").flatten(1).mean(1))
+
+    features = Features((4, 4), image=torch.rand(3, 3, 4, 4))
+    made = plan({"gaze"}, {"learnt": Learnt(("gaze",))})
+    assert not run(made, features, None).require("gaze").requires_grad

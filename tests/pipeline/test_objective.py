@@ -105,3 +105,15 @@ def test_a_frame_the_reference_lacks_costs_nothing_whatever_is_rendered() -> Non
     reference = boxes(float("nan"))
     totals = OBJECTIVE.totals(OBJECTIVE.terms(reference, boxes(3.0)), OBJECTIVE.defined(reference)[0])
     assert totals.tolist() == [0.0]
+
+
+def test_a_loss_that_holds_weights_gives_values_without_gradients_here_and_with_them_when_it_is_called() -> None:
+    weight = torch.nn.Parameter(torch.tensor(2.0))
+
+    class Learnt(Distance):
+        def __call__(self, reference: Features, rendered: Features) -> Tensor:
+            return weight * super().__call__(reference, rendered)
+
+    found = Objective({"learnt": Learnt()}).terms(boxes(1.0), boxes(3.0))
+    assert (found.tolist(), found.requires_grad) == ([[4.0]], False)
+    assert Learnt()(boxes(1.0), boxes(3.0)).requires_grad
