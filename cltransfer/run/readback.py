@@ -119,5 +119,6 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
 
 
 def read_path(stage: Stage, cameras: Camera) -> Features:
-    """Features of a path by the stage's extractors, each frame with the one before it."""
-    return Features.concatenate([replace(seen, image=None) for seen in stage.path(cameras)])
+    """Features of a path by the stage's extractors, each frame with the one before it; its pixels only for a loss."""
+    kept = "image" in stage.plan.wanted
+    return Features.concatenate([seen if kept else replace(seen, image=None) for seen in stage.path(cameras)])

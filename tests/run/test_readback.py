@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +22,7 @@ from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.scores import score
 from cltransfer.reading.reference import Reference
+from cltransfer.registry import LOSSES
 from cltransfer.run import readback
 from cltransfer.run.readback import (
     RENDER_BATCH,
@@ -34,6 +36,19 @@ from cltransfer.run.readback import (
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 
+PALETTE = """from dataclasses import dataclass
+from cltransfer import LOSSES
+
+@LOSSES.register("palette")
+@dataclass(frozen=True)
+class Palette:
+    weight: float = 4.0
+    requires, uses = ("image",), ("keypoints",)
+    unit, penalty = "of 1", 1.0
+
+    def __call__(self, reference, rendered):
+        return (rendered.require("image").mean((2, 3)) - reference.require("image").mean((2, 3))).norm(dim=1)
+"""
 HINT = r"lower output_side or frames\)$"
 
 
@@ -85,6 +100,21 @@ def test_a_transfer_says_so_before_it_searches(command: Any, tmp_path: Any, monk
     said = command("transfer", "-q", "--out", tmp_path / "run", "frames=2", "search_side=48", "output_side=96")
     assert said.code == 5
     assert "frames: 2 of 96x54 need 31104 bytes, the limit is 1000 (lower output_side or frames)" in said.err
+
+
+@pytest.mark.parametrize("asks", ["requires", "uses"])
+def test_a_loss_that_asks_for_pixels_sees_those_of_the_result(asks: str, command: Any, tmp_path: Any) -> None:
+    """A plugin's, of a scene that teaches a scene; its name is forgotten with the process."""
+    (tmp_path / "palette.py").write_text(
+        PALETTE.replace("requires, uses", "uses, requires") if asks == "uses" else PALETTE
+    )
+    small = ("preset=fast", "frames=2", "search_side=48", "output_side=64", "losses.palette={}", "--json", "-q")
+    said = command("transfer", "--allow-plugin", tmp_path / "palette.py", "--out", tmp_path / "run", *small)
+    LOSSES._classes.pop("palette", None)
+    assert said.code == 0, said.err
+    found = json.loads((tmp_path / "run" / "metrics.json").read_text())["metrics"]["palette"]
+    assert (found["defined"], found["reason"]) == (2, "")
+    assert 0 < found["mean"] < 0.5
 
 
 @pytest.mark.parametrize("frames", [1, 5])
