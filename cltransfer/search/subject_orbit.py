@@ -21,6 +21,7 @@ from ..subject import Subject
 # azimuth, elevation, roll [rad], log(distance / height), screen x, screen y [frame], log apparent size
 SCALE = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
 
+TURNING = [0, 2]  # azimuth and roll, which a whole turn leads back to the same camera
 BESIDE = 6.0  # frame sizes from the frame's middle to the subject's: an eye fills the frame
 # what leads past something in the way: azimuth, elevation [rad], log(distance / height), to either side
 ASIDE = ((0, 0.05), (0, 0.15), (1, 0.04), (1, 0.08), (3, 0.064))
@@ -60,12 +61,12 @@ class SubjectOrbit:
             raise ValueError(f"expected elevation in (0, pi/2), got {self.elevation}")
 
     def bounds(self) -> tuple[Tensor, Tensor]:
-        """Azimuth is free (it wraps), roll a half turn; the subject's middle may stand outside the frame.
+        """Azimuth and roll are free, they wrap; the subject's middle may stand outside the frame.
 
         In a close-up of the face it stands below, by almost half of the person's height on screen.
         """
-        low = [-math.inf, -self.elevation, -math.pi, math.log(self.nearest), -BESIDE, -BESIDE, math.log(0.02)]
-        high = [math.inf, self.elevation, math.pi, math.log(self.farthest), BESIDE, BESIDE, math.log(50.0)]
+        low = [-math.inf, -self.elevation, -math.inf, math.log(self.nearest), -BESIDE, -BESIDE, math.log(0.02)]
+        high = [math.inf, self.elevation, math.inf, math.log(self.farthest), BESIDE, BESIDE, math.log(50.0)]
         return torch.tensor(low, dtype=torch.float64) / SCALE, torch.tensor(high, dtype=torch.float64) / SCALE
 
     @property
@@ -131,10 +132,10 @@ class SubjectOrbit:
         return x
 
     def turned(self, x: Tensor, to: Tensor) -> Tensor:
-        """The same cameras as x (B, D), their azimuth moved by whole turns next to that of ``to`` (D,)."""
-        turn = 2 * math.pi / SCALE[0]
+        """The same cameras as x (B, D), azimuth and roll moved by whole turns next to those of ``to`` (D,)."""
+        turn = 2 * math.pi / SCALE[TURNING]
         whole = torch.zeros_like(x)
-        whole[:, 0] = ((to[0] - x[:, 0]) / turn).round() * turn
+        whole[:, TURNING] = ((to[TURNING] - x[:, TURNING]) / turn).round() * turn
         return x + whole
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:

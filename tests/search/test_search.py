@@ -173,10 +173,18 @@ def test_a_single_joint_tells_the_place_and_no_size() -> None:
     assert torch.equal(search.aimed(wrong, at, subject, seen_from(at, subject, [])), wrong)
 
 
-def test_whole_turns_bring_an_azimuth_next_to_another() -> None:
-    search = SubjectOrbit()
+@pytest.mark.parametrize(("at", "unit"), [(0, 1.0), (2, 0.6)], ids=["azimuth", "roll"])
+def test_whole_turns_bring_an_angle_that_wraps_next_to_another(at: int, unit: float) -> None:
+    subject, search = person(), SubjectOrbit()
     x = torch.zeros(3, 7, dtype=torch.float64)
-    x[:, 0] = torch.tensor([-3.13, 0.5, 9.0])
-    turned = search.turned(x, torch.full((7,), 3.15, dtype=torch.float64))
-    torch.testing.assert_close(turned[:, 0], torch.tensor([2 * math.pi - 3.13, 0.5, 9.0 - 2 * math.pi]).double())
-    assert torch.equal(turned[:, 1:], x[:, 1:])
+    x[:, at] = torch.tensor([-3.13, 0.5, 9.0], dtype=torch.float64) / unit
+    to = torch.zeros(7, dtype=torch.float64)
+    to[at] = 3.15 / unit
+    turned = search.turned(x, to)
+    wanted = torch.tensor([2 * math.pi - 3.13, 0.5, 9.0 - 2 * math.pi], dtype=torch.float64) / unit
+    torch.testing.assert_close(turned[:, at], wanted)
+    others = [k for k in range(7) if k != at]
+    assert torch.equal(turned[:, others], x[:, others])
+    same = [search.cameras(path, home(subject), subject).w2c for path in (x, turned)]
+    torch.testing.assert_close(same[1], same[0])
+    assert torch.isinf(search.bounds()[1][at])  # or a path could not go on past it
