@@ -78,7 +78,7 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
     """Yaw with frames that were read back to front turned by pi, by a two-state Viterbi.
 
     Between two frames the body turns little, so a jump by pi is the reader's; which side is right is decided by the
-    majority, and by what another reader says of it. NaN frames are passed over.
+    majority, and by what another reader says of it. NaN frames are passed over: within them it has the time to turn.
 
     Args:
         yaw: (N,) [rad], 0 in front of the body.
@@ -92,8 +92,8 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
     if facing is not None:
         costs = costs + CONTRADICTED * (-facing[known, None].to(yaw) * both.cos().sign()).clamp_min(0)
     pay, back = costs[0], []
-    for (before, now), cost in zip(pairwise(both), costs[1:]):
-        turn = wrap(now[:, None] - before[None]).abs()  # (now, before)
+    for (before, now), apart, cost in zip(pairwise(both), known.diff().tolist(), costs[1:]):
+        turn = wrap(now[:, None] - before[None]).abs() / apart  # (now, before)
         best = (pay[None] + turn).min(1)
         back.append(best.indices)
         pay = best.values + cost

@@ -79,6 +79,14 @@ def test_frames_without_a_person_are_passed_over() -> None:
     torch.testing.assert_close(repaired[[0, 2, 3]], torch.full((3,), 0.1, dtype=torch.float64))
 
 
+@pytest.mark.parametrize("apart", [1, 20])
+def test_who_turned_while_nobody_saw_it_has_turned(apart: int) -> None:
+    """Of neighbours a jump by half a turn is the reader's; over many frames it is the body's."""
+    yaw = torch.cat([torch.zeros(12), torch.full((apart - 1,), math.nan), torch.full((3,), 3.1)])
+    turned = repair_flips(yaw.double())[-3:].abs()
+    assert bool((turned > 3).all() if apart > 1 else (turned < 0.1).all())
+
+
 def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:
     line = torch.linspace(-1, 2, 30, dtype=torch.float64)[:, None]
     torch.testing.assert_close(along(line, 1.5), line)
