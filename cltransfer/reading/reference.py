@@ -181,19 +181,18 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
     plan = parts.plan(reading.scene_family)
     buffers = (plan.buffers | {"image"}) - SCENE_SOURCE
     renderer = renderer_of(scene, parts.renderer)
-    images: list[Tensor] = []
+    image = torch.empty((len(path), 3, *path.camera.size[::-1]), dtype=torch.uint8)
 
     def load(start: int, stop: int) -> Features:
         rendered = drawn_by(renderer, scene, path.camera[start:stop], buffers)
-        images.append(quantised(rendered.require("image")))
-        return replace(rendered, image=images[-1].float() / 255)
+        image[start:stop] = quantised(rendered.require("image"))  # a reader of whole clips asks for a frame again
+        return replace(rendered, image=image[start:stop].float() / 255)
 
     features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
     told = [scene.digest, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
     name = source.removeprefix("builtin:").replace("@", "-")
-    image = torch.cat(images)
     return Reference(features, path.times, image, Path(name).stem, digest, reading.scene_family, plan.missing)
 
 

@@ -16,6 +16,7 @@ from cltransfer.config import load_config
 from cltransfer.errors import ResourceError
 from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.graph import Load
 from cltransfer.reading import reference
 from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.storage.files import cache_dir
@@ -150,6 +151,32 @@ def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
     monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 3 * 3 * 64 * 36)  # the clip, but not as floats
     with pytest.raises(ResourceError, match=r"the maps of frames, 3 of 64x36, need .* thin the clip by frames="):
         read_reference(source, parts, Reading())
+
+
+@dataclass(frozen=True)
+class FrameByFrame:
+    """Reads a whole clip, and asks for every frame of it once more."""
+
+    requires, provides, family, whole_clip = ("image",), ("mine",), "image", True
+
+    def read_clip(self, found: Features, load: Load) -> Features:
+        grey = [load(i, i + 1).require("image").mean() for i in range(len(found))]
+        return found.having("mine", torch.stack(grey)[:, None])
+
+
+@dataclass(frozen=True)
+class OfMine:
+    requires = ("mine",)
+
+
+def test_a_scene_that_is_asked_for_a_frame_again_has_shown_it_once(mean_flow: tuple[str, ...]) -> None:
+    parts = Components.build(load_config(overrides=mean_flow))
+    more = {**parts.extractors, "frame_by_frame": FrameByFrame()}
+    parts = replace(parts, losses={**parts.losses, "of_mine": OfMine()}, extractors=more)
+    read = read_reference("builtin:push_in", parts, Reading(6, 48, "image"))
+    assert read.image is not None
+    assert len(read.image) == len(read) == 6
+    torch.testing.assert_close(read.features.require("mine")[:, 0], read.image.float().div(255).flatten(1).mean(1))
 
 
 def test_a_reading_by_other_rules_of_who_is_who_is_not_used(
