@@ -42,22 +42,35 @@ def hide_unknown(reference: Tensor, rendered: Tensor) -> Tensor:
     return torch.cat([reference[..., :2], reference[..., 2:].masked_fill(hidden[..., None], 0)], dim=-1)
 
 
-def mask_extent(mask: Tensor) -> Tensor:
-    """Width and height of the mask (B, H, W) bool as parts of the frame, (B, 2); NaN where it is empty."""
+def mask_extent(mask: Tensor, least: float = 0.0) -> Tensor:
+    """Width and height of the mask (B, H, W) bool as parts of the frame, (B, 2).
+
+    NaN where it is empty, or covers less than ``least`` of the frame.
+    """
 
     def extent(line: Tensor) -> Tensor:  # (B, N) bool
         first = line.int().argmax(-1)
         last = line.shape[-1] - line.flip(-1).int().argmax(-1)
         return ((last - first) / line.shape[-1]).masked_fill(~line.any(-1), float("nan"))
 
-    return torch.stack([extent(mask.any(-2)), extent(mask.any(-1))], dim=-1)
+    found = torch.stack([extent(mask.any(-2)), extent(mask.any(-1))], dim=-1)
+    return found.masked_fill(_small(mask, least), float("nan"))
 
 
-def mask_centroid(mask: Tensor) -> Tensor:
-    """Centroid of the mask (B, H, W) bool as x/W and y/H, (B, 2); NaN where it is empty."""
+def mask_centroid(mask: Tensor, least: float = 0.0) -> Tensor:
+    """Centroid of the mask (B, H, W) bool as x/W and y/H, (B, 2).
+
+    NaN where it is empty, or covers less than ``least`` of the frame.
+    """
 
     def mean(line: Tensor) -> Tensor:  # (B, N) pixel counts
         centres = (torch.arange(line.shape[-1], device=line.device) + 0.5) / line.shape[-1]
         return (line * centres).sum(-1) / line.sum(-1)
 
-    return torch.stack([mean(mask.sum(-2)), mean(mask.sum(-1))], dim=-1)
+    found = torch.stack([mean(mask.sum(-2)), mean(mask.sum(-1))], dim=-1)
+    return found.masked_fill(_small(mask, least), float("nan"))
+
+
+def _small(mask: Tensor, least: float) -> Tensor:
+    """Masks (B, H, W) that cover less than ``least`` of the frame, (B, 1) bool."""
+    return (mask.flatten(1).double().mean(1) < least)[:, None]

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from cltransfer.features import Features
+from cltransfer.losses.framing import Framing
 from cltransfer.losses.shot_size import ShotSize, degenerate, extent_difference, shot_size_loss
 from cltransfer.placement import mask_extent
 from cltransfer.testing import sample_features
@@ -93,6 +94,24 @@ def test_empty_mask_is_undefined_row_3() -> None:
     assert ShotSize()(reference, empty).isnan().all()
     assert ShotSize()(empty, reference).isnan().all()
     assert extent_difference(torch.tensor([[0.2, 0.5]]), torch.full((1, 2), torch.nan)).isnan().all()
+
+
+@pytest.mark.parametrize("loss", [ShotSize, Framing])
+@pytest.mark.parametrize(("pixels", "told"), [(11, False), (12, True)])  # 0.5 % of 64 x 36 are 11.5
+def test_a_sliver_of_a_mask_tells_nothing_row_3(loss: type[ShotSize | Framing], pixels: int, told: bool) -> None:
+    reference = hide(sample_features(1, 1), *all_but())
+    sliver, whole = torch.zeros(1, 36, 64, dtype=torch.bool), torch.ones(1, 36, 64, dtype=torch.bool)
+    sliver[0, 0, :pixels] = True
+    seen, wanted = (replace(reference, subject=mask) for mask in (sliver, whole))
+    assert bool(loss()(wanted, seen).isfinite().all()) == told
+    assert bool(loss()(seen, wanted).isfinite().all()) == told
+    assert bool(loss(min_area=0.0)(seen, wanted).isfinite().all())
+
+
+@pytest.mark.parametrize("loss", [ShotSize, Framing])
+def test_a_least_area_that_is_no_part_of_the_frame_is_refused(loss: type[ShotSize | Framing]) -> None:
+    with pytest.raises(ValueError, match=r"min_area must be in \[0, 1\], got 1.5"):
+        loss(min_area=1.5)
 
 
 def test_joint_the_scene_does_not_know_is_left_out_row_4() -> None:
