@@ -61,7 +61,8 @@ class JawsFlow:
         angular: weight of the angle, >= 0; 0 leaves it out.
         weight: of the term; JAWS: 0.7.
 
-    The penalty is that of a quarter of the frame's width in one frame, a whip pan.
+    The penalty is that of a quarter of the width of a frame of 2.4:1 in one frame, a whip pan; a squared difference, as
+    published, has no bound.
     """
 
     quirks: bool = False
@@ -70,7 +71,7 @@ class JawsFlow:
 
     requires: ClassVar[tuple[str, ...]] = ("flow",)
     unit: ClassVar[str] = "px^2 at 224"
-    penalty: ClassVar[float] = 0.5 * (SIDE / 4) ** 2
+    penalty: ClassVar[float] = 0.5 * (2.4 * SIDE / 4) ** 2
 
     def __post_init__(self) -> None:
         if self.angular < 0:
