@@ -133,10 +133,10 @@ def _by_refinement(
             limit, sigma, budget = schedule.refinement.tolerance, POLISH_SIGMA, schedule.polish
     else:
         x, residuals = frame.best(starts)
-        if memory.nothing_new(residuals):
+        limit, sigma, budget = max(schedule.rescue, WORSE * frame.usual), RESCUE_SIGMA, RESCUE
+        if memory.nothing_new(residuals) and frame.total(residuals) <= limit:
             return frame.as_before(x, residuals)
         found, renewal = frame.next(x, residuals)
-        limit, sigma, budget = max(schedule.rescue, WORSE * frame.usual), RESCUE_SIGMA, RESCUE
     if found.total <= limit:
         return frame.solved(found, renewal, found.stop)
     shape = frame.flat(found) if budget is schedule.polish else None
@@ -204,9 +204,13 @@ class _Refining:
             found = self.refined(found.x, found.jacobian, found.residuals)
         return found, renewal.done(before, found.total)
 
+    def total(self, residuals: Tensor) -> float:
+        """Total of residuals (R,)."""
+        return float(group_norms(residuals[None], self.groups).sum())
+
     def as_before(self, x: Tensor, residuals: Tensor) -> Solved:
         """A frame that is not searched, because it begins as the last one ended."""
-        total = float(group_norms(residuals[None], self.groups).sum())
+        total = self.total(residuals)
         return Solved(x, total, 0, "as before", replace(self.memory, totals=(*self.memory.totals, total)))
 
     def solved(self, found: Refined, renewal: Renewal, stop: str, generations: int = 0) -> Solved:

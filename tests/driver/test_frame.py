@@ -138,6 +138,16 @@ def test_a_rescue_that_ends_in_a_worse_basin_is_thrown_away(first: bool) -> None
     torch.testing.assert_close(kept.x, torch.zeros(2, dtype=torch.float64), atol=0.02, rtol=0)
 
 
+@pytest.mark.parametrize("rescue", [1.0, math.inf])
+def test_a_frame_that_begins_as_a_bad_one_ended_is_rescued_like_that(rescue: float) -> None:
+    problem, schedule = planted()
+    lost = problem.residuals(torch.zeros(1, 2, dtype=torch.float64))[0]
+    memory = Memory(None, torch.zeros(3, 2).double(), torch.ones(3, dtype=torch.bool), (0.1,), settled=lost)
+    start = torch.zeros(1, 2, dtype=torch.float64)
+    found = solve(problem, start, memory, replace(schedule, rescue=rescue), np.random.default_rng(0))
+    assert found.stop.startswith("rescued, ") if rescue == 1.0 else found.stop == "as before"
+
+
 def test_a_frame_that_is_carried_on_stays_within_the_bounds() -> None:
     problem, schedule = planted()
     found = carried(problem, torch.tensor([[1.5, 0.0]], dtype=torch.float64), Memory(), schedule)
