@@ -124,8 +124,8 @@ class WholeClip:
 
         Neighbours have nearly the same Jacobian, so each frame may measure every ``shared``-th direction only, starting
         from another one than the frame before, and take the others from the frames around it; D / ``shared``
-        evaluations a frame. Each frame itself, which the flow of the next one starts from, is rendered only where it
-        was not seen lately.
+        evaluations a frame. One with a residual that fewer frames have measures all. Each frame itself, which the flow
+        of the next one starts from, is rendered only where it was not seen lately.
 
         Args:
             x: the path.
@@ -142,7 +142,9 @@ class WholeClip:
             raise ValueError("a path is refined by the residuals of every loss")
         N, D = x.shape
         shared = min(shared, max(1, N - 1))  # the first frame has no flow: another one measures what it does
+        rows = torch.stack([objective.rows(frame) for frame in self.defined])
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
+        measured |= (rows & (rows.sum(0) < shared)).any(1, keepdim=True)  # a residual that few frames have
         steps = inward(x, step, self.limits(D))  # (N, D)
         jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
         before = None
@@ -154,7 +156,6 @@ class WholeClip:
                 jacobians[i][:, directions] = ((r - residuals[i]) / steps[i][directions, None]).T
                 stage.spent.evaluations += len(around)
             before = now
-        rows = torch.stack([objective.rows(frame) for frame in self.defined])
         return Local(residuals, between(jacobians, measured, rows), objective.groups, objective.paired)
 
 

@@ -128,6 +128,22 @@ def test_a_frame_without_a_term_tells_nothing_of_it_and_is_told_nothing() -> Non
     assert found[:, 1].tolist() == [[0.0, 0.0], [2.0, 6.0], [2.0, 6.0], [2.0, 6.0]]
 
 
+def test_every_direction_of_what_few_frames_show_is_measured() -> None:
+    """The person is in three of ten frames: taken by turns, three directions of seven would be."""
+    clip, x = clip_of("push_in", 10)
+    seen, mask = clip.reference.require("keypoints").clone(), clip.reference.require("subject").clone()
+    without = [0, 1, 2, 3, 7, 8, 9]
+    seen[without, :, 2], mask[without] = 0, False
+    few = replace(clip, reference=replace(clip.reference, keypoints=seen, subject=mask))
+    names = list(few.stage.objective.losses)
+    assert few.defined[:, names.index("shot_size")].tolist() == [frame not in without for frame in range(10)]
+    assert names[0] == "shot_size"  # whose only residual is the first
+    size = few.local(x + 0.02, few.residuals(x + 0.02), 0.05, shared=7).jacobian[:, 0]
+    every = few.local(x + 0.02, few.residuals(x + 0.02), 0.05).jacobian[:, 0]
+    assert float(every[4:7].abs().sum()) > 1.0
+    torch.testing.assert_close(size, every)
+
+
 @pytest.mark.parametrize("frames", [2, 3, 5])
 def test_in_a_short_clip_too_every_direction_of_flow_is_measured(frames: int) -> None:
     clip, x = clip_of("push_in", frames)
