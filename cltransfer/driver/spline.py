@@ -164,7 +164,9 @@ def moved(
         change = torch.from_numpy(along @ step).reshape(local.residuals.shape)
         norms = group_norms(local.residuals + change, local.groups)
     move = torch.from_numpy(design @ step).reshape(x.shape)
-    return Fitted(x + move * min(1.0, LONGEST / max(float(move.abs().max()), 1e-12)), float(norms.sum(1).mean()))
+    part = min(1.0, LONGEST / max(float(move.abs().max()), 1e-12))
+    norms = group_norms(local.residuals + part * change, local.groups)
+    return Fitted(x + part * move, float(norms.sum(1).mean()))
 
 
 def _third_differences(frames: int, dimensions: int) -> sparse.csr_array:

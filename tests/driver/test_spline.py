@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from cltransfer.driver.spline import STIFFNESS, Local, basis, bending, fit, moved
+from cltransfer.pipeline.objective import group_norms
 
 
 def local(x: Tensor, wanted: Tensor, paired: bool = False) -> Local:
@@ -93,6 +94,14 @@ def test_a_move_is_as_smooth_as_its_knots_and_never_longer_than_allowed() -> Non
     move = moved(shaken, local(shaken, wanted), 2, 1e-6).x - shaken
     assert float(move.diff(n=2, dim=0).abs().max()) < 1e-9
     assert float((moved(wanted + 9, local(wanted + 9, wanted), 2, 1e-6).x - wanted - 9).abs().max()) <= 0.5 + 1e-12
+
+
+def test_what_a_move_that_was_shortened_promises_is_what_the_model_says_of_it() -> None:
+    wanted = ramp(12)
+    far = local(wanted + 9, wanted)
+    move = moved(wanted + 9, far, 2, 1e-6)
+    there = far.residuals + torch.from_numpy(far.slope @ (move.x - wanted - 9).numpy().ravel()).reshape(12, -1)
+    assert move.predicted == pytest.approx(float(group_norms(there, far.groups).sum(1).mean()))
 
 
 def test_a_move_bends_less_than_its_frames_ask_for_but_as_the_reference_does() -> None:
