@@ -29,6 +29,7 @@ COARSE = 3  # steps of distances that are looked up first; then those around the
 POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all distances are looked up
 POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
+SLOPE, LEAD = 3, 12  # frames that tell how a path moved before anything is known, and as long it is led back at most
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
@@ -49,7 +50,7 @@ def closed_form(
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
         samples: frames along the clip for which distances are looked up, at least 1.
     """
-    if not aimable(search, reference) or not reference.has("orientation"):
+    if not aimable(search, reference, stage.scene.subject) or not reference.has("orientation"):
         return None
     stands = _stands(reference.require("orientation").double())
     if stands is None:
@@ -64,27 +65,33 @@ def closed_form(
     return aimed_path(search, reference, home, stage.scene.subject, x)
 
 
-def aimable(search: Any, reference: Features) -> TypeGuard[SubjectOrbit]:
+def aimable(search: Any, reference: Features, subject: Subject | None) -> TypeGuard[SubjectOrbit]:
     """Whether ``search`` can aim at the joints of ``reference``, and some frame shows enough of them."""
-    return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(aimed_at(reference).any())
+    return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(aimed_at(reference, subject).any())
 
 
 def aimed_path(search: SubjectOrbit, reference: Features, home: Camera, subject: Subject | None, x: Tensor) -> Tensor:
     """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
     aimed = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
-    aimed[:, 3:] = _bridged(aimed[:, 3:], aimed_at(reference))
+    aimed[:, 3:] = _bridged(aimed[:, 3:], aimed_at(reference, subject))
     return aimed
 
 
-def aimed_at(reference: Features) -> Tensor:
-    """Frames (N,) bool that show enough joints to aim at."""
-    return visible_joints(frame_joints(reference, "all")).sum(1) >= AIMED_AT
+def aimed_at(reference: Features, subject: Subject | None) -> Tensor:
+    """Frames (N,) bool that show enough joints to aim at, of those that the scene's person has."""
+    shown = visible_joints(frame_joints(reference, "all"))
+    return (shown if subject is None else shown & (subject.confidence > 0)).sum(1) >= AIMED_AT
 
 
 def _bridged(x: Tensor, known: Tensor) -> Tensor:
     """x (N, D) with the frames that are not ``known``, (N,) bool, taken from those around them."""
     at, frames = known.nonzero()[:, 0].numpy(), np.arange(len(x))
-    return torch.from_numpy(np.stack([np.interp(frames, at, column) for column in x[known].numpy().T], axis=1))
+    bridged = np.stack([np.interp(frames, at, column) for column in x[known].numpy().T], axis=1)
+    if at[0] > 0 and len(at) > 1:  # who enters was outside: what moves in the first frames that are known did before
+        first, then = at[0], at[min(SLOPE, len(at) - 1)]
+        early = np.maximum(frames[:first] - first, -LEAD)[:, None]
+        bridged[:first] += early * (bridged[then] - bridged[first]) / (then - first)
+    return torch.from_numpy(bridged)
 
 
 def _stands(read: Tensor) -> Tensor | None:

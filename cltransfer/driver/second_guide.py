@@ -81,9 +81,9 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
         totals: there, (N,).
     """
     search, reference, subject = clip.search, clip.reference, clip.stage.scene.subject
-    if not aimable(search, reference) or x.shape[1] < len(SCALE):
+    if not aimable(search, reference, subject) or x.shape[1] < len(SCALE):
         return None
-    right = (totals <= RIGHT) & aimed_at(reference)  # of a frame that hides the person little is asked
+    right = (totals <= RIGHT) & aimed_at(reference, subject)  # of a frame that hides the person little is asked
     if float(right.double().mean()) < SHARE:
         return None
     at = right.nonzero()[:, 0].numpy()

@@ -11,11 +11,22 @@ import torch
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.driver.closed_form import COARSE, DISTANCES, _cheapest, _looked_up, closed_form
+from cltransfer.driver.closed_form import (
+    COARSE,
+    DISTANCES,
+    LEAD,
+    _bridged,
+    _cheapest,
+    _looked_up,
+    aimed_at,
+    aimed_path,
+    closed_form,
+)
 from cltransfer.progress import silent
 from cltransfer.run.preparation import Clock, Inputs, Job, prepare
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
+from cltransfer.skeleton import JOINTS
 from cltransfer.trajectory import Trajectory
 
 FRAMES = 8
@@ -130,6 +141,38 @@ def test_a_frame_that_was_not_read_is_taken_from_those_around_it(prepared: Any) 
     guide = found(job, orientation=orientation, keypoints=keypoints)
     torch.testing.assert_close(guide[3], (guide[2] + guide[4]) / 2, atol=0.02, rtol=0)
     assert torch.isfinite(guide).all()
+
+
+def test_who_enters_late_was_on_the_way_before() -> None:
+    frames = torch.arange(40, dtype=torch.float64)[:, None]
+    moving, known = torch.cat([0.1 * frames, 1 + 0 * frames], dim=1), torch.zeros(40, dtype=torch.bool)
+    known[8:] = True
+    torch.testing.assert_close(_bridged(moving, known), moving)
+    known[:30] = False
+    led = _bridged(moving, known)
+    torch.testing.assert_close(led[30 - LEAD :], moving[30 - LEAD :])
+    assert bool((led[: 30 - LEAD] == led[30 - LEAD]).all())  # what moved so for a second need not have before
+    known[:] = False
+    known[20] = True
+    assert bool((_bridged(moving, known) == moving[20]).all())
+
+
+def test_a_frame_that_shows_only_joints_that_the_scene_lacks_is_bridged(prepared: Any) -> None:
+    job, _ = prepared("push_in")
+    subject = job.stage.scene.subject
+    assert subject is not None
+    arms = [JOINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("elbow", "wrist")]
+    confidence, keypoints = subject.confidence.clone(), job.wanted.require("keypoints").clone()
+    confidence[arms] = 0
+    others = [k for k in range(14) if k not in arms]
+    keypoints[3, others, 2] = 0
+    reference = replace(job.wanted, keypoints=keypoints)
+    assert aimed_at(reference, subject).tolist() == [True] * FRAMES
+    lacking = replace(subject, confidence=confidence)
+    assert aimed_at(reference, lacking).tolist() == [frame != 3 for frame in range(FRAMES)]
+    assert job.starts.guide is not None
+    path = aimed_path(job.search, reference, job.starts.homes[0], lacking, job.starts.guide)
+    torch.testing.assert_close(path[3, 3:], (path[2, 3:] + path[4, 3:]) / 2)
 
 
 @pytest.mark.parametrize("name", ["orientation", "keypoints"])
