@@ -99,6 +99,10 @@ def _some_names(value: Any) -> bool:
     return _names(value) and len(value) > 0
 
 
+def _with_image(value: Any) -> bool:
+    return _names(value) and "image" in value
+
+
 def _text(value: Any) -> bool:
     return isinstance(value, str)
 
@@ -161,6 +165,14 @@ LOSS = (
         "groups", "the group of each residual, counted from 0", "groups = (0,)", _groups,
         when=lambda cls: hasattr(cls, "residuals"),
     ),
+    Declared(
+        "signs", "a tuple of what a positive residual means, in words", 'signs = ("larger",)', _some_names,
+        when=lambda cls: hasattr(cls, "signs"),
+    ),
+    Declared(
+        "residuals", "the signed residuals (B, R) that it has signs for", "def residuals(self, reference, rendered)",
+        when=lambda cls: hasattr(cls, "signs"),
+    ),
 )  # fmt: skip
 EXTRACTOR = (
     Declared("requires", "a tuple of feature names", 'requires = ("image",)', _names),
@@ -174,7 +186,10 @@ EXTRACTOR = (
     Declared("read_clip", "a whole clip with what it provides", "def read_clip(self, found, load)", when=_whole_clip),
 )  # fmt: skip
 RENDERER = (
-    Declared("provides", "the names of its buffers, at least one", 'provides = frozenset({"image"})', _some_names),
+    Declared(
+        "provides", "the names of its buffers, image among them, which every result is kept as",
+        'provides = frozenset({"image", "depth"})', _with_image,
+    ),
     Declared("render", "what cameras see", "def render(self, scene, cameras, buffers)"),
     Declared(
         "draws", "a tuple of the renderers whose scenes it draws, at least one", 'draws = ("gaussian_splats",)',

@@ -89,6 +89,13 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("extractor", {"family": "picture"}, "has family = 'picture', expected one of image, scene, both"),
     ("extractor", {"provides": ()}, r"has provides = \(\), expected"),
     ("extractor", {"whole_clip": True}, "has no read_clip, expected"),
+    (
+        "loss",
+        {"residuals": method, "groups": (0,), "signs": "larger"},
+        "has signs = 'larger', expected a tuple",
+    ),
+    ("loss", {"signs": ("larger",)}, "has no residuals, expected the signed residuals"),
+    ("renderer", {"provides": frozenset({"depth"})}, "has provides = .*, expected .* image among them"),
     ("renderer", {"render": "fast"}, "has render = 'fast', expected"),
     ("search", {"dimensions": 0}, "has dimensions = 0, expected"),
 ]
