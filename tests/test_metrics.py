@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from torchmetrics import Metric, MetricCollection
 from torchmetrics.wrappers import BootStrapper
 
 from cltransfer.config import load_config
+from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.metrics import PAPER, LossMetric, TotalMetric, camera_language_metrics
 from cltransfer.pipeline.components import Components
@@ -30,6 +32,26 @@ def test_is_the_mean_of_the_loss(name: str) -> None:
     metric.update(REFERENCE[2:], RENDERED[2:])
     torch.testing.assert_close(metric.compute(), LOSSES.build(name)(REFERENCE, RENDERED).double().mean())
     assert metric.coverage == (6, 6)
+
+
+@pytest.mark.parametrize(
+    ("of", "came"),
+    [(lambda n: torch.zeros(1), "shape (1,)"), (lambda n: torch.zeros(()), "shape ()"),
+     (lambda n: torch.zeros(n, 1), "shape (6, 1)"), (lambda n: 0.5, "float")],
+)  # fmt: skip
+def test_a_loss_that_gives_no_value_a_frame_is_refused(of: Callable[[int], Any], came: str) -> None:
+    """A mean of its batch would count as one frame."""
+
+    class Mine(type(LOSSES.build("framing"))):
+        def __call__(self, reference: Features, rendered: Features) -> Any:
+            return of(len(rendered))
+
+    metric = LossMetric("framing")
+    metric.loss = Mine()
+    with pytest.raises(ModelError) as caught:
+        metric.update(REFERENCE, RENDERED)
+    assert str(caught.value) == f"loss Mine: expected one value a frame, (6,), got {came}"
+    assert metric.coverage == (0, 0)
 
 
 def test_undefined_frames_count_in_the_coverage_only() -> None:
