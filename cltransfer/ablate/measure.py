@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,8 @@ from ..run.readback import read_path, render_frames
 from ..run.result import Result
 from ..scenes.lifted import lifted_scene
 from ..trajectory import jerk as path_jerk
+
+JERK = "jerk"
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,8 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
         if family == "scene":
             scene = lifted_scene(scene, parts.renderer, parts.extractors)
         plan = parts.plan(family, shared=read.features.names())
-        features = read_path(Stage(scene, parts.renderer, plan, Objective(parts.losses), cameras.size), cameras)
-    found = _judged(Objective(parts.losses), read, features, _jerk(result))
+        features = read_path(Stage(scene, parts.renderer, plan, parts.objective, cameras.size), cameras)
+    found = _judged(parts.objective, read, features, _jerk(result))
     return replace(found, note=weight_note(parts.losses, read.features.size[0]))
 
 
@@ -107,7 +110,7 @@ def _judged(objective: Objective, read: Reference, features: Features, jerk: flo
     scores = score(objective, read.features, features, read.missing)
     terms = torch.stack([term.values for term in scores.terms], dim=1)
     ways = dict(directions(objective, read.features, features))
-    ways["jerk"] = Way(jerk, "per frame cubed", len(terms) if math.isfinite(jerk) else 0)  # one number of all frames
+    ways[JERK] = Way(jerk, "per frame cubed", len(terms) if math.isfinite(jerk) else 0)  # one number of all frames
     return Measured(scores, objective.priced(terms, objective.defined(read.features)), ways)
 
 
@@ -117,10 +120,13 @@ def _jerk(result: Result) -> float:
 
 
 def directions(objective: Objective, reference: Features, rendered: Features) -> Iterator[tuple[str, Way]]:
-    """Signed means over the frames of the residuals that a loss names in ``signs``."""
-    for loss in objective.losses.values():
+    """Signed means over the frames of the residuals that a loss names in ``signs``; with its name where two say so."""
+    told = Counter(sign for loss in objective.losses.values() for sign in getattr(loss, "signs", ()))
+    told[JERK] += 1
+    for name, loss in objective.losses.items():
         signs = getattr(loss, "signs", ())
-        if signs and all(reference.has(name) and rendered.has(name) for name in loss.requires):
+        if signs and all(reference.has(feature) and rendered.has(feature) for feature in loss.requires):
             columns = loss.residuals(reference, rendered).double().T
             for sign, values in zip(signs, columns):
-                yield sign, Way(float(values.nanmean()), loss.unit, int(values.isfinite().sum()))
+                own = sign if told[sign] == 1 else f"{sign}, {name}"
+                yield own, Way(float(values.nanmean()), loss.unit, int(values.isfinite().sum()))

@@ -185,6 +185,9 @@ def _notes(ablation: Ablation) -> list[str]:
     """What the searches of a row have to say, losses of a row that nothing measures, and rows that do not differ."""
     said = Counter((outcome.row, outcome.note) for outcome in ablation.outcomes if outcome.note)
     notes = [f"- {row}: {note} ({count} trials)" for (row, note), count in said.items()]
+    measures = [item for outcome in ablation.outcomes for item in (outcome.metrics or {}).items()]
+    lacking = Counter((name, metric.reason) for name, metric in measures if metric.reason)
+    notes += [f"- {name} has no value: {reason} ({count} trials)" for (name, reason), count in lacking.items()]
     for row in ablation.sweep.rows:
         for name in row.config.losses.keys() - ablation.sweep.metrics.losses.keys():
             hint = f"`metrics: {{losses: {{{name}: {{}}}}}}` measures it in every row, and adds it to the total"

@@ -212,7 +212,8 @@ def _run(trial: Trial, job: Job) -> Outcome:
     metrics["total"] = Metric(_number(scores.total), "", int(scores.totals.isfinite().sum()), "")
     ways = {name: Metric(_number(way.mean), way.unit, way.defined, "") for name, way in found.directions.items()}
     weight = weight_note(result.objective.losses, result.reference.features.size[0])
-    said = dict.fromkeys(filter(None, (result.schedule.note, weight, found.note)))  # of one weight on both sides: once
+    without = [f"{t.name}: {t.reason}" for t in result.verified.terms if t.reason and t.name not in metrics]
+    said = dict.fromkeys(filter(None, (result.schedule.note, *without, weight, found.note)))  # of both sides: once
     return Outcome(
         trial.key, trial.row, trial.case, "", metrics, len(scores.totals), result.spent.evaluations,
         result.spent.network_passes, directions=ways, note="; ".join(said),

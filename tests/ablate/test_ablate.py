@@ -22,7 +22,7 @@ from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Ablation, markdown
 from cltransfer.ablate.summary import FEWEST, LEVEL, summarise
-from cltransfer.ablate.trial import Job, Outcome, run_trial, trials
+from cltransfer.ablate.trial import Job, Metric, Outcome, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.features import Features
@@ -154,6 +154,21 @@ class Black:
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         drawn = GaussianSplats().render(scene, cameras, buffers)
         return replace(drawn, image=torch.zeros_like(drawn.require("image"))) if drawn.has("image") else drawn
+
+
+def test_the_page_says_why_a_term_has_no_value(sweep_file: SweepFile, tmp_path: Path) -> None:
+    sweep = read_sweep(str(sweep_file("{full: {}, no framing: {losses: {framing: null}}}")))
+    lacking = {
+        "camera_angle": Metric(None, "rad", 0, "the reference has no 'orientation'"),
+        "framing": Metric(0.1, "", 2, ""),
+    }
+    found = [
+        Outcome(t.key, t.row, t.case, metrics=lacking, frames=2)
+        for t in trials(sweep, draw_references(sweep, tmp_path))
+    ]
+    text = markdown(Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), tuple(found)))
+    assert f"- camera_angle has no value: the reference has no 'orientation' ({len(found)} trials)" in text
+    assert not any(line.startswith("- framing has no value") for line in text)
 
 
 def test_no_row_is_measured_in_what_its_own_renderer_draws(

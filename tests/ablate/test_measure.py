@@ -81,6 +81,15 @@ def test_a_frame_without_a_value_is_not_counted_as_one_that_has_it() -> None:
     assert [*counts, ways(rendered)["larger"].defined] == [2, 1, 0]
 
 
+def test_two_losses_that_say_the_same_of_their_residuals_are_told_apart() -> None:
+    losses = load_config().build("losses")
+    half = replace(losses["shot_size"], joints="all")
+    found = dict(directions(Objective({**losses, "whole": half}), filmed(), filmed(tall=58.0)))
+    assert tuple(found) == ("larger, shot_size", *SIGNS[1:], "larger, whole")
+    assert found["larger, shot_size"].mean == pytest.approx(0.2, abs=1e-3)
+    assert found["larger, whole"].mean != pytest.approx(0.2, abs=1e-3)
+
+
 def test_a_loss_left_out_names_no_direction() -> None:
     assert tuple(ways(filmed(), "losses.framing=null")) == ("larger", *SIGNS[3:])
 
