@@ -15,7 +15,6 @@ from .errors import InputError
 from .features import Features, nobody
 from .losses.camera_movement import weight_note
 from .pipeline.components import Components
-from .pipeline.objective import Objective
 from .pipeline.scores import Scores, score
 from .progress import Progress, silent
 from .reading.frames import check_maps, read_frames
@@ -67,7 +66,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
         features = read_frames(taught, alike, whom, progress, both.original)[0]
         rendered = read_frames(made, alike, who, progress, times)[0]
     rendered = in_time(rendered, both.original.diff(), times.diff())
-    objective = Objective(parts.losses)
+    objective = parts.objective
     scores = score(objective, features, rendered, plan.missing)
     passes = 2 * len(times) * plan.passes * (1 if alike == plan else 2)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}

@@ -14,7 +14,6 @@ from .describe.shot_scale import SCALES, shot_scale
 from .errors import InputError, UsageError
 from .features import Features
 from .pipeline.components import Components
-from .pipeline.objective import Objective
 from .pipeline.scores import Scores, score
 from .placement import frame_joints, visible_joints
 from .progress import Progress, silent
@@ -78,7 +77,7 @@ def inspect_clip(source: str, config: RunConfig, progress: Progress = silent) ->
     reference = read_reference(source, parts, Reading(config.frames, config.output_side, "scene"), progress)
     if is_file and not reference.features.has("keypoints"):
         raise InputError(source, "keypoints", "expected joints of a person, the file has none", "inspect the clip")
-    scores = score(Objective(parts.losses), reference.features, reference.features, reference.missing)
+    scores = score(parts.objective, reference.features, reference.features, reference.missing)
     seconds = time.perf_counter() - start
     return Inspection(source, reference, scores, reading_confidence(reference.features), seconds)
 

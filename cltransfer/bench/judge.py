@@ -55,7 +55,7 @@ class Reader:
     @property
     def objective(self) -> Objective:
         """Eq. 15 with the reader's losses."""
-        return Objective(self.parts.losses)
+        return self.parts.objective
 
     def stage(self, scene: Scene, shared: frozenset[str] | None = None) -> Stage:
         """The stage of a scene; ``shared`` names the features of the side that was read before."""

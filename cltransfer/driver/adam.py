@@ -105,10 +105,10 @@ def strokes_of(problem: Problem, two: bool) -> tuple[Stroke, ...]:
     A first frame has no flow, so everything moves by what can be seen in it; without any flow loss, or with a fixed
     lens, there is no second stroke.
     """
-    losses = problem.stage.objective.losses.values()
+    objective = problem.stage.objective
     everything = tuple(range(problem.dimensions))
-    all_terms = torch.ones(len(losses), dtype=torch.bool)
-    of_flow = torch.tensor(["flow" in loss.requires for loss in losses]) & problem.defined
+    all_terms = torch.ones(len(objective.losses), dtype=torch.bool)
+    of_flow = objective.of_motion & problem.defined
     if not two or problem.before is None:
         return (Stroke(everything, all_terms, 1.0),)
     if not problem.free_lens:

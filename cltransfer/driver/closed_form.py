@@ -179,7 +179,7 @@ def _costs(
 ) -> tuple[NDArray, bool]:
     """What the losses that need no flow give for one frame, from x (D,) at distances ``logs`` (K,), and if any does."""
     objective = stage.objective
-    still = torch.tensor(["flow" not in loss.requires for loss in objective.losses.values()])
+    still = ~objective.of_motion
     tried = x.repeat(len(logs), 1)
     tried[:, 3] = logs / SCALE[3]
     tried = search.aimed(tried, home, stage.scene.subject, frame)

@@ -12,6 +12,7 @@ from ..features import NAMES
 from ..registry import EXTRACTORS
 from ..registry.declared import names_of
 from ..registry.typed import nearest
+from .objective import Objective
 from .plan import CLIP_SOURCE, Family, Plan, make_plan
 
 SCENE_SOURCE = frozenset({"camera", "person"})
@@ -50,6 +51,21 @@ class Components:
             if name not in given and name not in (known := given | _provided_by_any()):
                 reason = f"{how} {name!r}, expected a feature or what an extractor provides"
                 raise ModelError("", who, reason, nearest(name, known))
+
+    @property
+    def objective(self) -> Objective:
+        """The losses, and which features compare a frame with the one before.
+
+        Those of an extractor that needs the frame before, and what follows from them.
+        """
+        moving, before = {"flow"}, set[str]()
+        while moving != before:
+            before = set(moving)
+            for one in self.extractors.values():
+                follows = not moving.isdisjoint(one.requires) and not getattr(one, "whole_clip", False)
+                if follows or getattr(one, "needs_before", False):
+                    moving.update(one.provides)
+        return Objective(self.losses, frozenset(moving))
 
     def plan(self, family: Family, shared: frozenset[str] | None = None, also: frozenset[str] = frozenset()) -> Plan:
         """Plan for a clip, or renders as pixels (image), or for renders with all a renderer knows (scene).

@@ -19,9 +19,11 @@ class Objective:
 
     Args:
         losses: by name; each is the metric too.
+        moving: features that compare a frame with the one before; a loss that requires one has no first frame.
     """
 
     losses: Mapping[str, Any]
+    moving: frozenset[str] = frozenset({"flow"})
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,13 +97,21 @@ class Objective:
         """Residuals that compare a frame with the one before, (R,) bool; of losses that have some."""
         marks: list[bool] = []
         for loss in self.losses.values():
-            marks += ["flow" in loss.requires] * len(getattr(loss, "groups", ()))
+            marks += [self.moves(loss)] * len(getattr(loss, "groups", ()))
         return torch.tensor(marks)
+
+    def moves(self, loss: Any) -> bool:
+        """Whether a loss compares a frame with the one before."""
+        return not self.moving.isdisjoint(loss.requires)
+
+    @property
+    def of_motion(self) -> Tensor:
+        """Terms (L,) bool that compare a frame with the one before."""
+        return torch.tensor([self.moves(loss) for loss in self.losses.values()])
 
     def placed(self, reference: Features) -> Tensor:
         """Frames (N,) bool of which some term tells where to stand: one that needs no motion."""
-        unmoved = torch.tensor(["flow" not in loss.requires for loss in self.losses.values()])
-        return (self.defined(reference) & unmoved).any(1)
+        return (self.defined(reference) & ~self.of_motion).any(1)
 
     def residuals(self, reference: Features, rendered: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; their group norms add up to the total.

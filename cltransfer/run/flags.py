@@ -101,7 +101,7 @@ def _undefined(result: Result) -> Iterator[Flag]:
         if term.reason:
             continue
         for i in (~torch.isfinite(term.values)).nonzero()[:, 0].tolist():
-            if i > 0 or "flow" not in result.objective.losses[term.name].requires:  # the first frame has no flow
+            if i > 0 or not result.objective.moves(result.objective.losses[term.name]):
                 yield Flag(i, f"{term.name} undefined")
 
 

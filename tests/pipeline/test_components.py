@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -89,6 +89,23 @@ def test_the_extractor_of_a_plugin_that_would_give_what_is_missing_is_named(
     EXTRACTORS.get("gazer").family = "scene"  # of which a clip has none
     parts = Components.build(load_config(overrides=MINE))
     assert parts.plan("image").missing["gaze"] == "no image extractor provides 'gaze'"
+
+
+def test_what_compares_neighbouring_frames_is_told_by_the_extractors_not_by_a_name(
+    loss: Callable[..., None], extractor: Callable[..., None]
+) -> None:
+    loss("gaze")
+    extractor("image")
+    parts = Components.build(load_config(overrides=[*MINE, "extractors.gazer={}"]))
+    assert parts.objective.moving == {"flow", "flow_confidence"}
+    assert parts.objective.of_motion.tolist() == [name == "camera_movement" for name in parts.losses]
+    for changed in ({"needs_before": True}, {"requires": ("flow",)}):
+        gazer = type("Gazer", (), {"provides": ("gaze",), "requires": ("image",), **changed})()
+        moved = replace(parts, extractors={**parts.extractors, "gazer": gazer})
+        assert moved.objective.moves(moved.losses["mine"])
+    whole = type("Gazer", (), {"provides": ("gaze",), "requires": ("flow",), "whole_clip": True})()
+    moved = replace(parts, extractors={**parts.extractors, "gazer": whole})
+    assert not moved.objective.moves(moved.losses["mine"])
 
 
 def test_of_a_clip_without_depth_what_would_read_it_is_named() -> None:

@@ -172,7 +172,7 @@ def _drawn(clip: ClipName, film: Film) -> _Clip:
 
 def _stage(scene: Scene, parts: Components, size: tuple[int, int], shared: frozenset[str] | None = None) -> Stage:
     small = (max(1, round(SIDE * size[0] / max(size))), max(1, round(SIDE * size[1] / max(size))))
-    return Stage(scene, parts.renderer, parts.plan("scene", shared), Objective(parts.losses), small)
+    return Stage(scene, parts.renderer, parts.plan("scene", shared), parts.objective, small)
 
 
 def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor]:
