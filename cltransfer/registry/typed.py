@@ -43,6 +43,8 @@ def typed(cls: type[T], values: Mapping[str, Any]) -> T:
     except OmegaConfBaseException as error:
         expected = "options that are numbers, text, true or false, or lists and mappings of them"
         raise ModelError("", f"class {cls.__name__}", f"expected {expected}, got {_first_line(error)}") from error
+    for mistake in _altered(cls, values):
+        raise mistake
     try:
         merged = OmegaConf.merge(schema, dict(values))
     except (OmegaConfBaseException, ValueError, TypeError) as error:
@@ -99,6 +101,30 @@ def _mistake(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Usag
         if name not in values and field.default is field.default_factory is dataclasses.MISSING:
             return UsageError("", f"{above}{name}", "is required", f"expected {in_words(hints[name])}")
     return None
+
+
+def _altered(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Iterator[UsageError]:
+    """Those of ``values`` that were text once, and would be another as text again: yes as True, 1.10 as 1.1."""
+    hints = get_type_hints(cls)
+    for key, value in values.items():
+        if key not in hints:
+            continue
+        for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
+            yield from _altered(inner, part, f"{where}.")
+        if isinstance(value, bool | float) and _is_text(hints[key]):
+            reason = f"expected {in_words(hints[key])}, got {_shown(value)}"
+            yield UsageError(
+                "", f"{above}{key}", reason, "YAML takes yes, on and 1.10 for other things: text in quotes"
+            )
+
+
+def _is_text(hint: Any) -> bool:
+    """Whether a field takes text and nothing else, null perhaps."""
+    if get_origin(hint) is Literal:
+        return all(isinstance(value, str) for value in get_args(hint))
+    if get_origin(hint) in (Union, UnionType):
+        return all(part is type(None) or _is_text(part) for part in get_args(hint))
+    return hint is str
 
 
 def _inside(hint: Any, value: Any, key: str) -> Iterator[tuple[type[Any], Mapping[str, Any], str]]:

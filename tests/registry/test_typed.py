@@ -56,6 +56,12 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"name": "???"}, "name: is required (write its value)"),
     ({"name": None}, "name: expected text, got null"),
     ({"name": [1]}, "name: expected text, got [1]"),
+    ({"name": True}, "name: expected text, got true (YAML takes yes, on and 1.10 for other things: text in quotes)"),
+    ({"name": 1.1}, "name: expected text, got 1.1 (YAML takes yes, on and 1.10 for other things: text in quotes)"),
+    (
+        {"kind": False},
+        "kind: expected one of near, far, got false (YAML takes yes, on and 1.10 for other things: text in quotes)",
+    ),
     ({"nme": "a"}, "nme: no such key (did you mean 'name'?)"),
     ({"kind": "middle"}, "kind: expected one of near, far, got 'middle'"),
     ({"count": 1.5}, "count: expected a whole number or null, got 1.5"),
