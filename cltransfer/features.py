@@ -183,9 +183,23 @@ class Features:
         blank: dict[str, Any] = {n: None for n in self.names() - keep if n not in self.extras}
         return replace(self, **blank, extras={n: v for n, v in self.extras.items() if n in keep})
 
-    def to(self, device: torch.device | str) -> Features:
-        """The same on ``device``; cameras and the person stay on the CPU, where they are reckoned with in float64."""
-        return self._map(lambda value: value.to(device) if isinstance(value, Tensor) else value)
+    def to(self, device: torch.device | str, non_blocking: bool = False) -> Features:
+        """The same on ``device``; cameras and the person stay on the CPU, where they are reckoned with in float64.
+
+        Raises:
+            TypeError: it is a type; what each feature is of, it stays.
+        """
+        if isinstance(device, torch.dtype):
+            raise TypeError(f"expected a device, got {device}: features keep their types")
+        return self._map(lambda v: v.to(device, non_blocking=non_blocking) if isinstance(v, Tensor) else v)
+
+    def cpu(self) -> Features:
+        """The same on the CPU."""
+        return self.to("cpu")
+
+    def pin_memory(self) -> Features:
+        """The same in memory from which a GPU copies fast, as a loader asks for it."""
+        return self._map(lambda value: value.pin_memory() if isinstance(value, Tensor) else value)
 
     def detach(self) -> Features:
         """The same without gradients."""

@@ -155,6 +155,15 @@ def test_features_go_to_a_device_with_all_their_tensors() -> None:
     assert {features.require(name).device.type for name in tensors} == {"cpu"}
 
 
+def test_features_keep_their_types_and_come_back_to_the_cpu() -> None:
+    features = sample_features(0, 2)
+    with pytest.raises(TypeError, match="got torch[.]float64: features keep their types"):
+        features.to(torch.float64)
+    there = features.to("cpu", non_blocking=True).cpu()
+    assert torch.equal(there.require("keypoints"), features.require("keypoints"))
+    assert there.names() == features.names()
+
+
 def test_detached_features_are_the_same_without_gradients() -> None:
     features = sample_features(0, 2)
     camera, depth = features.require("camera"), features.require("depth").clone().requires_grad_()

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -120,6 +120,10 @@ class Network:
             reason = f"takes more than the {bound / 2**20:.0f} MB that were free"
             return ModelError(self.path, "memory", reason, f"raise the limit of the system or of {MEMORY}")
         return ModelError(self.path, what, _first_line(error))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or another process needs: the session is opened anew there."""
+        return {name: value for name, value in vars(self).items() if name != "_loaded"}
 
     @property
     def _any_batch(self) -> bool:

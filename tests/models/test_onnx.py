@@ -1,4 +1,6 @@
+import copy
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -57,6 +59,15 @@ def refused(net, field, match):
 def test_runs_batches_whether_the_batch_is_free_or_one(tmp_path, batch):
     got = network(graph(tmp_path / "a.onnx", batch=batch))({"x": values()})
     np.testing.assert_array_equal(got["y"], np.maximum(values(), 0) + 2)
+
+
+def test_a_network_that_has_run_goes_to_another_process_and_is_copied(tmp_path):
+    """Workers of a loader are begun anew on macOS and Windows."""
+    net = network(graph(tmp_path / "a.onnx"))
+    wanted = net({"x": values()})["y"]
+    for other in (pickle.loads(pickle.dumps(net)), copy.deepcopy(net)):
+        assert other == net
+        np.testing.assert_array_equal(other({"x": values()})["y"], wanted)
 
 
 def test_by_shape_what_has_other_names_is_known_with_channels_last_too(tmp_path):
