@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import torch
@@ -192,16 +192,17 @@ def _digest(options: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(options, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
-def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | None = None) -> MetricCollection:
+def camera_language_metrics(losses: Mapping[str, Mapping[str, Any]] | Iterable[str] | None = None) -> MetricCollection:
     """A collection by name: the mean and the ``_coverage`` of each loss, and the ``total``.
 
     Args:
-        losses: their options by name; None is the paper's five.
+        losses: their options by name, or names alone; None is the paper's five.
 
     Raises:
         ValueError: there is none.
     """
-    chosen: Mapping[str, Mapping[str, Any]] = {name: {} for name in PAPER} if losses is None else losses
+    named = PAPER if losses is None else [losses] if isinstance(losses, str) else losses
+    chosen = named if isinstance(named, Mapping) else {name: {} for name in named}
     if not chosen:
         raise ValueError("expected one loss or more, got none; leave them out for the paper's five")
     metrics: dict[str, Metric | MetricCollection] = {"total": TotalMetric(chosen)}

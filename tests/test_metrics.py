@@ -132,6 +132,12 @@ def test_a_collection_of_no_loss_is_refused() -> None:
         camera_language_metrics({})
 
 
+@pytest.mark.parametrize("losses", [["framing", "shot_size"], {"framing": {}, "shot_size": {}}, "framing"])
+def test_a_collection_is_of_losses_by_name(losses: Any) -> None:
+    names = {"framing"} if losses == "framing" else {"framing", "shot_size"}
+    assert set(camera_language_metrics(losses)) == {"total", *names, *(f"{name}_coverage" for name in names)}
+
+
 def test_metrics_are_plotted_as_any_torchmetric() -> None:
     metric = LossMetric("framing")
     metric.update(REFERENCE, RENDERED)
