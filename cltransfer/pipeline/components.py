@@ -47,6 +47,9 @@ class Components:
     def _check_features(self) -> None:
         """Refuse a name that nothing can ever provide: it would only be told as missing when all is done."""
         given = {*NAMES, *self.renderer.provides, *(n for e in self.extractors.values() for n in e.provides)}
+        for who, how, name in _asked("loss", self.losses):
+            if name in SCENE_SOURCE:  # no reference has them: a clip shows none, and a scene's are its secret
+                raise ModelError("", who, f"{how} {name!r}, which no reference has", "read it in a scene extractor")
         for who, how, name in (*_asked("extractor", self.extractors), *_asked("loss", self.losses)):
             if name not in given and name not in (known := given | _provided_by_any()):
                 reason = f"{how} {name!r}, expected a feature or what an extractor provides"

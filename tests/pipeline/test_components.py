@@ -57,6 +57,15 @@ def test_a_loss_that_asks_for_no_feature_is_refused_with_what_was_meant(loss: Ca
     assert str(caught.value) == f"loss 'mine': {how} 'keypoint', {line}"
 
 
+@pytest.mark.parametrize("name", ["camera", "person"])
+def test_a_loss_that_asks_for_what_no_reference_has_is_refused(loss: Callable[..., None], name: str) -> None:
+    loss(name)
+    with pytest.raises(ModelError) as caught:
+        Components.build(load_config(overrides=MINE))
+    told = f"loss 'mine': requires {name!r}, which no reference has (read it in a scene extractor)"
+    assert f"{caught.value} ({caught.value.hint})" in (told, f"{told} (read it in a scene extractor)")
+
+
 def test_an_extractor_that_asks_for_no_feature_is_refused(extractor: Callable[..., None]) -> None:
     extractor("imgae")
     with pytest.raises(ModelError, match=r"^extractor 'gazer': requires 'imgae', .* \(did you mean 'image'\?\)$"):
