@@ -261,6 +261,13 @@ def test_one_clip_against_a_folder_of_clips_is_a_usage_error(command: Any, tmp_p
     assert (said.code, said.err.count("\n")) == (2, 1)
 
 
+def test_a_method_that_is_called_as_a_key_is_told_so(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    said = command("evaluate", references, f"lean={references}")
+    told = "as the reference is one ('lean' is a key of the config: give the method another name)"
+    assert (said.code, told in said.err) == (2, True), said.err
+
+
 def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
     mean_flow: tuple[str, ...], command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,6 +55,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     below_engine = [item for item in overrides if item.startswith("engine.")]  # beside engine=cma, which is the runs'
     above = parse_overrides(item for item in overrides if item not in below_engine)
     said = {key: above.pop(key) for key in list(above) if _of_sweep(key, above[key])}
+    _check_above(above)
     said = merge(said, parse_overrides(below_engine))
     fence = path.resolve().parent
     located = {**_located(written, path, fence), **_located(said, COMMAND_LINE, None)}
@@ -83,6 +84,16 @@ def _refuse_cluster(engine: Any, where: Any) -> None:
     if said.get("backend") == "dask" or said.get("address") is not None:
         hint = "as engine.backend=dask engine.address=tcp://host:8786"
         raise UsageError(where, "engine", "a cluster is named on the command line, not in a file", hint)
+
+
+def _check_above(above: Mapping[str, Any]) -> None:
+    """What goes over every row is a key of a run; one that is meant for the sweep is told as that."""
+    if "base" in above:
+        raise UsageError(COMMAND_LINE, "base", "goes over every row by itself", "leave out base., as in frames=3")
+    known = [f.name for f in fields(RunConfig)]
+    for key in above:
+        if key not in known:
+            raise UsageError(COMMAND_LINE, key, "no such key", nearest(key, [*COMMAND_LINE_KEYS, *known]))
 
 
 def _of_sweep(key: str, value: Any) -> bool:

@@ -117,7 +117,12 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
         elif path:
             raise UsageError(argument, "", f"no such folder, and {name!r} is no key of the config", _nearest_key(name))
         elif argument is render:
-            raise UsageError(render, "", "expected a folder of clips, as the reference is one", "METHOD=FOLDER")
+            hint = (
+                f"{name!r} is a key of the config: give the method another name"
+                if _of_config(name)
+                else "METHOD=FOLDER"
+            )
+            raise UsageError(render, "", "expected a folder of clips, as the reference is one", hint)
         else:
             rest.append(argument)
     return methods, rest

@@ -209,6 +209,9 @@ def test_what_is_wrong_on_the_command_line_is_named_there(written: Written) -> N
         ("frames=many", "command line: frames: expected a whole number or null, got 'many'"),
         ("metrics.engine=cma", f"command line: metrics.engine: nothing is measured by it (it takes {MEASURED})"),
         ("seeds=[x]", "command line: seeds: expected a list of whole numbers, got ['x']"),
+        ("reference=[a.mp4]", "command line: reference: no such key (did you mean 'references'?)"),
+        ("metric.losses.framing=null", "command line: metric: no such key (did you mean 'metrics'?)"),
+        ("base.frames=3", "command line: base: goes over every row by itself (leave out base., as in frames=3)"),
     ):
         with pytest.raises(UsageError) as caught:
             read_sweep(written(ROWS), [override])
