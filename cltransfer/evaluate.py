@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import replace
 
@@ -24,7 +25,9 @@ from .storage.run_files import kept_frames
 ROUNDED = 0.0011  # [s]: videos keep milliseconds, and a step has two of them
 
 
-def evaluate(reference: str, render: str, config: RunConfig, progress: Progress = silent) -> ReportData:
+def evaluate(
+    reference: str | os.PathLike[str], render: str | os.PathLike[str], config: RunConfig, progress: Progress = silent
+) -> ReportData:
     """Score the clip ``render`` against the clip ``reference``.
 
     Frames are paired by time, each of the reference with one of the render at most. Both are read by the same image
@@ -44,6 +47,7 @@ def evaluate(reference: str, render: str, config: RunConfig, progress: Progress 
         ResourceError: there is not memory enough for the frames of both, or to read them.
     """
     start = time.perf_counter()
+    reference, render = os.fspath(reference), os.fspath(render)
     for source in (reference, render):
         if source.startswith("builtin:"):
             raise InputError(source, "", "is made by code, no clip", "expected clips, image folders or folders of runs")

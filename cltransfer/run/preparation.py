@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import time
@@ -52,6 +53,8 @@ class Inputs:
         init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
         subject: a subject.json; None lifts the scene, or takes the lift from the cache.
         up: the scene's up; None takes the format's usual one, or the scene's own.
+
+    A :class:`~pathlib.Path` is kept as text.
     """
 
     scene: str | Scene
@@ -59,6 +62,11 @@ class Inputs:
     init: str = "auto"
     subject: Path | None = None
     up: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("scene", "reference", "init"):
+            if isinstance(value := getattr(self, name), os.PathLike):
+                object.__setattr__(self, name, os.fspath(value))
 
 
 @dataclass(frozen=True)
