@@ -72,7 +72,7 @@ def test_a_movement_in_pixels_that_is_weighed_as_if_in_frame_widths_is_told(
     others = [f"losses.{name}=null" for name in load_config().losses if name != "camera_movement"]
     options = {"mode": "faithful", "layered": "false", "weight": weight}
     config = load_config(overrides=[*others, *(f"losses.camera_movement.{k}={v}" for k, v in options.items())])
-    notes = evaluate(str(clip), str(clip), config).notes
+    notes = evaluate(clip, clip, config).notes
     assert [note.removeprefix("camera_movement counts ").partition(" what")[0] for note in notes] == told
 
 

@@ -157,7 +157,7 @@ def test_features_go_to_a_device_with_all_their_tensors() -> None:
 
 def test_features_keep_their_types_and_come_back_to_the_cpu() -> None:
     features = sample_features(0, 2)
-    with pytest.raises(TypeError, match="got torch[.]float64: features keep their types"):
+    with pytest.raises(TypeError, match=r"got torch\.float64: features keep their types"):
         features.to(torch.float64)
     there = features.to("cpu", non_blocking=True).cpu()
     assert torch.equal(there.require("keypoints"), features.require("keypoints"))

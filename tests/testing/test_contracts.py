@@ -20,7 +20,7 @@ LOSS_MODES = [(name, mode) for name in OUR_LOSSES for mode in ("robust", "faithf
 OTHER_LOSSES = [(name, None) for name in LOSSES.names() if name not in OUR_LOSSES]
 GEOMETRIC = [name for name in EXTRACTORS.names() if EXTRACTORS.get(name).family != "image"]
 IMAGE = [name for name in EXTRACTORS.names() if EXTRACTORS.get(name).family == "image"]
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 SAMPLE = sample_features(0, 1).names()
 
 

@@ -56,3 +56,8 @@ def test_a_scene_that_could_not_be_known_again_or_drawn_is_refused(scene: Scene,
 def test_a_scene_has_its_own_up() -> None:
     with pytest.raises(CltransferError, match="plaza: up: a scene has its own"):
         given_scene(Inputs(PLAZA, "builtin:push_in", up=(0.0, 0.0, 1.0)))
+
+
+def test_a_path_is_taken_where_text_is() -> None:
+    given = Inputs(Path("scene.ply"), Path("clip.mp4"), Path("view.json"))
+    assert (given.scene, given.reference, given.init) == ("scene.ply", "clip.mp4", "view.json")
