@@ -14,10 +14,10 @@ from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
-from .scenes.lifted import LABELS, SUBJECT
 from .scenes.load import load_scene
-from .scenes.mesh import Mesh
+from .scenes.meshes.mesh import Mesh
 from .scenes.nerf_grid import write_grid
+from .scenes.person.lifted import LABELS, SUBJECT
 from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views

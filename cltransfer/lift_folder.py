@@ -13,10 +13,10 @@ from .pipeline.components import Components
 from .reading.named_scenes import remember
 from .renderers._request import drawn_by
 from .report.contact_sheet import write_contact_sheet
-from .scenes.find_people import SIZE
-from .scenes.lift import Lift, LiftOptions
-from .scenes.lifted import LABELS, SUBJECT, cache_lift, cached_lift, lift_scene, save_lift, summary
 from .scenes.load import load_scene
+from .scenes.person.find_people import SIZE
+from .scenes.person.lift import Lift, LiftOptions
+from .scenes.person.lifted import LABELS, SUBJECT, cache_lift, cached_lift, lift_scene, save_lift, summary
 from .trajectory import Trajectory
 
 SHEET = "contact_sheet.png"

@@ -16,8 +16,8 @@ from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, bake_to_folder, given_views, simplify_file
 from cltransfer.errors import InputError, UsageError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import load_person
 from cltransfer.scenes.ply import write_splats
 from cltransfer.scenes.simplify import joined, subset
 from cltransfer.scenes.splats import Splats

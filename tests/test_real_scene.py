@@ -18,9 +18,9 @@ from cltransfer.pipeline.components import Components
 from cltransfer.registry import EXTRACTORS
 from cltransfer.run.folder import write_run
 from cltransfer.scenes import Scene
-from cltransfer.scenes.lift import Lift, LiftOptions, summary
-from cltransfer.scenes.lifted import cached_lift, lift_scene, save_lift
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lift import Lift, LiftOptions, summary
+from cltransfer.scenes.person.lifted import cached_lift, lift_scene, save_lift
 from cltransfer.storage.run_files import open_run
 from cltransfer.transfer import Inputs, Result, transfer
 

@@ -13,8 +13,8 @@ from cltransfer.errors import UsageError
 from cltransfer.pipeline.components import Components
 from cltransfer.reading.frames import clip_features, render_features
 from cltransfer.run.readback import render_frames
-from cltransfer.scenes.lifted import lift_scene, summary
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import lift_scene, summary
 from cltransfer.transfer import Inputs, transfer
 
 ROOT = Path(__file__).resolve().parents[1]

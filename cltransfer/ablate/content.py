@@ -14,8 +14,8 @@ from ..reading.scene_source import split_scene
 from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
 from ..registry.plugin_code import code_of
 from ..scenes.foreign import reader_code
-from ..scenes.lifted import LABELS, SUBJECT
 from ..scenes.load import load_scene
+from ..scenes.person.lifted import LABELS, SUBJECT
 from ..storage.files import content_hash
 
 Digest = Callable[[str | None], str]

@@ -25,7 +25,7 @@ from ..reading.reference import Reading, Reference, read_reference
 from ..renderers._request import renderer_of
 from ..run.readback import read_path, render_frames
 from ..run.result import Result
-from ..scenes.lifted import lifted_scene
+from ..scenes.person.lifted import lifted_scene
 from ..trajectory import jerk as path_jerk
 
 JERK = "jerk"

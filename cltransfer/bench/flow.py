@@ -30,8 +30,8 @@ from ..pipeline.components import Components
 from ..registry import EXTRACTORS
 from ..renderers._request import renderer_of
 from ..scenes import Scene
-from ..scenes.lifted import lifted_scene
 from ..scenes.load import load_scene
+from ..scenes.person.lifted import lifted_scene
 from ..shots import SHOTS, shot
 from .driver import drawn
 from .section import machine, table, write_section

@@ -16,7 +16,7 @@ from ..camera import Camera
 from ..renderers.mesh import Mesh as Renderer
 from ..scenes import Scene
 from ..scenes.load import load_scene
-from ..scenes.mesh import Mesh
+from ..scenes.meshes.mesh import Mesh
 from .section import machine, quartiles, table, write_section
 from .synthetic_room import PERSON, ROOM, room_cameras
 

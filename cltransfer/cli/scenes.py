@@ -42,7 +42,7 @@ def lift(
     from ..lift_folder import Lifting, lift_lines, lift_to_folder
     from ..progress import progress
     from ..run.folder import default_folder
-    from ..scenes.lifted import summary
+    from ..scenes.person.lifted import summary
 
     set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")

@@ -20,8 +20,8 @@ from ..pipeline.components import Components
 from ..pipeline.plan import Family
 from ..renderers._request import drawn_by, renderer_of
 from ..scenes import Scene
-from ..scenes.lifted import lifted_scene, load_person
 from ..scenes.load import load_scene
+from ..scenes.person.lifted import lifted_scene, load_person
 from ..shots import Moves, Setup, cameras
 from .reference import is_scene
 

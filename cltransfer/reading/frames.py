@@ -19,7 +19,7 @@ from ..features import Features
 from ..pipeline.graph import CHUNK, run_clip
 from ..pipeline.plan import Plan
 from ..progress import Progress, silent
-from ..scenes.find_people import Found, boxes_of
+from ..scenes.person.find_people import Found, boxes_of
 from ..subject import Subject
 
 MAPS = 48  # bytes a pixel of a clip, at the peak: 37 measured without a depth network, whose maps are added

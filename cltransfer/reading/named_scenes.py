@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..scenes import Scene
-from ..scenes.lifted import load_person
 from ..scenes.load import load_scene
+from ..scenes.person.lifted import load_person
 from ..storage.files import cache_dir, into_cache, read_json, write_json
 from ..storage.run_files import require_done
 from ..trajectory import Trajectory

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pixel_unshuffle
 
 from ..camera import Camera
-from ..scenes.mesh import Mesh, Wrap, folded
+from ..scenes.meshes.mesh import Mesh, Wrap, folded
 from .kernels.mesh import Settings
 from .kernels.mesh_raster import FLAT, HOLE, INSIDE
 

@@ -15,7 +15,7 @@ from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
-from ..scenes.mesh import Mesh as Triangles
+from ..scenes.meshes.mesh import Mesh as Triangles
 from . import _mesh_torch
 from ._request import check_device, check_request
 from .kernels import mesh as kernels
@@ -24,7 +24,7 @@ from .kernels import mesh as kernels
 @RENDERERS.register("mesh")
 @dataclass(frozen=True)
 class Mesh:
-    """Renders :class:`~cltransfer.scenes.mesh.Mesh` over black, faces from both sides.
+    """Renders :class:`~cltransfer.scenes.meshes.mesh.Mesh` over black, faces from both sides.
 
     Args:
         backend: numba, or torch: slower by far, and readable.

@@ -14,7 +14,7 @@ from ..skeleton import VISIBLE
 from .picture import write_picture
 
 if TYPE_CHECKING:
-    from ..scenes.lift import Lift
+    from ..scenes.person.lift import Lift
 
 COLUMNS = 4
 TINT = np.array([80, 160, 40])  # BGR of the mask

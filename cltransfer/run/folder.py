@@ -26,7 +26,7 @@ from ..report.metrics import metrics_json, metrics_table, write_metrics
 from ..report.page import write_report
 from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
-from ..scenes.lifted import SUBJECT, save_labels
+from ..scenes.person.lifted import SUBJECT, save_labels
 from ..storage.files import write_json, write_text
 from ..storage.run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, STRIP, VIDEO, clear
 from .flags import run_flags

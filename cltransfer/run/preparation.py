@@ -37,8 +37,8 @@ from ..registry.plugin_code import code_of
 from ..scenes import Scene
 from ..scenes.floaters import without_floaters
 from ..scenes.foreign import check_geometry
-from ..scenes.lifted import lifted_scene, load_person
 from ..scenes.load import load_scene
+from ..scenes.person.lifted import lifted_scene, load_person
 from ..storage.run_files import DONE
 from .readback import check_result
 

@@ -21,8 +21,8 @@ from ..progress import Progress
 from ..reading.named_scenes import recall
 from ..renderers._request import drawn_by
 from ..scenes import Scene
-from ..scenes.lifted import SUBJECT
 from ..scenes.load import load_scene
+from ..scenes.person.lifted import SUBJECT
 from ..storage.files import read_json
 from ..storage.run_files import CONFIG, MANIFEST, VIDEO, require_done
 from ..subject import Subject

@@ -17,7 +17,7 @@ from torch.nn.functional import normalize
 from ..computer.memory import require_free
 from ..errors import UsageError
 from .columns import SH0
-from .mesh import Mesh, folded
+from .meshes.mesh import Mesh, folded
 from .nerf_grid import MOST_VERTICES, NerfGrid
 from .splats import Splats
 

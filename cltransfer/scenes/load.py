@@ -15,7 +15,7 @@ from ..registry.declared import SCENE_SUFFIXES
 from ..storage.files import content_hash
 from . import Scene
 from .foreign import own_suffixes, read_foreign, reader_code, reader_of
-from .moment import START, Moment, split_moment
+from .meshes.moment import START, Moment, split_moment
 from .ply_header import has_faces
 
 BUILTIN = "builtin:"
@@ -57,7 +57,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
     if moment is not None and suffix not in ANIMATED:
         raise UsageError(path, f"#{moment}", "only a .glb or .gltf is looked at in time", "in a .yaml write time: ...")
     if suffix in (".yaml", ".yml"):
-        from .compose import read_composed
+        from .meshes.compose import read_composed
 
         return read_composed(path, None if up is None else _components(up))
     if suffix in MESH_SUFFIXES or (suffix == ".ply" and has_faces(path)):
@@ -66,7 +66,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
 
 
 def _mesh_scene(path: Path, moment: Moment | None, up: tuple[float, float, float] | None) -> Scene:
-    from .read_mesh import UP, read_mesh
+    from .meshes.read_mesh import UP, read_mesh
 
     upward = _unit(up or UP)
     found = read_mesh(path, moment or START, _components(up or UP))

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from ..camera import Camera
-from ..scenes.triangulate import triangulate
+from ..scenes.person.triangulate import triangulate
 from .corners import Corners, Match
 
 AGREES = 2.0 / 640  # reprojection error of a view that agrees [frame widths]

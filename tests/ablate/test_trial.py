@@ -17,7 +17,7 @@ from cltransfer.ablate.trial import Job, Outcome, Trial, run_trial, trials
 from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
-from cltransfer.scenes.lifted import SUBJECT
+from cltransfer.scenes.person.lifted import SUBJECT
 from cltransfer.storage.files import content_hash
 
 PLUGIN = Path(__file__).parents[2] / "plugins" / "rule_of_thirds.py"

@@ -22,7 +22,7 @@ from cltransfer.run.readback import render_frames
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.columns import SH0
-from cltransfer.scenes.lifted import save_labels
+from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.shots import shot
 

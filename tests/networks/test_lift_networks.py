@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from cltransfer.scenes import Scene
-from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import load_person
 from cltransfer.scenes.ply import write_splats
 from cltransfer.scenes.splats import Splats
 

@@ -30,9 +30,9 @@ from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers._request import drawn_by
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.scenes.lift import LiftOptions, lift
-from cltransfer.scenes.lifted import with_person
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lift import LiftOptions, lift
+from cltransfer.scenes.person.lifted import with_person
 from cltransfer.testing import RendererCase, sample_cameras, sample_subject
 
 pytestmark = pytest.mark.usefixtures("forgotten_renderers")

@@ -22,8 +22,8 @@ from cltransfer.registry import EXTRACTORS
 from cltransfer.run.flags import run_flags
 from cltransfer.run.folder import write_run
 from cltransfer.run.preparation import Inputs
-from cltransfer.scenes.lifted import save_labels
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.transfer import transfer
 

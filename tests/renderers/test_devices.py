@@ -19,7 +19,7 @@ from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.mesh import Mesh as MeshRenderer
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes import Scene
-from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.scenes.nerf_grid import NerfGrid
 
 CAMERA = room_cameras(1, (20, 14))

@@ -24,7 +24,7 @@ from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.kernels import mesh as kernels
 from cltransfer.renderers.mesh import Mesh as Renderer
 from cltransfer.scenes import Scene
-from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.meshes.mesh import Mesh
 
 ALL = Renderer.provides
 BACKENDS = ("numba", "torch")

@@ -22,7 +22,7 @@ from cltransfer.run.readback import render_frames
 from cltransfer.scenes import Scene
 from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.shots import builtin_reference
 from cltransfer.testing.samples import sample_cameras
 

@@ -14,8 +14,8 @@ from cltransfer.errors import CltransferError
 from cltransfer.run.folder import write_run
 from cltransfer.run.preparation import Inputs, given_scene
 from cltransfer.scenes import Scene
-from cltransfer.scenes.lifted import load_person
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import load_person
 from cltransfer.transfer import transfer
 
 

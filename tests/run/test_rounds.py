@@ -26,8 +26,8 @@ from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.run.rounds import Take, _followed, _followed_from, _left_out, _past_floaters, _searched, _with_floaters
 from cltransfer.scenes.floaters import without_floaters
-from cltransfer.scenes.lifted import load_person, save_labels
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import load_person, save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.transfer import Inputs, Result, transfer
 

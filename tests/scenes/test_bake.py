@@ -23,8 +23,8 @@ from cltransfer.renderers.mesh import Mesh as MeshRenderer
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes import Scene, bake
 from cltransfer.scenes.bake import bake_grid, bake_splats, sample_surface, surface_area
-from cltransfer.scenes.mesh import Mesh
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.mesh import Mesh
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 MAN = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
 UP = torch.tensor([0.0, 1, 0], dtype=torch.float64)

@@ -24,9 +24,9 @@ from cltransfer.renderers._request import drawn_by, renderer_of
 from cltransfer.scenes import Scene
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.geometry import Geometry, lacking
-from cltransfer.scenes.lifted import cached_lift
 from cltransfer.scenes.load import load_scene
-from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.meshes.mesh import Mesh
+from cltransfer.scenes.person.lifted import cached_lift
 from cltransfer.scenes.simplify import working_set
 from cltransfer.scenes.splats import Splats
 from cltransfer.testing import sample_cameras

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from cltransfer.config import load_config
-from cltransfer.scenes.lifted import save_labels
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.transfer import Inputs, transfer
 

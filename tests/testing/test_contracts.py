@@ -12,7 +12,7 @@ from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS, LOSSES, RENDERERS
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.testing import ExtractorCase, LossCase, RendererCase, sample_features
 
 OUR_LOSSES = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")

@@ -29,8 +29,8 @@ from ...pipeline.objective import Objective
 from ...reading.feature_file import FeatureFile
 from ...run.readback import read_path
 from ...scenes import Scene
-from ...scenes.lifted import LABELS, SUBJECT
 from ...scenes.load import load_scene
+from ...scenes.person.lifted import LABELS, SUBJECT
 from ...scenes.ply import write_splats
 from ...shots import shot
 from ...trajectory import Trajectory

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..bake import bake_grid
 from ..columns import SH0
-from ..mesh import Mesh
+from ..meshes.mesh import Mesh
 from ..nerf_grid import NerfGrid
 from ..splats import Splats
 from .paint import Part, shade

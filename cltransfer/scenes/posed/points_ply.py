@@ -9,8 +9,8 @@ from plyfile import PlyData, PlyParseError
 
 from ...errors import InputError
 from ...renderers.kernels import Array
-from ..asset_files import read_limited
-from ..mesh_need import check_ply
+from ..meshes.asset_files import read_limited
+from ..meshes.mesh_need import check_ply
 from ..ply_header import HEADER_LIMIT, check_header
 
 POSITION, COLOR = ("x", "y", "z"), ("red", "green", "blue")

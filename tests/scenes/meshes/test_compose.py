@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.compose import Part, read_composed
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.meshes.compose import Part, read_composed
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 

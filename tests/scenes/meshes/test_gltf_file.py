@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
-from cltransfer.scenes import asset_files
-from cltransfer.scenes.asset_files import Beside
-from cltransfer.scenes.gltf_file import read_gltf
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes import asset_files
+from cltransfer.scenes.meshes.asset_files import Beside
+from cltransfer.scenes.meshes.gltf_file import read_gltf
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 
 @pytest.fixture

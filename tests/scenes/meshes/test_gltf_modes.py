@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 FAN = [[SQUARE[1], SQUARE[2], SQUARE[0]], [SQUARE[2], SQUARE[3], SQUARE[0]]]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.gltf_places import GLOSSY, TRANSFORM, transform_of
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.gltf_places import GLOSSY, TRANSFORM, transform_of
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 CORNERS = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
 

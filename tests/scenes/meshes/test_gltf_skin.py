@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.asset_files import Beside
-from cltransfer.scenes.gltf_file import read_gltf
-from cltransfer.scenes.gltf_skin import POSED, posed
+from cltransfer.scenes.meshes.asset_files import Beside
+from cltransfer.scenes.meshes.gltf_file import read_gltf
+from cltransfer.scenes.meshes.gltf_skin import POSED, posed
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ import pytest
 
 from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.scenes import gltf_tree
-from cltransfer.scenes.asset_files import LIMIT
-from cltransfer.scenes.gltf_tree import check_need, check_text, lean
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes import gltf_tree
+from cltransfer.scenes.meshes.asset_files import LIMIT
+from cltransfer.scenes.meshes.gltf_tree import check_need, check_text, lean
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 MANY = 20_000_000
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.scenes.mesh import Mesh
+from cltransfer.scenes.meshes.mesh import Mesh
 
 CORNERS = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = torch.tensor([[0, 1, 2], [0, 1, 3]])

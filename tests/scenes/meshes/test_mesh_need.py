@@ -6,8 +6,8 @@ import pytest
 
 from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.scenes.mesh_need import check_obj, check_ply
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.mesh_need import check_obj, check_ply
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 XYZ = b"property float x\nproperty float y\nproperty float z\n"
 FACE = b"property list uchar int vertex_indices\n"

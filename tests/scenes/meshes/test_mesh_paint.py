@@ -8,8 +8,8 @@ import torch
 from kornia.color import linear_rgb_to_rgb
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.mesh import GREY
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.mesh import GREY
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 LINEAR = [[1.0, 0.2, 0.0, 1], [0.0, 1, 0.2, 1], [0.2, 0.2, 0.2, 1], [1, 1, 1, 1]]
 SHOWN = linear_rgb_to_rgb(torch.tensor(LINEAR)[:, :3].T[..., None])[..., 0].T

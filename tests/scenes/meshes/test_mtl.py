@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.mtl import LIBRARY_LIMIT
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.mtl import LIBRARY_LIMIT
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl dark wood\nf 1/1 2/2 3/3\n"
 

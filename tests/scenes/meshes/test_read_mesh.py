@@ -8,9 +8,9 @@ import torch
 from PIL import EpsImagePlugin, Image
 
 from cltransfer.errors import InputError
-from cltransfer.scenes.mesh import GREY
-from cltransfer.scenes.moment import Moment
-from cltransfer.scenes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.mesh import GREY
+from cltransfer.scenes.meshes.moment import Moment
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
 RGB = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))

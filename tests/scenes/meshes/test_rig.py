@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.scenes.gltf_skin import Skeleton
-from cltransfer.scenes.moment import Moment
-from cltransfer.scenes.read_mesh import read_mesh
-from cltransfer.scenes.rig import subject_of_rig
+from cltransfer.scenes.meshes.gltf_skin import Skeleton
+from cltransfer.scenes.meshes.moment import Moment
+from cltransfer.scenes.meshes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.rig import subject_of_rig
 from cltransfer.skeleton import JOINTS
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,9 +8,9 @@ from PIL import Image
 
 from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.scenes import textures
-from cltransfer.scenes.read_mesh import read_mesh
-from cltransfer.scenes.textures import PIXEL_BYTES
+from cltransfer.scenes.meshes import textures
+from cltransfer.scenes.meshes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.textures import PIXEL_BYTES
 
 GLOSSY = {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}}
 

@@ -14,12 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..camera import Camera
-from ..errors import InputError
-from ..features import Features
-from ..skeleton import JOINTS, VISIBLE
-from ..subject import Subject
-from . import Scene
+from ...camera import Camera
+from ...errors import InputError
+from ...features import Features
+from ...skeleton import JOINTS, VISIBLE
+from ...subject import Subject
+from .. import Scene
 from .find_people import BY_VIEWS, See, boxes_of, chosen, find_people, people_of, ring, standing
 from .triangulate import Triangulated, triangulate
 from .vote import vote_labels

@@ -17,7 +17,8 @@ from cltransfer.registry import RENDERERS
 from cltransfer.scenes import Scene
 from cltransfer.scenes.bake import bake_grid, bake_splats
 from cltransfer.scenes.builtin import named_scene
-from cltransfer.scenes.find_people import (
+from cltransfer.scenes.meshes.mesh import Mesh
+from cltransfer.scenes.person.find_people import (
     FOV,
     SIZE,
     Boxes,
@@ -30,7 +31,6 @@ from cltransfer.scenes.find_people import (
     ring,
     standing,
 )
-from cltransfer.scenes.mesh import Mesh
 
 UP = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
 TALL = torch.tensor([0.0, 0.0, 0.0], dtype=torch.float64), 1.8

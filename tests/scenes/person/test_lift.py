@@ -14,8 +14,8 @@ from cltransfer.features import Features
 from cltransfer.pipeline.components import SCENE_SOURCE, Components
 from cltransfer.pipeline.graph import run
 from cltransfer.scenes.builtin import named_scene
-from cltransfer.scenes.find_people import ring
-from cltransfer.scenes.lift import LiftOptions, lift
+from cltransfer.scenes.person.find_people import ring
+from cltransfer.scenes.person.lift import LiftOptions, lift
 
 
 def test_who_is_lifted_counts_though_no_boxes_meet() -> None:

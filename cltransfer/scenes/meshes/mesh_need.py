@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
-from ..computer.memory import require_free
-from ..errors import InputError
+from ...computer.memory import require_free
+from ...errors import InputError
+from ..ply_header import HEADER_LIMIT, SIZES
 from .gltf_tree import COUNT_LIMIT
-from .ply_header import HEADER_LIMIT, SIZES
 
 OBJ_LINE, OBJ_BYTE = 150, 6  # bytes that a line takes, and a byte of it
 PLY_LINE, PLY_BYTE = 250, 10

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..computer.memory import require_free
-from ..errors import InputError
+from ...computer.memory import require_free
+from ...errors import InputError
 from .asset_files import LIMIT
 
 COUNT_LIMIT = 20_000_000  # rows of one array, vertices and faces of one scene

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-from ..errors import UsageError
+from ...errors import UsageError
 
 MARK = "#"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..camera import Camera
+from ...camera import Camera
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .. import __version__
-from ..camera import Camera
-from ..errors import InputError
-from ..features import Features
-from ..models.content import reading
-from ..pipeline.graph import run
-from ..pipeline.plan import CLIP_SOURCE, Plan, make_plan
-from ..renderers._request import drawn_by
-from ..storage.files import cache_dir, into_cache
-from ..storage.tensor_file import save_tensors
-from ..subject import Subject
-from . import Scene
+from ... import __version__
+from ...camera import Camera
+from ...errors import InputError
+from ...features import Features
+from ...models.content import reading
+from ...pipeline.graph import run
+from ...pipeline.plan import CLIP_SOURCE, Plan, make_plan
+from ...renderers._request import drawn_by
+from ...storage.files import cache_dir, into_cache
+from ...storage.tensor_file import save_tensors
+from ...subject import Subject
+from .. import Scene
 from .find_people import Boxes
 from .lift import Lift, LiftOptions, lift, summary
 

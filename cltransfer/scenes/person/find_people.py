@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..camera import Camera
-from ..errors import InputError, UsageError
-from ..near_plane import smaller_near
-from . import Scene
+from ...camera import Camera
+from ...errors import InputError, UsageError
+from ...near_plane import smaller_near
+from .. import Scene
 from .triangulate import triangulate
 
 SIZE = (640, 360)  # [px] of the views

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..renderers.kernels.mesh import Packed, pack_images
-from ..renderers.kernels.mesh_raster import CLAMP, MIRROR, REPEAT
+from ...renderers.kernels.mesh import Packed, pack_images
+from ...renderers.kernels.mesh_raster import CLAMP, MIRROR, REPEAT
 
 GREY = 0.8  # colour of what has none
 

@@ -11,9 +11,9 @@ import re
 import numpy as np
 import torch
 
-from ..renderers.kernels import Array
-from ..skeleton import JOINTS
-from ..subject import Subject
+from ...renderers.kernels import Array
+from ...skeleton import JOINTS
+from ...subject import Subject
 from .gltf_skin import Skeleton
 
 _LIMBS = {  # joint -> words that mean it, the surest first

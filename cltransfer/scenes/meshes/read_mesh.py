@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..errors import InputError
-from ..renderers.kernels import Array
-from ..subject import Subject
+from ...errors import InputError
+from ...renderers.kernels import Array
+from ...subject import Subject
+from ..ply_header import HEADER_LIMIT
 from .asset_files import Beside, read_limited
 from .gltf_file import read_gltf
 from .gltf_images import shown_images
@@ -26,7 +27,6 @@ from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
 from .mtl import LIBRARY_LIMIT, ObjFiles, check_images
-from .ply_header import HEADER_LIMIT
 from .rig import subject_of_rig
 from .textures import Textures, image_of
 

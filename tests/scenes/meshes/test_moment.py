@@ -10,10 +10,10 @@ import torch
 
 from cltransfer.errors import InputError, UsageError
 from cltransfer.scenes.load import load_scene
-from cltransfer.scenes.moment import Moment, split_moment
+from cltransfer.scenes.meshes.moment import Moment, split_moment
 from cltransfer.skeleton import JOINTS
 
-MAN = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
+MAN = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "mesh" / "cesium_man.glb"
 needs_man = pytest.mark.skipif(not MAN.is_file(), reason="shared/data/mesh/cesium_man.glb is not here")
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..camera import Camera
-from ..features import Features
-from ..subject import Subject
+from ...camera import Camera
+from ...features import Features
+from ...subject import Subject
 
 BEHIND = 0.06  # a primitive counts as seen up to this many subject heights behind the surface seen there
 REACH = 0.22  # how far from the bones a primitive of the person may be, in subject heights

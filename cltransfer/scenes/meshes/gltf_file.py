@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..renderers.kernels import Array
+from ...errors import InputError
+from ...renderers.kernels import Array
 from .asset_files import Beside, read_limited
 from .gltf_places import GLOSSY, TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry

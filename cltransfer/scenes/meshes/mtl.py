@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ...errors import InputError
 from .asset_files import Beside, read_limited
 from .textures import FORMATS, image_of
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..computer.memory import require_free
+from ...computer.memory import require_free
 from .asset_files import Beside
 from .gltf_file import Gltf, uri_bytes
 from .gltf_places import GLOSSY

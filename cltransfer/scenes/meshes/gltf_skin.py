@@ -14,8 +14,8 @@ import torch
 from kornia.geometry.conversions import quaternion_to_rotation_matrix
 from kornia.geometry.quaternion import Quaternion
 
-from ..errors import InputError
-from ..renderers.kernels import Array
+from ...errors import InputError
+from ...renderers.kernels import Array
 from .gltf_file import Gltf
 
 POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed, of the figure with the skeleton

@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from cltransfer.errors import InputError
-from cltransfer.scenes import lifted
 from cltransfer.scenes.builtin import named_scene
-from cltransfer.scenes.lift import Lift
-from cltransfer.scenes.lifted import lifted_scene, load_person, save_labels
+from cltransfer.scenes.person import lifted
+from cltransfer.scenes.person.lift import Lift
+from cltransfer.scenes.person.lifted import lifted_scene, load_person, save_labels
 from cltransfer.subject import Subject
 from cltransfer.testing import sample_features
 

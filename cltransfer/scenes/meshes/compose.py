@@ -19,10 +19,10 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
-from ..errors import InputError
-from ..storage.files import check_yaml, content_hash, read_text
-from ..subject import Subject
-from . import Scene
+from ...errors import InputError
+from ...storage.files import check_yaml, content_hash, read_text
+from ...subject import Subject
+from .. import Scene
 from .asset_files import inside
 from .mesh import Mesh
 from .moment import Moment

@@ -7,7 +7,7 @@ import math
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.scenes.triangulate import triangulate
+from cltransfer.scenes.person.triangulate import triangulate
 
 
 def ring(views: int) -> Camera:

@@ -1,0 +1,1 @@
+"""The person of a scene: found, lifted out of views, labelled, kept beside it."""
