@@ -248,3 +248,21 @@ def test_the_architecture_names_what_is_there() -> None:
         for name in names:
             place = "bench/stress" if name == "stress" else name
             assert any((ROOT / "cltransfer").glob(f"{place}.py")) or (ROOT / "cltransfer" / place).is_dir(), name
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "plugins" / "README.md"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_source_that_a_page_names_is_there(page: Path) -> None:
+    named = set(re.findall(r"[\w.]+(?:/\w+)+\.py\b", page.read_text(encoding="utf-8")))
+    roots = (ROOT, ROOT / "cltransfer", page.parent)
+    assert [name for name in sorted(named) if not any((root / name).is_file() for root in roots)] == []
+
+
+def test_tests_stand_where_what_they_test_stands() -> None:
+    own = {"contracts", "networks", "plugins", "reference", "stability", "tools"}  # of the project as a whole
+    folders = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")}
+    mirrored = [folder for folder in folders if folder.parts and folder.parts[0] not in own]
+    assert len(mirrored) > 20
+    assert [str(folder) for folder in mirrored if not (ROOT / "cltransfer" / folder).is_dir()] == []
