@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 
 COLUMNS = 4
 TINT = np.array([80, 160, 40])  # BGR of the mask
+GREEN, LEGEND = (110, 220, 80), 28  # BGR of the word for it; height of the line [px]
 SEEN, FOUND = (255, 220, 0), (40, 40, 255)  # BGR of a joint the network saw, and of the one triangulated
 
 
 def write_contact_sheet(path: Path, image: Tensor, found: Lift) -> None:
-    """Write a PNG of all views: mask tinted, seen joints as dots, found joints as rings.
+    """Write a PNG of all views below a legend: mask tinted, seen joints as dots, found joints as rings.
 
     Args:
         path: ``.png``.
@@ -33,7 +34,22 @@ def write_contact_sheet(path: Path, image: Tensor, found: Lift) -> None:
     blank = np.zeros_like(tiles[0])
     tiles += [blank] * (-len(tiles) % COLUMNS)
     rows = [np.hstack(tiles[i : i + COLUMNS]) for i in range(0, len(tiles), COLUMNS)]
-    write_picture(path, np.vstack(rows)[..., ::-1])
+    write_picture(path, np.vstack([_legend(rows[0].shape[1]), *rows])[..., ::-1])
+
+
+def _legend(width: int) -> np.ndarray:
+    """What the colours mean, in these, on a line (LEGEND, width, 3) that its letters fit into."""
+    words = (
+        ("green: voted for the person", GREEN),
+        ("dot: joint seen by a network", SEEN),
+        ("ring: joint found", FOUND),
+    )
+    scale = min(0.5, width / 1300)
+    line, x = np.zeros((LEGEND, width, 3), np.uint8), 8
+    for text, colour in words:
+        cv2.putText(line, text, (x, 20), cv2.FONT_HERSHEY_DUPLEX, scale, colour, 1, cv2.LINE_AA)
+        x += cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)[0][0] + round(48 * scale)
+    return line
 
 
 def _tile(image: Tensor, found: Lift, view: int) -> np.ndarray:
