@@ -120,5 +120,5 @@ def _why_cma_alone(config: RunConfig, search: Any, objective: Objective) -> str:
         )
     if config.extract.inner == "image":
         return "CMA-ES alone: differences taken through noisy networks mislead a refinement"
-    without = [name for name, loss in objective.losses.items() if not hasattr(loss, "residuals")]
+    without = objective.without_residuals
     return f"CMA-ES alone: {', '.join(without)} has no residuals to refine" if without else ""

@@ -20,10 +20,12 @@ class Objective:
     Args:
         losses: by name; each is the metric too.
         moving: features that compare a frame with the one before; a loss that requires one has no first frame.
+        silent: losses that the reference has on no frame: they need no residuals to be refined beside.
     """
 
     losses: Mapping[str, Any]
     moving: frozenset[str] = frozenset({"flow"})
+    silent: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,25 +81,36 @@ class Objective:
     @property
     def groups(self) -> Tensor | None:
         """Group of each residual, (R,); None where a loss has no residuals."""
+        if self.without_residuals:
+            return None
         groups: list[int] = []
-        for loss in self.losses.values():
-            if not hasattr(loss, "residuals"):
-                return None
+        for own in self._groups.values():
             first = max(groups, default=-1) + 1
-            groups += [first + group for group in loss.groups]
+            groups += [first + group for group in own]
         return torch.tensor(groups)
+
+    @property
+    def without_residuals(self) -> list[str]:
+        """Losses that no slope is known of, though the reference may have them."""
+        return [n for n, loss in self.losses.items() if not hasattr(loss, "residuals") and n not in self.silent]
+
+    @property
+    def _groups(self) -> dict[str, tuple[int, ...]]:
+        """Groups of each loss's residuals; of a silent one that has none a single residual, which is 0."""
+        lacking = {name: (0,) if name in self.silent else () for name in self.losses}
+        return {name: tuple(getattr(loss, "groups", lacking[name])) for name, loss in self.losses.items()}
 
     def rows(self, defined: Tensor) -> Tensor:
         """Residuals of the ``defined`` terms (L,), (R,) bool; of losses that have some."""
-        sizes = torch.tensor([len(getattr(loss, "groups", ())) for loss in self.losses.values()])
+        sizes = torch.tensor([len(own) for own in self._groups.values()])
         return defined.repeat_interleave(sizes)
 
     @property
     def paired(self) -> Tensor:
         """Residuals that compare a frame with the one before, (R,) bool; of losses that have some."""
         marks: list[bool] = []
-        for loss in self.losses.values():
-            marks += [self.moves(loss)] * len(getattr(loss, "groups", ()))
+        for own, loss in zip(self._groups.values(), self.losses.values()):
+            marks += [self.moves(loss)] * len(own)
         return torch.tensor(marks)
 
     def moves(self, loss: Any) -> bool:
@@ -124,10 +137,10 @@ class Objective:
         Raises:
             ModelError: a loss fails, or gives anything but (B, R) residuals.
         """
-        parts = []
+        parts, groups = [], self._groups
         for (name, loss), there in zip(self.losses.items(), defined.tolist()):
             if not there:
-                parts.append(torch.zeros(len(rendered), len(loss.groups), dtype=torch.float64))
+                parts.append(torch.zeros(len(rendered), len(groups[name]), dtype=torch.float64))
                 continue
             if any(not rendered.has(name) for name in loss.requires):
                 part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
@@ -143,8 +156,8 @@ class Objective:
     def lost_residuals(self, defined: Tensor) -> Tensor:
         """Weighted residuals (R,) of a view that shows nothing: the penalty of each of the ``defined`` terms (L,)."""
         parts = []
-        for loss, there in zip(self.losses.values(), defined.tolist()):
-            part = torch.zeros(len(loss.groups), dtype=torch.float64)
+        for own, loss, there in zip(self._groups.values(), self.losses.values(), defined.tolist()):
+            part = torch.zeros(len(own), dtype=torch.float64)
             part[0] = loss.weight * loss.penalty if there else 0.0
             parts.append(part)
         return torch.cat(parts)

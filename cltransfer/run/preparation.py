@@ -177,7 +177,9 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     journal = None
     if record is not None:
         journal = record.open(_header(inputs, config, parts, search, scene, reference))
-    stage = Stage(scene, parts.renderer, plan, parts.objective, small, guard=_guard(config, scene), journal=journal)
+    told = parts.objective.defined(reference.features).any(0).tolist()
+    objective = replace(parts.objective, silent=frozenset(n for n, there in zip(parts.losses, told) if not there))
+    stage = Stage(scene, parts.renderer, plan, objective, small, guard=_guard(config, scene), journal=journal)
     noise = noise_floor(stage.objective, reference.features, wanted)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
     given, read = None if view is None else resized(view, output), reference.family == "image"

@@ -101,6 +101,30 @@ def test_what_is_told_already_is_told_as_it_is(how: Exception) -> None:
     assert caught.value is how
 
 
+@dataclass(frozen=True)
+class Sloped(Distance):
+    groups: ClassVar[tuple[int, ...]] = (0, 0)
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        return (rendered.require("box") - reference.require("box"))[:, :2].double()
+
+
+def test_a_loss_that_the_reference_has_on_no_frame_needs_no_residuals() -> None:
+    """A plugin's whose extractor was forgotten would else leave the whole search to CMA-ES."""
+    losses = {"blunt": Depth(), "sloped": Sloped()}
+    assert Objective(losses).without_residuals == ["blunt"]
+    assert Objective(losses).groups is None
+    silent = Objective(losses, silent=frozenset({"blunt"}))
+    assert silent.groups is not None
+    assert silent.groups.tolist() == [0, 1, 1]
+    defined = torch.tensor([False, True])
+    found = silent.residuals(boxes(1.0), boxes(3.0), defined)
+    assert found.tolist() == [[0.0, 4.0, 0.0]]
+    assert silent.rows(defined).tolist() == [False, True, True]
+    assert silent.paired.tolist() == [False] * 3
+    assert silent.lost_residuals(defined).tolist() == [0.0, 100.0, 0.0]
+
+
 def test_a_frame_the_reference_lacks_costs_nothing_whatever_is_rendered() -> None:
     reference = boxes(float("nan"))
     totals = OBJECTIVE.totals(OBJECTIVE.terms(reference, boxes(3.0)), OBJECTIVE.defined(reference)[0])
