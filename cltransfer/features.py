@@ -10,24 +10,10 @@ import torch
 from torch import Tensor
 
 from .camera import Camera, batch_index, concatenate
+from .feature_shapes import SHAPES, check_shapes
 from .subject import Subject
 
 T = TypeVar("T")
-SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be anything
-    "image": (3, None, None),
-    "alpha": (None, None),
-    "label": (None, None),
-    "depth": (None, None),
-    "expected_depth": (None, None),
-    "keypoints": (14, 3),
-    "box": (5,),
-    "subject": (None, None),
-    "layers": (3, None, None),
-    "flow": (2, None, None),
-    "flow_confidence": (None, None),
-    "orientation": (3,),
-}
-_FIXED = [(name, 1 + len(shape), tuple(want for want in shape if want is not None)) for name, shape in SHAPES.items()]
 
 
 class OfThisRun(str):
@@ -89,27 +75,7 @@ class Features:
     _known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        own, first, count = self.__dict__, "", -1
-        for name, dimensions, fixed in _FIXED:  # 7 us of 10 with all there; every evaluation makes some
-            if (value := own[name]) is None:
-                continue
-            shape: tuple[int, ...] = getattr(value, "shape", ())
-            if len(shape) != dimensions or shape[1 : 1 + len(fixed)] != fixed or not isinstance(value, Tensor):
-                raise _misshapen(name, value)
-            if count < 0:
-                first, count = name, shape[0]
-            elif shape[0] != count:
-                raise _unequal(first, count, name, shape[0])
-        for name in ("subject", "layers"):
-            if (value := own[name]) is not None and value.dtype is not torch.bool:
-                raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
-        for name, value in (("camera", self.camera), *self.extras.items()):
-            if name in self.extras and not (isinstance(value, Tensor) and value.ndim):
-                raise _rowless(name, value)
-            if count < 0 and value is not None:
-                first, count = name, len(value)
-            elif value is not None and len(value) != count:
-                raise _unequal(first, count, name, len(value))
+        check_shapes(self.__dict__, self.extras)
 
     def __len__(self) -> int:
         for name in (*SHAPES, "camera"):
@@ -253,31 +219,6 @@ def _unlike(parts: Sequence[Features]) -> str:
     names = [part.names() for part in parts]
     lacking = frozenset.union(*names) - frozenset.intersection(*names)
     return f"not all have {', '.join(sorted(lacking))}; leave them out with only" if lacking else ""
-
-
-def _misshapen(name: str, value: object) -> Exception:
-    """What is wrong with a field that is not of its shape, and what to do."""
-    wanted = ", ".join(["B", *("any" if want is None else str(want) for want in SHAPES[name])])
-    if not isinstance(value, Tensor):
-        return TypeError(f"{name} must be a tensor ({wanted}), got {type(value).__name__}; torch.as_tensor makes one")
-    hint = "see the fields of Features"
-    if value.ndim == len(SHAPES[name]):
-        hint = "add a batch dimension"
-    elif name == "keypoints" and value.shape[-2:-1] == (17,):
-        hint = "cltransfer.skeleton.from_coco makes 14 of COCO's 17"
-    elif name == "keypoints" and value.shape[-2:-1] in ((33,), (39,)):
-        hint = "cltransfer.skeleton.from_blazepose makes 14 of BlazePose's"
-    return ValueError(f"{name} must be ({wanted}), got {tuple(value.shape)}; {hint}")
-
-
-def _rowless(name: str, value: object) -> TypeError:
-    came = "a single value" if isinstance(value, Tensor) else type(value).__name__
-    hint = "add a batch dimension" if isinstance(value, Tensor) else "torch.as_tensor makes one"
-    return TypeError(f"{name} must be a tensor with one row a frame, got {came}; {hint}")
-
-
-def _unequal(first: str, count: int, name: str, other: int) -> ValueError:
-    return ValueError(f"features must have one number of frames, got {count} in {first} and {other} in {name}")
 
 
 def check_pair(reference: object, rendered: object) -> None:
