@@ -52,7 +52,7 @@ class Framing:
         mode: ``faithful`` is undefined where the reference shows no key joint; ``robust`` compares the
             centroids of the subject masks there, and leaves out joints the scene does not know at all.
         joints: key are the paper's five (its Sec. 8.1); all are the 14 of the full pose, which a raised arm changes.
-        min_area: smallest mask that tells anything, in [0, 1] of the frame; ``faithful`` reads none.
+        min_area: smallest mask of the reference that tells anything, in [0, 1] of the frame; ``faithful`` reads none.
         weight: lambda of Eq. 15; tolerance 0.02 of the frame.
 
     The penalty is the frame's diagonal, 2 ** 0.5: more than two persons inside the frame can be apart.
@@ -87,8 +87,8 @@ class Framing:
         none = ~visible_joints(shown).any(-1) & person
         if not bool(none.any()):  # masks take longer than all the rest
             return by_joints
-        there, wanted = (mask_centroid(side.require("subject"), self.min_area) for side in (rendered, reference))
-        by_mask = there - wanted
+        wanted = mask_centroid(reference.require("subject"), self.min_area)  # a render may be as small: no step there
+        by_mask = mask_centroid(rendered.require("subject")) - wanted
         return torch.where(none[:, None], by_mask, by_joints)
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:

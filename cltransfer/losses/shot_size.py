@@ -84,7 +84,7 @@ class ShotSize:
         mode: ``faithful`` is undefined where the reference shows fewer than two key joints; ``robust``
             compares the extents of the subject masks there, and leaves out joints the scene does not know.
         joints: key are the paper's five (its Sec. 8.1); all are the 14 of the full pose, which a raised arm changes.
-        min_area: smallest mask that tells anything, in [0, 1] of the frame; ``faithful`` reads none.
+        min_area: smallest mask of the reference that tells anything, in [0, 1] of the frame; ``faithful`` reads none.
         weight: lambda of Eq. 15; the total is 1 when every loss is at its tolerance, here 0.02 of the frame.
 
     The penalty is 1 frame: more than any two persons inside the frame can differ by.
@@ -119,8 +119,8 @@ class ShotSize:
         few = (visible_joints(shown).sum(-1) < 2) & person
         if not bool(few.any()):  # masks take longer than all the rest
             return by_joints[:, None]
-        extents = [mask_extent(side.require("subject"), self.min_area) for side in (reference, rendered)]
-        by_mask = extent_difference(*extents)
+        wanted = mask_extent(reference.require("subject"), self.min_area)  # a render may be as small: no step there
+        by_mask = extent_difference(wanted, mask_extent(rendered.require("subject")))
         return torch.where(few, by_mask, by_joints)[:, None]
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
