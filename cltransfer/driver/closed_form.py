@@ -29,7 +29,8 @@ COARSE = 3  # steps of distances that are looked up first; then those around the
 POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all distances are looked up
 POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
-SLOPE, LEAD = 3, 12  # frames that tell how a path moved before anything is known, and as long it is led back at most
+SLOPE, LEAD = 3, 12  # frames that tell how the person moved in the frame before, and for how many that is believed
+PLACE = slice(4, 6)  # of x: where in the frame the person stands
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
@@ -73,7 +74,9 @@ def aimable(search: Any, reference: Features, subject: Subject | None) -> TypeGu
 def aimed_path(search: SubjectOrbit, reference: Features, home: Camera, subject: Subject | None, x: Tensor) -> Tensor:
     """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
     aimed = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
-    aimed[:, 3:] = _bridged(aimed[:, 3:], aimed_at(reference, subject))
+    known = aimed_at(reference, subject)
+    aimed[:, 3:] = _bridged(aimed[:, 3:], known)
+    aimed[:, PLACE] = _led(aimed[:, PLACE], known)
     return aimed
 
 
@@ -86,12 +89,19 @@ def aimed_at(reference: Features, subject: Subject | None) -> Tensor:
 def _bridged(x: Tensor, known: Tensor) -> Tensor:
     """x (N, D) with the frames that are not ``known``, (N,) bool, taken from those around them."""
     at, frames = known.nonzero()[:, 0].numpy(), np.arange(len(x))
-    bridged = np.stack([np.interp(frames, at, column) for column in x[known].numpy().T], axis=1)
-    if at[0] > 0 and len(at) > 1:  # who enters was outside: what moves in the first frames that are known did before
-        first, then = at[0], at[min(SLOPE, len(at) - 1)]
-        early = np.maximum(frames[:first] - first, -LEAD)[:, None]
-        bridged[:first] += early * (bridged[then] - bridged[first]) / (then - first)
-    return torch.from_numpy(bridged)
+    return torch.from_numpy(np.stack([np.interp(frames, at, column) for column in x[known].numpy().T], axis=1))
+
+
+def _led(x: Tensor, known: Tensor) -> Tensor:
+    """Places x (N, D) of all frames, those before any is ``known`` led back: who enters was outside before."""
+    at = known.nonzero()[:, 0].tolist()
+    if not at or at[0] == 0 or len(at) == 1:
+        return x
+    first, then = at[0], at[min(SLOPE, len(at) - 1)]
+    early = (torch.arange(first, dtype=x.dtype) - first).clamp_min(-LEAD)[:, None]
+    led = x.clone()
+    led[:first] += early * (x[then] - x[first]) / (then - first)
+    return led
 
 
 def _stands(read: Tensor) -> Tensor | None:

@@ -17,6 +17,7 @@ from cltransfer.driver.closed_form import (
     LEAD,
     _bridged,
     _cheapest,
+    _led,
     _looked_up,
     aimed_at,
     aimed_path,
@@ -147,14 +148,24 @@ def test_who_enters_late_was_on_the_way_before() -> None:
     frames = torch.arange(40, dtype=torch.float64)[:, None]
     moving, known = torch.cat([0.1 * frames, 1 + 0 * frames], dim=1), torch.zeros(40, dtype=torch.bool)
     known[8:] = True
-    torch.testing.assert_close(_bridged(moving, known), moving)
+    torch.testing.assert_close(_led(_bridged(moving, known), known), moving)
     known[:30] = False
-    led = _bridged(moving, known)
+    led = _led(_bridged(moving, known), known)
     torch.testing.assert_close(led[30 - LEAD :], moving[30 - LEAD :])
     assert bool((led[: 30 - LEAD] == led[30 - LEAD]).all())  # what moved so for a second need not have before
     known[:] = False
     known[20] = True
-    assert bool((_bridged(moving, known) == moving[20]).all())
+    assert bool((_led(_bridged(moving, known), known) == moving[20]).all())
+
+
+def test_what_is_read_of_where_a_camera_stands_is_held_before_it_is_known(prepared: Any) -> None:
+    """It is noisy: the difference of two readings, twelve times over, would turn a camera that stands still."""
+    job, _ = prepared("static")
+    orientation = job.wanted.require("orientation").clone()
+    orientation[:3] = torch.nan
+    orientation[3] += 0.1
+    guide = found(job, orientation=orientation)
+    torch.testing.assert_close(guide[:3, :3], guide[3, :3].expand(3, 3))
 
 
 def test_a_frame_that_shows_only_joints_that_the_scene_lacks_is_bridged(prepared: Any) -> None:
