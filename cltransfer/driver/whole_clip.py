@@ -124,8 +124,8 @@ class WholeClip:
 
         Neighbours have nearly the same Jacobian, so each frame may measure every ``shared``-th direction only, starting
         from another one than the frame before, and take the others from the frames around it; D / ``shared``
-        evaluations a frame. One with a residual that fewer frames have measures all. Each frame itself, which the flow
-        of the next one starts from, is rendered only where it was not seen lately.
+        evaluations a frame. Where none would of a residual that few frames have, one of these does. Each frame itself,
+        which the flow of the next one starts from, is rendered only where it was not seen lately.
 
         Args:
             x: the path.
@@ -144,7 +144,10 @@ class WholeClip:
         shared = min(shared, max(1, N - 1))  # the first frame has no flow: another one measures what it does
         rows = torch.stack([objective.rows(frame) for frame in self.defined])
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
-        measured |= (rows & (rows.sum(0) < shared)).any(1, keepdim=True)  # a residual that few frames have
+        for r, d in ((rows.double().T @ measured.double() == 0) & rows.any(0)[:, None]).nonzero().tolist():
+            having = rows[:, r].nonzero()[:, 0]
+            if not measured[having, d].any():  # of a residual that few frames have one measures what none would
+                measured[having[len(having) // 2], d] = True
         steps = inward(x, step, self.limits(D))  # (N, D)
         jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
         before = None
