@@ -89,10 +89,11 @@ def _reference(result: Result) -> Iterator[Flag]:
     for i in unseen.nonzero()[:, 0].tolist():
         yield Flag(i, "no person in the reference")
     loss = result.objective.losses.get("shot_size")
-    if not isinstance(loss, ShotSize) or loss.mode != "robust":
+    if not isinstance(loss, ShotSize) or loss.mode != "robust" or any(not features.has(n) for n in loss.requires):
         return
     joints = "key joints" if loss.joints == "key" else "joints"
-    for i in (degenerate(features, loss.joints) & ~unseen).nonzero()[:, 0].tolist():
+    told = torch.isfinite(loss(features, features))  # a sliver of a mask tells none
+    for i in (degenerate(features, loss.joints) & ~unseen & told).nonzero()[:, 0].tolist():
         yield Flag(i, f"fewer than two {joints} in the reference: the size is that of the mask, and not certain")
 
 
