@@ -111,11 +111,15 @@ def _altered(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Iter
             continue
         for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
             yield from _altered(inner, part, f"{where}.")
-        if isinstance(value, bool | float) and _is_text(hints[key]):
+        if isinstance(value, bool if _is_choice(hints[key]) else bool | float) and _is_text(hints[key]):
             reason = f"expected {in_words(hints[key])}, got {_shown(value)}"
             yield UsageError(
                 "", f"{above}{key}", reason, "YAML takes yes, on and 1.10 for other things: text in quotes"
             )
+
+
+def _is_choice(hint: Any) -> bool:
+    return get_origin(hint) is Literal
 
 
 def _is_text(hint: Any) -> bool:
