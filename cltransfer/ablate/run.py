@@ -38,12 +38,14 @@ class Options:
         keep_runs: leave every run's whole folder in ``out/runs``.
         retry: run the trials again that failed.
         plugins: to allow in the workers too.
+        command: that makes it again; empty where it was not one.
     """
 
     out: Path
     keep_runs: bool = False
     retry: bool = False
     plugins: tuple[str, ...] = ()
+    command: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,8 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     digest = digests()
     check_sources(sweep, digest)
     asked = trials(sweep, draw_references(sweep, options.out), digest)
-    write_text(options.out / FILE, sweep.to_yaml())
+    made_by = f"# made by: {' '.join(options.command.split())}\n" if options.command else ""
+    write_text(options.out / FILE, made_by + sweep.to_yaml())
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     runs = options.out.resolve() / "runs"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -35,8 +37,9 @@ def ablate(
 
     cltransfer ablate leave_one_out 'seeds=[0]' 'references=[drawn:orbit]' --out first
 
-    Every finished trial is on disk at once; the same command goes on after a kill. Leaves trials.jsonl, table.csv,
-    table.md and table.tex. The exit code is 1 where a trial failed; its reason is in the table.
+    Every finished trial is on disk at once; the same command, which stands at the head of ablation.yaml, goes on after
+    a kill. Leaves trials.jsonl, table.csv, table.md and table.tex. The exit code is 1 where a trial failed; its reason
+    is in the table.
     """
     from ..ablate.read import read_sweep
     from ..plugins import allow
@@ -50,7 +53,8 @@ def ablate(
     folder = out or Path("outputs") / "ablations" / sweep.name
     try:
         with progress(quiet) as report:
-            found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or [])), report)
+            command = shlex.join(["cltransfer", *sys.argv[1:]])
+            found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or []), command), report)
     except KeyboardInterrupt:
         raise StoppedError("", "", "interrupted", f"the same command goes on from here: {folder}") from None
     lines = [*markdown(found), "", str(folder)]

@@ -112,6 +112,9 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     assert [row["metrics"]["framing"]["value"]["count"] for row in found["rows"]] == [1, 1, 1]  # left out, yet measured
     assert {"table.csv", "table.md", "table.tex", "summary.json", "ablation.yaml"} <= {p.name for p in out.iterdir()}
     assert "| no framing | 1 | 0 |" in (out / "table.md").read_text()
+    made_by, _, again = (out / "ablation.yaml").read_text().partition("\n")
+    assert made_by == f"# made by: cltransfer ablate {' '.join(command)}"
+    assert again == read_sweep(str(file), ["engine.workers=1"]).to_yaml()
     sweep = read_sweep(str(file), ["engine.workers=1"])
     unbroken = [run_trial(trial, Job()) for trial in trials(sweep, {})]
     assert [timeless(line) for line in lines(out)] == [timeless(asdict(outcome)) for outcome in unbroken]
