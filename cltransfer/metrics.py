@@ -20,9 +20,8 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
-from .errors import ModelError
 from .features import Features, check_pair
-from .pipeline.objective import Objective
+from .pipeline.objective import Objective, answer
 from .pipeline.scores import frame_totals
 from .registry import LOSSES
 
@@ -175,12 +174,8 @@ def _checked(reference: Features, rendered: Features | None) -> tuple[Features, 
 def _values(loss: Any, reference: Features, rendered: Features) -> Tensor:
     if not all(side.has(name) for side in (reference, rendered) for name in loss.requires):
         return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
-    values: Tensor = loss(reference, rendered)
     count = max(len(reference), len(rendered))
-    if not isinstance(values, Tensor) or values.shape != (count,):
-        came = f"shape {tuple(values.shape)}" if isinstance(values, Tensor) else type(values).__name__
-        raise ModelError("", f"loss {type(loss).__name__}", f"expected one value a frame, ({count},), got {came}")
-    return values
+    return answer(loss, (reference, rendered), (count,), f"loss {type(loss).__name__}")
 
 
 def _prefix(name: str, options: Mapping[str, Any] | None) -> str:

@@ -54,7 +54,7 @@ class Objective:
             if any(not (reference.has(n) and rendered.has(n)) for n in loss.requires):
                 columns.append(torch.full((count,), torch.nan, dtype=torch.float64))
             else:
-                columns.append(_answer(loss, (reference, rendered), (count,), f"loss {name!r}"))
+                columns.append(answer(loss, (reference, rendered), (count,), f"loss {name!r}"))
         return torch.stack(columns, dim=1)
 
     def defined(self, reference: Features) -> Tensor:
@@ -146,7 +146,7 @@ class Objective:
                 part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
             else:
                 shape = (len(rendered), len(loss.groups))
-                part = _answer(loss.residuals, (reference, rendered), shape, f"residuals of loss {name!r}")
+                part = answer(loss.residuals, (reference, rendered), shape, f"residuals of loss {name!r}")
             lost = ~torch.isfinite(part).all(1)
             part = part.masked_fill(lost[:, None], 0.0)
             part[lost, 0] = loss.penalty
@@ -163,7 +163,7 @@ class Objective:
         return torch.cat(parts)
 
 
-def _answer(call: Callable[..., Any], features: tuple[Features, Features], shape: tuple[int, ...], who: str) -> Tensor:
+def answer(call: Callable[..., Any], features: tuple[Features, Features], shape: tuple[int, ...], who: str) -> Tensor:
     """What a loss says of ``features``, as float64 of ``shape``.
 
     Raises:
