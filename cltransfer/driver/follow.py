@@ -98,9 +98,9 @@ def follow(
                 starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
                 if found[-1].total < GOOD:  # then its own motion may go on too, lest the guide leaps
                     starts = torch.cat([starts, predictions([solved.x for solved in found])[-1:]])
-        if hidden[i] and found and schedule.warm and guide is not None:
-            starts = torch.cat([starts, (found[-1].x + guide[i] - guide[i - 1])[None]])
         if hidden[i] and found and schedule.warm:
+            if guide is not None:
+                starts = torch.cat([starts, (found[-1].x + guide[i] - guide[i - 1])[None]])
             solved = carried(problem, starts, memory, schedule)
         else:
             generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
