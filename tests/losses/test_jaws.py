@@ -160,6 +160,15 @@ def test_squashed_units_weigh_sideways_motion_by_the_frames_shape() -> None:
     assert squashed / plain == pytest.approx((36 / 64) ** 2)
 
 
+@pytest.mark.parametrize("size", [(240, 100), (160, 90), (90, 160)])
+def test_a_whip_pan_costs_no_more_than_to_show_nothing(size: tuple[int, int]) -> None:
+    width, height = size
+    whipped = torch.zeros(1, 2, height, width)
+    whipped[:, 0] = width / 4
+    still, moved = (Features(size, flow=flow) for flow in (torch.zeros_like(whipped), whipped))
+    assert float(JawsFlow(angular=0.0)(still, moved)) <= JawsFlow.penalty * (1 + 1e-6)
+
+
 def test_pixels_without_a_flow_are_left_out() -> None:
     a, b = torch.zeros(1, 2, 4, 4), torch.ones(1, 2, 4, 4)
     b[..., 0] = torch.nan

@@ -63,7 +63,7 @@ def test_a_loss_that_asks_for_what_no_reference_has_is_refused(loss: Callable[..
     with pytest.raises(ModelError) as caught:
         Components.build(load_config(overrides=MINE))
     told = f"loss 'mine': requires {name!r}, which no reference has (read it in a scene extractor)"
-    assert f"{caught.value} ({caught.value.hint})" in (told, f"{told} (read it in a scene extractor)")
+    assert str(caught.value) == told
 
 
 def test_an_extractor_that_asks_for_no_feature_is_refused(extractor: Callable[..., None]) -> None:

@@ -8,7 +8,7 @@ import torch
 
 from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag
-from cltransfer.report.metrics import metrics_table, rows, sums, write_metrics
+from cltransfer.report.metrics import metrics_json, metrics_table, rows, sums, write_metrics
 from cltransfer.report.page import page
 
 NAN = float("nan")
@@ -33,6 +33,11 @@ def test_a_term_without_any_value_has_no_mean_and_no_ratio(report):
     assert (size.mean, size.weighted, size.ratio, size.defined) == (None, None, None, 0)
     assert movement.ratio is None  # nothing is any number of times as large as 0
     assert size.cells()[1] == "–"
+
+
+@pytest.mark.parametrize(("command", "told"), [("", None), ("cltransfer transfer", "cltransfer transfer")])
+def test_the_command_that_makes_it_again_is_null_where_there_is_none(report, command, told):
+    assert metrics_json(replace(report, command=command))["command"] == told
 
 
 def test_metrics_json_holds_null_and_a_reason_where_undefined(report, tmp_path):
