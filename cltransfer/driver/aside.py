@@ -18,6 +18,7 @@ from .spline import bending
 from .whole_clip import WholeClip
 
 BESIDE = 2  # frames on either side that may go aside too
+EVERY = 2  # frames of which one is tried: the others gain what those around them do
 SWAY = 9.0  # total of one frame that the background's flow costs where a path goes aside by 1, in the units of x
 STEADY = 1.5  # [frames] over which it does
 
@@ -32,7 +33,7 @@ def go_aside(
 ) -> tuple[Tensor, Tensor]:
     """The path aside where that costs less, else as it is, and its residuals.
 
-    Takes as many evaluations of the frames that may go aside as there are ways, and one of all frames.
+    Takes as many evaluations of every :data:`EVERY`-th frame that may go aside as there are ways, one of all frames.
 
     Args:
         clip: what it is a path for; every loss has residuals, and the search has ways aside.
@@ -50,15 +51,23 @@ def go_aside(
     frames = torch.from_numpy(binary_dilation(wanted.numpy(), iterations=BESIDE))
     moves = torch.cat([torch.zeros_like(ways[:1]), ways])  # (W, D), the first is none
     costs = np.full((len(moves), len(x)), np.inf)
-    costs[0] = clip.totals(residuals).numpy()
+    costs[0] = 0.0
     for first, last in runs(frames):
-        for way, move in enumerate(ways, 1):
-            costs[way, first:last] = clip.totals(clip.part(clip.inside(x + move), x, first, last)).numpy()
+        tried = range(first, last, EVERY)
+        lost = np.stack([_lost(clip, x[i] + ways, residuals[i], i) for i in tried], axis=1)  # (W, T)
+        costs[1:, first:last] = [np.interp(range(first, last), tried, cost) for cost in lost]
     sway = SWAY * (moves[:, None] - moves).abs().sum(-1).numpy()
     there = clip.inside(x + along(moves[torch.from_numpy(steadiest(costs, sway))], STEADY))
     found = clip.residuals(there)
     before, after = (clip.mean_total(r) + bending(path, about) for r, path in ((residuals, x), (found, there)))
     return (there, found) if after < before - PROMISE else (x, residuals)
+
+
+def _lost(clip: WholeClip, x: Tensor, residuals: Tensor, frame: int) -> NDArray:
+    """How much more x (W, D) cost that frame than the path does, of ``residuals`` (R,): (W,), but for motion."""
+    still = ~clip.stage.objective.of_motion
+    there = clip.still_totals(clip.inside(x), frame)
+    return (there - clip.totals(residuals[None] * clip.stage.objective.rows(still))).numpy()
 
 
 def steadiest(costs: NDArray, change: NDArray) -> NDArray:

@@ -1,6 +1,7 @@
 """A clip as a whole: paths scored, and what the losses make of them.
 
-All of it counts as evaluations; none of it is in the journal, so a run that is resumed renders it again.
+All of it counts as evaluations; of the journal are only frames by themselves, so a run that is resumed renders paths
+again.
 """
 
 from __future__ import annotations
@@ -106,6 +107,12 @@ class WholeClip:
         found = self.stage.path_residuals(self.reference, self.cameras(x), self.defined)
         self.stage.spent.evaluations += len(x)
         return found
+
+    def still_totals(self, x: Tensor, frame: int) -> Tensor:
+        """Totals (B,) of x (B, D) for one frame, of the losses that need no other one; B evaluations."""
+        stage = self.stage
+        defined = self.defined[frame] & ~stage.objective.of_motion
+        return self.totals(stage.residuals(self.reference[frame], self.cameras(x), None, defined))
 
     def part(self, moved: Tensor, x: Tensor, first: int, last: int) -> Tensor:
         """Residuals (last - first, R) of those frames of the path ``moved`` (N, D), what is before them as in x (N, D).

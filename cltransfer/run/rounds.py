@@ -147,14 +147,13 @@ def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftO
     # the views of left_out once more, so not counted again
     among = stage.path_residuals(clip.reference, take.cameras, clip.defined)
     hidden = whole.totals(among) - clip.totals(alone) > HIDDEN
-    x, _ = go_aside(whole, path.x, among, hidden, path.about, path.lens_kept)
+    x, seen = go_aside(whole, path.x, among, hidden, path.about, path.lens_kept)
     if x is path.x:
         return take, left_out
     residuals = clip.residuals(x)
     moved = replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), aside=True)
     there = replace(take, path=moved)
-    found = _left_out(job, there)
-    stage.spent.evaluations += len(x)
+    found = LeftOut(job.floaters, moved.total, whole.mean_total(seen))
     return (there, found) if found.better(left_out) else (take, left_out)
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import occluder
 from cltransfer.config import load_config
-from cltransfer.driver.aside import BESIDE, go_aside, steadiest
+from cltransfer.driver.aside import BESIDE, EVERY, go_aside, steadiest
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.pipeline.components import Components
@@ -51,10 +51,10 @@ def test_it_goes_past_what_hides_the_person_and_nowhere_else(behind: tuple[Whole
     assert float(clip.totals(residuals)[first:].mean()) > 1.5
     assert float(clip.totals(found)[first:].mean()) < 0.8  # measured 0.55, 0.27 of it for going there
     torch.testing.assert_close(clip.totals(found), clip.totals(clip.residuals(x)))
-    assert float((x - true)[:5].abs().max()) < 1e-5
+    assert float((x - true)[:5].abs().max()) < 1e-3  # a way is 0.05 to 0.15
     assert float((x - true).diff(n=3, dim=0).abs().max()) < 0.02  # no jump
-    tried = len(SubjectOrbit().aside) * (FRAMES - first + BESIDE + 1) + 2 * FRAMES
-    assert clip.stage.spent.evaluations - before == tried
+    tried = len(SubjectOrbit().aside) * len(range(first - BESIDE, FRAMES, EVERY))
+    assert clip.stage.spent.evaluations - before == tried + 2 * FRAMES  # of the path, here once more
 
 
 def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:

@@ -15,6 +15,7 @@ from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
+from cltransfer.driver.aside import EVERY
 from cltransfer.driver.frame import Solved
 from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.stage import Stage
@@ -159,8 +160,8 @@ def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(han
     assert take.path is not None
     assert take.path.residuals is not None  # so the path itself is not scored again
     assert _past_floaters(job, take, left_out)[0] is take  # another was tried, and not taken
-    ways = len(job.search.aside) * frames
-    scored = ["what is chosen of all ways", "the same without floaters", "and among them"]
+    ways = len(job.search.aside) * len(range(0, frames, EVERY))
+    scored = ["what is chosen of all ways", "the same without floaters"]
     assert cost(job, lambda: _past_floaters(job, take, left_out)) == ways + len(scored) * frames
 
 
