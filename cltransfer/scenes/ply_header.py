@@ -124,6 +124,8 @@ def _parse(path: Path, lines: Iterable[str]) -> dict[str, Element]:
                 elements[name] = Element(_count(path, name, count))
             case ["property", *rest] if not current:
                 raise InputError(path, f"property {' '.join(rest)[:60]}", "stands before any element")
+            case ["property", "list", *_] if elements[current].count == 0:
+                continue  # faces of a cloud: no rows, no bytes
             case ["property", "list", *_]:
                 raise InputError(path, f"element {current[:40]}", "holds lists, expected numbers only", _HINT)
             case ["property", kind, name]:

@@ -118,6 +118,12 @@ def test_a_bad_file_gives_one_line_that_names_file_and_field_within_a_second(tmp
     assert len(str(caught.value)) < 300 + len(str(tmp_path))
 
 
+def test_faces_of_which_there_are_none_are_no_fault(tmp_path):
+    faces = b"element face 0\nproperty list uchar int vertex_indices\nend_header"
+    (tmp_path / "scene.ply").write_bytes(GOOD.replace(b"end_header", faces))
+    assert len(read_splats(tmp_path / "scene.ply")) == 4
+
+
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
     for path, reason in ((tmp_path / "no.ply", "no such file"), (tmp_path, "expected a file, got a folder")):
         with pytest.raises(InputError, match=reason):

@@ -72,15 +72,16 @@ def posed_images(
 
 
 def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = tuple(IMAGE_DEMUXERS)) -> Path | None:
-    """File ``name`` below ``root``, with one of ``suffixes`` where it has none; None where there is no such file.
+    """File ``name`` below ``root``, with one of ``suffixes`` where it has none, in capitals too; None if there is none.
 
     Raises:
         InputError: ``name`` leads out of ``root`` or can be no file's; ``where`` names the file that says so.
     """
     plain = root / name
     known = plain.suffix.lower() in (*IMAGE_DEMUXERS, *VIDEOS)
+    cased = [cased for suffix in suffixes for cased in (suffix, suffix.upper())]
     try:
-        for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in suffixes]:
+        for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in cased]:
             if not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(root)):
                 raise InputError(where, name, "leads out of the folder of the set", "keep its images beside it")
             if os.path.isfile(file):  # which a name that is too long is not

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -65,11 +64,11 @@ def _cameras(path: Path) -> dict[int, Calibration]:
 
 def _images(path: Path) -> list[Shot]:
     shots: list[Shot] = []
-    for where, line in islice(
-        _lines(path), 0, None, 2
-    ):  # each second line lists the points an image sees, and may be empty
+    lines = _lines(path)
+    for where, line in lines:
         if not line.strip():
-            break
+            continue
+        next(lines, None)  # the points that the image sees: a line that may be empty
         parts = line.split(maxsplit=9)
         if len(parts) != 10 or not parts[8].isdecimal():
             raise InputError(path, where, "expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")

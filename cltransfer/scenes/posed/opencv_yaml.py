@@ -20,8 +20,8 @@ MATRIX = "!!opencv-matrix"
 Values = dict[str, "float | str | list[str] | Array"]
 
 _ENTRY = re.compile(r"^(\w[^\s:]*):[ \t]*(.*(?:\n(?![\w%]).*)*)", re.MULTILINE)
-_FIELD = re.compile(r"^\s+(rows|cols|data)\s*:\s*(\d+|\[[^\]]*\])\s*$", re.MULTILINE)
-_ITEM = re.compile(r"^\s*-\s*(.+?)\s*$", re.MULTILINE)
+_FIELD = re.compile(r"^[ \t]+(rows|cols|data)[ \t]*:[ \t]*(\d+|\[[^][]*\])[ \t]*$", re.MULTILINE)
+_ITEM = re.compile(r"^[ \t]*-[ \t]*(.+)$", re.MULTILINE)
 
 
 def read_opencv_yaml(path: Path) -> Values:
@@ -43,7 +43,7 @@ def _value(path: Path, key: str, body: str) -> float | str | list[str] | Array:
     if body.startswith(MATRIX):
         return _matrix(path, key, body)
     if items := _ITEM.findall(body):
-        return [item.strip("\"'") for item in items]
+        return [item.strip().strip("\"'") for item in items]
     plain = body.strip().strip("\"'")
     try:
         return float(plain)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 import tracemalloc
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import pytest
 
 from cltransfer.errors import InputError
 from cltransfer.scenes.posed import colmap_text, read_posed
+from cltransfer.scenes.posed.opencv_yaml import read_opencv_yaml
 
 POSE = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]
 FRAME = {"file_path": "a.png", "transform_matrix": POSE}
@@ -211,3 +214,15 @@ def test_a_bad_calibration_of_easymocap_is_named(tmp_path: Path, intri: str, say
     (tmp_path / "extri.yml").write_text("%YAML:1.0\n---\n")
     with pytest.raises(InputError, match=says):
         read_posed(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "line"), [("names:", " "), ("K_1: !!opencv-matrix", " "), ("K_1: !!opencv-matrix", "  data: [")]
+)
+def test_many_odd_lines_of_a_calibration_take_no_longer_than_others(tmp_path: Path, entry: str, line: str) -> None:
+    path = tmp_path / "intri.yml"
+    path.write_text(f"%YAML:1.0\n---\n{entry}\n" + f"{line}\n" * 40_000 + " x\n")
+    start = time.process_time()
+    with pytest.raises(InputError) if "matrix" in entry else nullcontext():
+        read_opencv_yaml(path)
+    assert time.process_time() - start < 1

@@ -132,6 +132,25 @@ def test_a_known_point_falls_where_it_should(tmp_path: Path, write: Callable[[Pa
     assert posed.missing == ()
 
 
+@pytest.mark.parametrize("write", [write_inria, write_easymocap])
+def test_a_name_without_a_suffix_finds_the_files_of_cameras_in_capitals(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
+    write(tmp_path)
+    for name in NAMES:
+        (tmp_path / "images" / name).rename(tmp_path / "images" / name.replace(".png", ".PNG"))
+    assert read_posed(tmp_path).missing == ()
+
+
+def test_blank_lines_of_colmap_end_nothing(tmp_path: Path) -> None:
+    write_colmap_text(tmp_path)
+    file = tmp_path / "sparse" / "0" / "images.txt"
+    head, *lines = file.read_text().splitlines()
+    pairs = ["\n".join(lines[i : i + 2]) for i in range(0, len(lines), 2)]
+    file.write_text("\n\n".join([head, *pairs, "", ""]))
+    assert set(read_posed(tmp_path).names) == set(NAMES)
+
+
 @pytest.mark.parametrize("write", WRITERS)
 def test_each_image_belongs_to_its_camera(tmp_path: Path, write: Callable[[Path], None]) -> None:
     write(tmp_path)

@@ -25,6 +25,13 @@ def written(path: Path, rows: str = ROWS, count: int = 2, columns: str = POSITIO
     return path
 
 
+def test_faces_of_which_there_are_none_are_no_fault(tmp_path: Path) -> None:
+    faces = "element face 0\nproperty list uchar int vertex_indices\n"
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex 2\n{POSITION}{faces}end_header\n"
+    (tmp_path / "cloud.ply").write_bytes(header.encode() + np.arange(6, dtype="<f4").tobytes())
+    assert read_points(tmp_path / "cloud.ply")[0].tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
 def test_text_is_read_as_the_same_points_in_binary_are(tmp_path: Path) -> None:
     points, colors = read_points(written(tmp_path / "text.ply"))
     assert points.tolist() == [[0.5, -1, np.float32(0.2)], [4, 5, 6]]
