@@ -6,6 +6,8 @@ subject. A joint is (x, y, confidence); in the scene it is (x, y, z).
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -16,6 +18,14 @@ JOINTS = (
 
 # head top, chest, waist, knees, feet: each of one or two parts of JOINTS; two mean their midpoint (paper Sec. 9)
 _KEY_PARTS = torch.tensor([(12, 12), (0, 1), (6, 7), (8, 9), (10, 11)])  # (5, 2)
+
+_BONES = (  # share of the standing height; the hips mean their middle
+    ("head_top", "neck", 0.18), ("neck", "hips", 0.29),
+    ("left_hip", "left_knee", 0.25), ("left_knee", "left_ankle", 0.235),
+    ("right_hip", "right_knee", 0.25), ("right_knee", "right_ankle", 0.235),
+)  # fmt: skip
+
+_UPRIGHT = 0.9  # share of what the bones tell, from where on a person stands upright
 
 # The head top lies beyond the ears, seen from the shoulders: ears 0.935, shoulders 0.815, top 1.0 of body height.
 HEAD_TOP_BEYOND_EARS = 0.55
@@ -35,6 +45,31 @@ def key_joints(keypoints: Tensor) -> Tensor:
     first, second = (keypoints.index_select(-2, part) for part in _KEY_PARTS.to(keypoints.device).unbind(1))
     confidence = torch.minimum(first[..., -1:], second[..., -1:])
     return torch.cat([(first[..., :-1] + second[..., :-1]) / 2, confidence], dim=-1)
+
+
+def stature(joints: Tensor) -> float:
+    """Standing height of joints (14, 3) in the scene, by the lengths of their bones, which no pose changes.
+
+    The median of what the bones tell, so that one joint that is wrong tells little.
+
+    Returns:
+        In the units of the joints; NaN where no bone has both of its ends (an unknown joint is NaN).
+    """
+    at = dict(zip(JOINTS, joints.double()))
+    at["hips"] = (at["left_hip"] + at["right_hip"]) / 2
+    told = torch.stack([(at[one] - at[other]).norm() / share for one, other, share in _BONES])
+    return float(told.nanquantile(0.5))
+
+
+def standing_height(reach: float, joints: Tensor) -> float:
+    """Standing height of a person who reaches up by ``reach``; of one who leans, sits or lies the bones tell it.
+
+    Args:
+        reach: from the soles to the top of the head, in the units of the joints; NaN where unknown.
+        joints: (14, 3), NaN where unknown.
+    """
+    bones = stature(joints)
+    return bones if math.isnan(reach) or reach < _UPRIGHT * bones else reach
 
 
 def head_top(ears: Tensor, shoulders: Tensor) -> Tensor:

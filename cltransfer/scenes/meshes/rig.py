@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ...renderers.kernels import Array
-from ...skeleton import JOINTS
+from ...skeleton import JOINTS, standing_height
 from ...subject import Subject
 from .gltf_skin import Skeleton
 
@@ -26,11 +26,6 @@ _LIMBS = {  # joint -> words that mean it, the surest first
 }
 _CHAINS = {("shoulder", "elbow", "wrist"): "arm", ("hip", "knee", "ankle"): "leg"}
 _SIDE = {"left": "left", "l": "left", "right": "right", "r": "right"}
-_BONES = {  # share of the standing height
-    ("head_top", "neck"): 0.18, ("neck", "hip"): 0.29,
-    ("left_hip", "left_knee"): 0.25, ("left_knee", "left_ankle"): 0.235,
-    ("right_hip", "right_knee"): 0.25, ("right_knee", "right_ankle"): 0.235,
-}  # fmt: skip
 _MINIMUM = 10  # joints that must be found
 
 
@@ -63,17 +58,8 @@ def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
     front = torch.from_numpy(facing / np.linalg.norm(facing))
     upward = torch.from_numpy(np.asarray(up, np.float64))
     standing = joints[JOINTS.index("head_top")] @ up - (rig.vertices @ up).min()  # bones fall short of round bodies
-    height = float(np.fmax(standing, _stature(joints)))
-    return Subject(torch.from_numpy(joints), torch.from_numpy(known).double(), front, upward, height)
-
-
-def _stature(joints: Array) -> float:
-    """Standing height from the lengths of the known bones, which no pose changes."""
-    at = {name: joints[i] for i, name in enumerate(JOINTS)}
-    at["hip"] = (at["left_hip"] + at["right_hip"]) / 2
-    lengths = {bone: np.linalg.norm(at[bone[0]] - at[bone[1]]) for bone in _BONES}
-    known = [bone for bone in _BONES if np.isfinite(lengths[bone])]
-    return float(sum(lengths[bone] for bone in known) / sum(_BONES[bone] for bone in known))
+    body = torch.from_numpy(joints)
+    return Subject(body, torch.from_numpy(known).double(), front, upward, standing_height(float(standing), body))
 
 
 def _words(name: str) -> list[str]:

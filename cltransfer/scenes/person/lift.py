@@ -17,7 +17,7 @@ from torch import Tensor
 from ...camera import Camera
 from ...errors import InputError
 from ...features import Features
-from ...skeleton import JOINTS, VISIBLE
+from ...skeleton import JOINTS, VISIBLE, standing_height
 from ...subject import Subject
 from .. import Scene
 from .find_people import BY_VIEWS, See, boxes_of, chosen, find_people, people_of, ring, standing
@@ -173,7 +173,7 @@ def _voted_facing(cameras: Camera, seen: Features, middle: Tensor, up: Tensor) -
 
 
 def _height(joints: Tensor, up: Tensor, name: str) -> float:
-    """Standing height from the longest known stretch of the body, by its usual share of the height."""
+    """Standing height from the longest known stretch upwards, by its usual share of the height, or from the bones."""
     at = {n: joints[i] @ up for i, n in enumerate(JOINTS)}
     for part in ("ankle", "knee", "hip"):
         pair = torch.stack([at[f"left_{part}"], at[f"right_{part}"]])
@@ -182,7 +182,7 @@ def _height(joints: Tensor, up: Tensor, name: str) -> float:
     for high, low, share in _STATURE:
         stretch = float(at[high] - at[low])
         if stretch > 0:
-            return stretch / share
+            return standing_height(stretch / share, joints)
     raise InputError(name, "lift", "no pair of joints that tells the height", "give more views: --view FILE")
 
 

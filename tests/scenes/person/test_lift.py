@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
+from kornia.geometry.conversions import (
+    axis_angle_to_rotation_matrix,
+    quaternion_to_rotation_matrix,
+    rotation_matrix_to_quaternion,
+)
 from torch import Tensor
 
 from cltransfer.camera import Camera
@@ -13,21 +19,56 @@ from cltransfer.config import load_config
 from cltransfer.features import Features
 from cltransfer.pipeline.components import SCENE_SOURCE, Components
 from cltransfer.pipeline.graph import run
+from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.person.find_people import ring
-from cltransfer.scenes.person.lift import LiftOptions, lift
+from cltransfer.scenes.person.lift import Lift, LiftOptions, lift
+from cltransfer.scenes.splats import Splats
 
 
-def test_who_is_lifted_counts_though_no_boxes_meet() -> None:
-    scene, parts = named_scene("courtyard"), Components.build(load_config())
-    person, plan = scene.subject, parts.plan("scene")
+def lifted(scene: Scene, views: int) -> Lift:
+    """Lifted by exact readings from a ring of ``views`` about the person, in none of which a detector sees anybody."""
+    parts, person = Components.build(load_config()), scene.subject
+    plan = parts.plan("scene")
     assert person is not None
 
     def look(cameras: Camera, box: Tensor | None) -> Features:
         seen = run(plan, parts.renderer.render(scene, cameras, plan.buffers - SCENE_SOURCE), None)
         return replace(seen, box=torch.ones(len(cameras), 5))
 
-    cameras = ring(person.anchor, person.height, scene.up, 4)
-    nobody = [np.zeros((0, 5)) for _ in range(4)]
-    lifted = lift(scene, parts.renderer, look, lambda cameras: nobody, LiftOptions(given=cameras))
-    assert lifted.subject.people == 1
+    cameras = ring(person.anchor, person.height, scene.up, views)
+    nobody = [np.zeros((0, 5)) for _ in range(views)]
+    return lift(scene, parts.renderer, look, lambda cameras: nobody, LiftOptions(given=cameras))
+
+
+def test_who_is_lifted_counts_though_no_boxes_meet() -> None:
+    assert lifted(named_scene("courtyard"), 4).subject.people == 1
+
+
+def lying(scene: Scene) -> Scene:
+    """The scene with its person on the back, on the ground."""
+    person, splats = scene.subject, scene.geometry
+    assert person is not None
+    assert isinstance(splats, Splats)
+    turn = axis_angle_to_rotation_matrix(-torch.pi / 2 * torch.linalg.cross(person.up, person.facing)[None])[0]
+    theirs = splats.label > 0.5
+
+    def laid(points: Tensor) -> Tensor:
+        return (points.double() - person.anchor) @ turn.T + person.anchor - 0.4 * person.height * person.up
+
+    means, quats = splats.means.clone(), splats.quats.clone()
+    means[theirs] = laid(splats.means[theirs]).float()
+    turned = turn @ quaternion_to_rotation_matrix(splats.quats[theirs].double())
+    quats[theirs] = rotation_matrix_to_quaternion(turned.contiguous()).float()
+    return replace(
+        scene, geometry=replace(splats, means=means, quats=quats), subject=replace(person, joints=laid(person.joints))
+    )
+
+
+def test_who_lies_is_lifted_as_tall_as_who_stands() -> None:
+    scene = lying(named_scene("courtyard"))
+    found, person = lifted(scene, 16), scene.subject
+    assert person is not None
+    assert found.subject.height == pytest.approx(person.height, rel=0.05)
+    theirs = scene.geometry.label > 0.5
+    assert float((found.label[theirs] > 0.5).double().mean()) > 0.95

@@ -1,0 +1,42 @@
+"""What joints tell by themselves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from cltransfer.scenes.builtin.mannequin import Body
+from cltransfer.skeleton import JOINTS, standing_height, stature
+
+
+def joints(height: float) -> Tensor:
+    return torch.from_numpy(Body(height=height).joints())
+
+
+@pytest.mark.parametrize("height", [1.2, 1.78, 2.1])
+def test_bones_tell_how_tall_a_person_stands_whatever_the_pose(height: float) -> None:
+    standing = joints(height)
+    assert stature(standing) == pytest.approx(height, rel=0.03)
+    turn = torch.linalg.qr(torch.from_numpy(np.random.default_rng(1).normal(size=(3, 3))))[0]
+    assert stature(standing @ turn) == pytest.approx(stature(standing))
+
+
+def test_a_joint_that_is_wrong_tells_little_and_unknown_ones_nothing() -> None:
+    body = joints(1.78)
+    body[JOINTS.index("left_ankle")] += 5.0
+    assert stature(body) == pytest.approx(1.78, rel=0.05)
+    body[JOINTS.index("right_knee") :] = torch.nan
+    assert stature(body) == pytest.approx(1.78, rel=0.1)  # one thigh is left
+    assert math.isnan(stature(torch.full((14, 3), torch.nan)))
+
+
+def test_who_lies_is_as_tall_as_who_stands() -> None:
+    body = joints(1.78)
+    assert standing_height(1.75, body) == 1.75
+    for reach in (0.02, 1.34, math.nan):  # lying, seated, unknown
+        assert standing_height(reach, body) == pytest.approx(1.78, rel=0.03)
+    assert standing_height(0.4, torch.full((14, 3), torch.nan)) == 0.4
