@@ -58,7 +58,7 @@ def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: C
     image = drawn_by(parts.renderer, scene, found.cameras, frozenset({"image"})).require("image")
     write_contact_sheet(folder / SHEET, image, found)
     if not wanted.view and wanted.views == LiftOptions.views and not wanted.person:
-        cache_lift(cached_lift(scene, parts.extractors).parent, found)
+        cache_lift(cached_lift(scene, parts.renderer, parts.extractors).parent, found)
     remember(scene.digest, wanted.scene)
     return found
 

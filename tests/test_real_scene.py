@@ -58,7 +58,7 @@ def lifted(config: RunConfig) -> Lift:
     parts = Components.build(config)
     scene = load_scene(SCENE)
     found = lift_scene(scene, parts.renderer, parts.extractors)
-    save_lift(cached_lift(scene, parts.extractors).parent, found)
+    save_lift(cached_lift(scene, parts.renderer, parts.extractors).parent, found)
     return found
 
 

@@ -21,6 +21,7 @@ from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
 from cltransfer.registry.declared import SCENE_SUFFIXES
 from cltransfer.renderers._request import drawn_by, renderer_of
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.geometry import Geometry, lacking
@@ -272,6 +273,7 @@ def test_what_is_kept_of_a_scene_is_kept_for_the_code_that_has_read_it(tmp_path:
     for change in ("", "# it reads other primitives now\n"):
         (tmp_path / "dots.py").write_text(source + change)
         allow([tmp_path / "dots.py"])
-        seen |= {str(cached_lift(load_scene(tmp_path / "stage.dots"), {})), digest(str(tmp_path / "stage.dots"))}
+        kept = cached_lift(load_scene(tmp_path / "stage.dots"), GaussianSplats(), {})
+        seen |= {str(kept), digest(str(tmp_path / "stage.dots"))}
         del RENDERERS._classes["dots"]
     assert len(seen) == 4

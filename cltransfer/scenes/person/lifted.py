@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from ...features import Features
 from ...models.content import reading
 from ...pipeline.graph import run
 from ...pipeline.plan import CLIP_SOURCE, Plan, make_plan
+from ...registry import RENDERERS
+from ...registry.plugin_code import code_of
 from ...renderers._request import drawn_by
 from ...storage.files import cache_dir, into_cache
 from ...storage.tensor_file import save_tensors
@@ -154,7 +156,7 @@ def lifted_scene(
     """
     if scene.subject is not None:
         return scene
-    cached = cached_lift(scene, extractors)
+    cached = cached_lift(scene, renderer, extractors)
     if cached.is_file():
         found = load_person(scene, cached)
     else:
@@ -164,8 +166,10 @@ def lifted_scene(
     return replace(found, geometry=scene.geometry) if bool(scene.geometry.label.any()) else found
 
 
-def cached_lift(scene: Scene, extractors: Mapping[str, Any]) -> Path:
-    """Where the cache keeps the person of this scene, read with these extractors."""
+def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any]) -> Path:
+    """Where the cache keeps the person of this scene, drawn with this renderer and read with these extractors."""
     used = {n: reading(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
-    text = json.dumps([__version__, scene.digest, scene.up.tolist(), used, *filter(None, [scene.code])], default=str)
+    drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
+    known = [__version__, scene.digest, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
+    text = json.dumps(known, default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

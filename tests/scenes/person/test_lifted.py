@@ -10,12 +10,23 @@ import pytest
 import torch
 
 from cltransfer.errors import InputError
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.renderers.mesh import Mesh
+from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.person import lifted
 from cltransfer.scenes.person.lift import Lift
-from cltransfer.scenes.person.lifted import lifted_scene, load_person, save_labels
+from cltransfer.scenes.person.lifted import cached_lift, lifted_scene, load_person, save_labels
 from cltransfer.subject import Subject
 from cltransfer.testing import sample_features
+
+
+def test_the_cache_keeps_a_person_for_what_has_drawn_it() -> None:
+    scene = named_scene("courtyard")
+    kept = cached_lift(scene, GaussianSplats(), {})
+    assert cached_lift(scene, GaussianSplats(near=1.0), {}) != kept
+    assert cached_lift(scene, Mesh(), {}) != cached_lift(scene, NerfGridRenderer(), {})
+    assert cached_lift(scene, GaussianSplats(threads=2), {}) == kept
 
 
 def test_labels_come_back_with_the_person(tmp_path: Path) -> None:
@@ -93,9 +104,9 @@ def test_a_cache_that_cannot_be_written_loses_no_person(
     monkeypatch.setattr(lifted, "summary", lambda found: {})
     (tmp_path / "file").touch()
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "file"))
-    told = lifted_scene(bare, None, {})
+    told = lifted_scene(bare, GaussianSplats(), {})
     assert caplog.messages[0].endswith("Not a directory: the next run lifts the person anew")
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
-    kept = lifted_scene(bare, None, {})
+    kept = lifted_scene(bare, GaussianSplats(), {})
     assert torch.equal(told.geometry.label, kept.geometry.label)
     assert (len(caplog.messages), kept.subject.height) == (1, told.subject.height)
