@@ -33,6 +33,7 @@ class Skeleton:
         points: where the joints are, (J, 3), scene units.
         vertices: of all its skinned meshes, posed, (V, 3).
         strongest: the joint that moves each vertex most, (V,).
+        mirrored: whether the figure is seen as in a mirror, so that its left arm is a right one.
     """
 
     names: tuple[str, ...]
@@ -40,6 +41,7 @@ class Skeleton:
     points: Array  # (J, 3)
     vertices: Array  # (V, 3)
     strongest: Array  # (V,)
+    mirrored: bool = False
 
 
 def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, Skeleton | None]:
@@ -243,4 +245,5 @@ def _skeleton(gltf: Gltf, skin: int, world: list[Array], parts: list[tuple[Array
     names = tuple(str(gltf.tree["nodes"][node].get("name", node)) for node in joints)
     points = np.stack([world[node][:3, 3] for node in joints])
     vertices, strongest = (np.concatenate(column) for column in zip(*parts))
-    return Skeleton(names, tuple(parents), points, vertices, strongest)
+    turned = np.linalg.det(_joint_matrices(gltf, gltf.entry("skins", skin), world)[:, :3, :3])
+    return Skeleton(names, tuple(parents), points, vertices, strongest, bool(np.median(turned) < 0))

@@ -24,6 +24,7 @@ _LIMBS = {  # joint -> words that mean it, the surest first
     "knee": ("shin", "calf", "lowerleg", "knee", "leg"),
     "ankle": ("foot", "ankle"),
 }
+_HELPERS = {"ik", "pole", "target", "ctrl", "control"}  # what poses a limb, and is none
 _CHAINS = {("shoulder", "elbow", "wrist"): "arm", ("hip", "knee", "ankle"): "leg"}
 _SIDE = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _MINIMUM = 10  # joints that must be found
@@ -45,6 +46,8 @@ def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
     joints = np.full((14, 3), np.nan)
     for name, joint in found.items():
         joints[JOINTS.index(name)] = rig.points[joint]
+    if rig.mirrored:
+        joints[:12] = joints[:12].reshape(6, 2, 3)[:, ::-1].reshape(12, 3)  # left and right in turn
     shoulders, hips = joints[:2], joints[6:8]
     joints[JOINTS.index("neck")] = shoulders.mean(0) if neck is None else rig.points[neck]
     skull = head if head is not None else _last_below(rig, neck)
@@ -77,12 +80,13 @@ def _side(words: list[str]) -> str | None:
 
 def _limb_joint(rig: Skeleton, side: str, part: str) -> int | None:
     """The joint called ``side`` and ``part``, or the one in its place of a numbered limb."""
+    bones = [joint for joint in _outwards(rig) if not _HELPERS & set(_words(rig.names[joint]))]
     for chain, limb in _CHAINS.items():
-        numbered = [j for j in _outwards(rig) if _stem(rig.names[j], limb) and _side(_words(rig.names[j])) == side]
+        numbered = [j for j in bones if _stem(rig.names[j], limb) and _side(_words(rig.names[j])) == side]
         if part in chain and len(numbered) >= len(chain):
             return numbered[chain.index(part)]
     for word in _LIMBS[part]:
-        for joint in _outwards(rig):
+        for joint in bones:
             words = _words(rig.names[joint])
             if _side(words) == side and _says(words, word):
                 return joint

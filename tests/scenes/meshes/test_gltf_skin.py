@@ -63,6 +63,16 @@ def test_the_skeleton_says_where_its_joints_are_and_what_they_move(pose):
     assert rig.strongest.tolist() == [0, 0, 1, 1]
 
 
+@pytest.mark.parametrize("scale", [1.0, -1.0])
+def test_a_figure_that_hangs_from_a_mirror_is_mirrored(bar, write_glb, tmp_path, scale):
+    tree, blob = bar()
+    joint = tree["skins"][0]["joints"][0]
+    tree["nodes"].append({"scale": [scale, 1, 1], "children": [joint]})
+    tree["scenes"][0]["nodes"] = [n for n in tree["scenes"][0]["nodes"] if n != joint] + [len(tree["nodes"]) - 1]
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    assert posed(read_gltf(path, Beside(path)), 0.0)[1].mirrored == (scale < 0)
+
+
 def test_what_comes_out_has_no_skin_and_reads_back_the_same(pose, tmp_path):
     document, rig = pose(0.5)
     (tmp_path / "frozen.glb").write_bytes(document.to_glb())

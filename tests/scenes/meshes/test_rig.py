@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -61,6 +63,26 @@ def test_joints_are_found_by_the_names_of_many_programs(style):
     torch.testing.assert_close(subject.facing, torch.tensor([0.0, 1.0, 0.0]).double())
     torch.testing.assert_close(subject.left, torch.tensor([-1.0, 0.0, 0.0]).double())
     assert subject.height == pytest.approx(1.8, rel=0.05)
+
+
+def test_in_a_mirror_the_left_arm_is_the_right_one():
+    rig, mirror = body(STYLES["rigify"]), np.array([-1.0, 1.0, 1.0])
+    seen = replace(rig, points=rig.points * mirror, vertices=rig.vertices * mirror, mirrored=True)
+    straight, mirrored = subject_of_rig(rig, UP), subject_of_rig(seen, UP)
+    torch.testing.assert_close(mirrored.facing, straight.facing)
+    torch.testing.assert_close(mirrored.joints, straight.joints)
+
+
+def test_what_helps_to_pose_a_hand_is_no_hand():
+    rig = body(STYLES["unreal"])
+    helpers = ("ik_hand_gun", "ik_hand_l", "ik_hand_r", "ik_foot_l", "ik_foot_r", "pole_target_hand_l", "ctrl_hand_r")
+    crowded = replace(
+        rig,
+        names=(*rig.names, *helpers),
+        parents=(*rig.parents, *[-1] * len(helpers)),
+        points=np.concatenate([rig.points, np.full((len(helpers), 3), 7.0)]),
+    )
+    torch.testing.assert_close(subject_of_rig(crowded, UP).joints, subject_of_rig(rig, UP).joints)
 
 
 def test_a_bent_pose_keeps_its_height():
