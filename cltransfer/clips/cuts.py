@@ -21,7 +21,11 @@ RECOLOURED = 0.08  # part of the pixels that changed their bin
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
-NEIGHBOURS = 4  # frames on either side that say what is usual
+NEIGHBOURS = 4  # changes on either side that say what is usual
+SAME, REPEATS = (
+    0.002,
+    3,
+)  # what a frame that is shown again changes at most, and how often it is; more is a still camera
 
 
 def find_cuts(small: np.ndarray) -> list[int]:
@@ -50,15 +54,28 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     apart = np.flatnonzero(np.diff(shown) > 1)  # maybe faded: as if their colours were in full
     if len(apart):
         _, recolour[apart] = _changes(_full_range(pictures[apart]), _full_range(pictures[apart + 1]))
-    begins = [0]
+    begins, told = [0], np.flatnonzero(~_repeats(change))
     for i in np.flatnonzero((change > DIFFERENT) & (recolour > RECOLOURED)).tolist():
-        about = np.concatenate([change[max(0, i - NEIGHBOURS) : i], change[i + 1 : i + 1 + NEIGHBOURS]])
+        about = change[np.concatenate([told[told < i][-NEIGHBOURS:], told[told > i][:NEIGHBOURS]])]
         usual = float(np.median(about)) if len(about) else 0.0
         later: int = min(i + 3, len(pictures) - 1)
         back, _ = _changes(pictures[i : i + 1], pictures[later : later + 1])
         if change[i] > STANDS_OUT * usual and back[0] > DIFFERENT:
             begins.append(i + 1)
     return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]
+
+
+def _repeats(change: np.ndarray) -> np.ndarray:
+    """Which changes (F,) are those of frames shown again, as of 24 a second in a file of 60.
+
+    >>> _repeats(np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.3])).tolist(), _repeats(np.zeros(3)).tolist()
+    ([False, True, False, True, True, False], [False, False, False])
+    """
+    moving = np.flatnonzero(change > SAME)
+    repeats = np.zeros(len(change), bool)
+    for a, b in pairwise(moving):
+        repeats[a + 1 : b] = b - a <= REPEATS + 1
+    return repeats
 
 
 def check_one_shot(where: ClipSource) -> None:

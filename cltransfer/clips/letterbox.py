@@ -8,8 +8,9 @@ from torch import Tensor
 BLACK = 24  # of 255: a pixel no brighter on any frame may belong to a bar
 FULL = 0.5  # part of the picture's first row or column that must be brighter: bars end at once
 EVEN = 0.25  # by which the two bars may differ, of the wider one, and two pixels
+RING = 0.02  # of the frame: compression lights some pixels of a bar, so far from the picture, at least two rows
 LEAST = 0.02  # of the frame that two bars take
-MOST = 0.6  # of the frame that two bars take; more is a dark picture
+MOST = 0.75  # of the frame that two bars take, a phone's upright picture in a wide one 0.684; more is a dark picture
 
 
 def find_letterbox(image: Tensor) -> tuple[int, int, int, int]:
@@ -29,13 +30,14 @@ def find_letterbox(image: Tensor) -> tuple[int, int, int, int]:
 def _bars(bright: Tensor) -> tuple[int, int]:
     """First and last + 1 of the rows of (H, W) that are between two bars."""
     count = len(bright)
-    lit = bright.any(1).nonzero()[:, 0]
-    if len(lit) == 0:
+    share = bright.float().mean(1)
+    lit, full = ((share > least).nonzero()[:, 0] for least in (0.0, FULL))
+    if len(full) == 0:
         return 0, count
-    first, last = int(lit[0]), int(lit[-1]) + 1
+    first, last = int(full[0]), int(full[-1]) + 1
     before, after = first, count - last
     even = abs(before - after) <= max(2, EVEN * max(before, after))
-    sharp = bool((bright[[first, last - 1]].float().mean(1) > FULL).all())
+    sharp = max(first - int(lit[0]), int(lit[-1]) + 1 - last) <= max(2, RING * count)
     if min(before, after) > 0 and even and sharp and LEAST * count <= before + after <= MOST * count:
         return first, last
     return 0, count

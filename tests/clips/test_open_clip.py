@@ -103,6 +103,21 @@ def test_a_camera_however_fast_is_no_cut(drift: int) -> None:
     assert find_cuts(small(scenery(2, 12, drift))) == []
 
 
+def repeated(frames: Tensor, times: tuple[int, ...]) -> np.ndarray:
+    """Small pictures (F, h, w, 3) of frames that are shown so often, in turn."""
+    return small(frames[[i for i in range(len(frames)) for _ in range(times[i % len(times)])]])
+
+
+@pytest.mark.parametrize("times", [(1,), (2,), (2, 3), (3,), (4,)])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fast_camera_whose_frames_are_shown_repeatedly_is_no_cut(times: tuple[int, ...], seed: int) -> None:
+    wall = scenery(seed, 10, 12)
+    still = torch.cat([wall[:1].expand(12, -1, -1, -1), wall, wall[-1:].expand(12, -1, -1, -1)])
+    assert find_cuts(repeated(still, times)) == []
+    one, other = scenery(seed, 8), scenery(seed + 1, 8)
+    assert find_cuts(repeated(torch.cat([one, other]), times)) == [sum(times[i % len(times)] for i in range(8))]
+
+
 def test_a_flash_is_no_cut() -> None:
     frames = scenery(3, 12)
     frames[6] = 255
@@ -173,6 +188,21 @@ def test_bars_are_cropped_and_told(tmp_path: Path, rows: int, columns: int) -> N
     assert torch.equal(clip.image, frames[:, :, rows : SIZE[1] - rows, columns : SIZE[0] - columns])
     assert len(flags) == (rows + columns > 0)
     assert open_clip(replace(where, letterbox="keep"))[0].size == SIZE
+
+
+def test_bars_that_compression_has_lit_beside_the_picture_are_bars() -> None:
+    frames = torch.full((3, 3, 100, 160), 16, dtype=torch.uint8)
+    frames[:, :, 20:80] = 120
+    frames[0, :, [18, 19, 80], ::20] = 40
+    assert find_letterbox(frames) == (0, 20, 160, 80)
+    frames[0, :, 10, ::20] = 200  # a title in the bar
+    assert find_letterbox(frames) == (0, 0, 160, 100)
+
+
+def test_an_upright_picture_in_a_wide_frame_has_bars() -> None:
+    frames = torch.zeros(3, 3, 540, 960, dtype=torch.uint8)
+    frames[..., 328:632] = 200
+    assert find_letterbox(frames) == (328, 0, 632, 540)
 
 
 def test_a_dark_picture_and_a_thing_before_black_are_no_letterbox() -> None:
