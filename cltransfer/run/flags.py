@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 DEGENERATE = 1.0  # least curvature of the total along a direction of x below which nothing determines it; usually > 10
 ON_BOUND = 1e-6  # of the half-range
+WORSE = 1.05  # times the total of the first view held still, above which a result is worse
+OTHERWISE, MUCH = 3.0, 1.0  # times the total of the search, and so much more, above which a result is read otherwise
 
 
 def run_flags(result: Result) -> tuple[Flag, ...]:
@@ -40,6 +42,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     for note in (result.schedule.note, result.note, weight):
         if note:
             yield Flag(None, note)
+    yield from _poor(result)
     yield from _floaters(result)
     yield from _near(result)
     person = result.scene.subject
@@ -51,6 +54,24 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         known = space is not None and space.defined
         why = "" if known else ": without filmic space it cannot be told apart from distance"
         yield Flag(None, f"focal length kept{why}")
+
+
+def _poor(result: Result) -> Iterator[Flag]:
+    """Whether the result is worse than standing still, or than the search took it for."""
+    total, held, searched = result.verified.total, result.held.total, result.searched.total
+    if total > WORSE * held:
+        yield Flag(None, f"worse than the first view held still: the total is {total:.3g} for {held:.3g}")
+    if total > OTHERWISE * searched + MUCH:
+        where = "as it is read back, " if result.read_by == "image" else ""
+        told = f"the total is {total:.3g}, {where}for {searched:.3g} in the search, most of it {_most(result)}"
+        yield Flag(None, f"{told}: the search and the reading do not see the same")
+
+
+def _most(result: Result) -> str:
+    """The term that costs most, penalties among it."""
+    objective, values = result.objective, torch.stack([term.values for term in result.verified.terms], dim=1)
+    weighted = objective.weighted(values, objective.defined(result.reference.features))
+    return list(objective.losses)[int(weighted.sum(0).argmax())]
 
 
 def _floaters(result: Result) -> Iterator[Flag]:
@@ -98,10 +119,12 @@ def _reference(result: Result) -> Iterator[Flag]:
 
 
 def _undefined(result: Result) -> Iterator[Flag]:
+    known = dict(zip(result.objective.losses, result.objective.defined(result.reference.features).T))
     for term in result.verified.terms:
+        lost = ~torch.isfinite(term.values)
         if term.reason:
-            continue
-        for i in (~torch.isfinite(term.values)).nonzero()[:, 0].tolist():
+            lost &= known[term.name]  # of what the whole reference lacks a note tells once
+        for i in lost.nonzero()[:, 0].tolist():
             if i > 0 or not result.objective.moves(result.objective.losses[term.name]):
                 yield Flag(i, f"{term.name} undefined")
 

@@ -131,6 +131,34 @@ def undefined(result: Result) -> Result:
     return kept(result, shown=replace(shown, scores=replace(shown.scores, terms=terms)))
 
 
+def test_a_term_that_every_frame_has_lost_is_told_of_every_frame(plain: Result) -> None:
+    shown, reason = plain.kept.shown, "undefined on every frame of the render"
+    lost = [replace(t, values=torch.full((2,), torch.nan), reason=reason) for t in shown.scores.terms]
+    lost[2] = replace(lost[2], reason="the reference has no 'depth'")
+    gone = kept(plain, shown=replace(shown, scores=replace(shown.scores, terms=tuple(lost))))
+    reference = plain.reference.features
+    bare = replace(plain.reference, features=replace(reference, depth=None, extras={}))
+    flags = run_flags(replace(gone, reference=bare))
+    framed = [(flag.frame, flag.reason) for flag in flags if flag.reason.endswith(" undefined")]
+    placed = [(i, f"{name} undefined") for i in (0, 1) for name in ("shot_size", "framing", "camera_angle")]
+    assert sorted(framed) == sorted([*placed, (1, "camera_movement undefined")])
+
+
+def test_a_result_worse_than_standing_still_or_than_the_search_took_it_for_is_told(plain: Result) -> None:
+    def told(found: float, searched: float = 1.0) -> list[str]:
+        shown = plain.kept.shown
+        scores, search = (replace(shown.scores, totals=torch.full((2,), total)) for total in (found, searched))
+        result = kept(replace(plain, searched=search, held=search), shown=replace(shown, scores=scores))
+        return [flag.reason for flag in run_flags(result) if "the total is" in flag.reason]
+
+    assert told(1.04) == []
+    assert told(1.06) == ["worse than the first view held still: the total is 1.06 for 1"]
+    assert told(1.06, 1.5) == []
+    (_, otherwise) = told(4.5)
+    assert otherwise.startswith("the total is 4.5, for 1 in the search, most of it ")
+    assert otherwise.endswith(": the search and the reading do not see the same")
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
