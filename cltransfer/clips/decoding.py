@@ -20,6 +20,7 @@ from av.video.stream import VideoStream
 from ..computer.threads import thread_count
 from ..errors import InputError
 from .image_header import exif_orientation, states_aspect
+from .jpeg_end import jpeg_ends
 
 PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
@@ -121,8 +122,8 @@ def _image_source(path: Path) -> str | io.BytesIO:
     if path.stat().st_size > IMAGE_BYTE_LIMIT:
         raise InputError(path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}")
     data = path.read_bytes()
-    # the decoder fills up a JPEG that ends early without a word: there must be an end after the last scan
-    if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
+    # the decoder fills up a JPEG that ends early without a word
+    if data.startswith(b"\xff\xd8") and not jpeg_ends(data):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
     return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path.absolute())
 

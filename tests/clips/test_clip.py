@@ -478,6 +478,17 @@ def test_a_link_out_of_the_folder_is_not_followed(folder, tmp_path_factory):
     assert len(read_clip(folder)) == 12
 
 
+@pytest.mark.parametrize("options", [[], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]])
+def test_what_lies_behind_a_jpeg_is_none_of_it(tmp_path, options):
+    picture = np.random.default_rng(3).integers(0, 255, (48, 64, 3)).astype(np.uint8)
+    data = cv2.imencode(".jpg", picture, options)[1].tobytes()
+    (tmp_path / "0.jpg").write_bytes(data + b"\xff\xda" * 3)  # as in the film of a motion photo
+    assert read_clip(tmp_path).size == (64, 48)
+    for share in (0.3, 0.6, 0.95):
+        (tmp_path / "0.jpg").write_bytes(data[: int(share * len(data))])
+        assert "cut short" in refused(tmp_path, "video").reason
+
+
 def test_a_jpeg_that_ends_early_is_refused(tmp_path):
     picture = noise(1, (64, 64))[0].permute(1, 2, 0).numpy()
     data = cv2.imencode(".jpg", picture)[1].tobytes()
