@@ -78,7 +78,7 @@ def evaluate(
     notes += undefined(scores, objective.defined(features), features, rendered)
     notes.append(weight_note(objective.losses, features.size[0]))
     told = tuple(Flag(None, note) for note in notes if note)
-    return ReportData(title, times, scores, None, None, None, taught, made, told, spent)
+    return ReportData(title, both.original, scores, None, None, None, taught, made, told, spent)
 
 
 def undefined(scores: Scores, defined: Tensor, reference: Features, rendered: Features) -> list[str]:

@@ -158,6 +158,7 @@ def test_the_same_movement_scores_alike_at_any_rate(
     still = evaluate(reference, steady(tmp_path / "still.mkv", 24, 1, speed=0), config)
     report = evaluate(reference, steady(tmp_path / "render.mkv", rate, seconds), config)
     assert len(report.times) == scored
+    assert report.apart == pytest.approx(1 / min(rate, 24), abs=0.001)  # of the reference, in whose steps movement is
     assert report.scores.total < 0.06 * still.scores.total
     count = round(rate * seconds) + 1
     ends, rest = "which has 25 up to 1.00 s", "the others are not scored"
