@@ -85,7 +85,7 @@ def refine(
     """
     x = inside(x, bounds)
     r = evaluate(x[None])[0] if residuals is None else residuals
-    total = float(group_norms(r[None], groups).sum())
+    total = begun = float(group_norms(r[None], groups).sum())
     evaluations, fresh, made, damping, stop = int(residuals is None), False, 0, 1.0, "steps"
     for step in range(options.steps):
         if total <= options.tolerance:
@@ -116,6 +116,8 @@ def refine(
         else:
             jacobian = differences(evaluate, x, r, bounds)
             evaluations, fresh, made = evaluations + len(x), True, made + 1
+    if stop == "steps" and options.steps and begun - total < WORTH * max(total, 0.2):
+        stop = "worth"  # few steps never come to the last floor, but nothing was gained by all of them
     if jacobian is None:
         jacobian = differences(evaluate, x, r, bounds)
         evaluations += len(x)

@@ -128,3 +128,17 @@ def test_where_nothing_changes_every_direction_is_as_flat() -> None:
     torch.testing.assert_close(
         flat_directions(nothing, bent(nothing[:1])[0], GROUPS), torch.eye(3, dtype=torch.float64)
     )
+
+
+def test_few_steps_that_gain_nothing_say_so_and_those_that_gain_do_not() -> None:
+    def rough(x: Tensor) -> Tensor:  # a pixel's step, that no slope knows of, is in the way of any move
+        return torch.cat([x - 1, 100 * (x != 0).any(1, keepdim=True)], dim=1)
+
+    one, groups, slopes = (
+        torch.zeros(1, dtype=torch.float64),
+        torch.tensor([0, 1]),
+        torch.tensor([[1.0], [0.0]]).double(),
+    )
+    few = Refinement(steps=3, dampings=(1e-3,), jacobians=0)
+    assert refine(rough, one, groups, few, slopes).stop == "worth"
+    assert refine(bent, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(steps=1), None).stop == "steps"
