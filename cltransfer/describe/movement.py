@@ -13,7 +13,10 @@ from .motion import APPARENT, PRIMITIVES, Motion
 STILL = 0.009  # apparent motion over the clip below which nothing moves [frame sides]
 BESIDE = 0.6  # part of the leading motion that another needs to be named beside it
 SHAKY = 0.022  # back and forth, per second, from which a hand holds the camera [frame sides / s]
-RESTLESS = 2.0  # back and forth over the net motion from which holding is all the camera does
+RESTLESS = 2.0  # back and forth over the net motion from which holding is all the camera does, or going and coming back
+TURNS = 3  # of all motions that go back and forth, from which it shakes: a move that comes back turns once
+ALSO = 0.15  # of what goes back and forth most, from which another motion counts among them
+SLACK = 0.05  # of its range that a motion has to go back for a turn
 COMPENSATED = 0.4  # the lesser of dolly and zoom over the greater from which they are a dolly zoom
 CRASH = 1.2  # log size a second from which a zoom is a crash zoom
 WHIP = 1.1  # frame sides a second from which a pan is a whip pan
@@ -42,6 +45,7 @@ class Movement:
         net: apparent motion from first to last frame by primitive [frame sides]; NaN where none was read.
         shake: motion back and forth [frame sides / s]; NaN where none was read.
         reason: why there is no name.
+        returns: whether the camera comes back from where the leading motion has led it.
     """
 
     name: str | None
@@ -50,13 +54,15 @@ class Movement:
     net: dict[str, float]
     shake: float
     reason: str = ""
+    returns: bool = False
 
     @property
     def text(self) -> str:
         """In words."""
         if self.name is None:
             return f"not told ({self.reason})"
-        words = " with ".join([self.name, " and ".join(self.beside)]) if self.beside else self.name
+        name = f"{self.name} and back" if self.returns else self.name
+        words = " with ".join([name, " and ".join(self.beside)]) if self.beside else name
         return f"{words}, handheld" if self.handheld and self.name != "handheld" else words
 
 
@@ -68,20 +74,51 @@ def movement(motion: Motion) -> Movement:
     track = _filtered(motion.track)
     net = track[-1] - track[0]
     duration = max(float(motion.times[-1] - motion.times[0]), 1e-9) if len(motion.times) > 1 else 1.0
-    wasted = float((track.diff(dim=0).abs().sum(0) - net.abs()).clamp_min(0).sum())
+    back = (track.diff(dim=0).abs().sum(0) - net.abs()).clamp_min(0)  # (P,), back and forth by primitive
+    wasted = float(back.sum())
     shake = wasted / duration
-    handheld = shake > SHAKY and wasted > 2 * STILL
+    handheld = shake > SHAKY and wasted > 2 * STILL and _restless(track[:, back > ALSO * back.max()])
     order = net.abs().argsort(descending=True).tolist()
     largest = float(net[order[0]].abs())
     named = dict(zip(PRIMITIVES, net.tolist()))
     if handheld and wasted > RESTLESS * largest:
         return Movement("handheld", (), True, named, shake)
+    if not handheld and float(back.max()) > max(RESTLESS * largest, 2 * STILL):
+        far = track[:, int(back.argmax())] - track[0, int(back.argmax())]
+        name = _word(PRIMITIVES[int(back.argmax())], float(far[far.abs().argmax()]))
+        return Movement(name, (), False, named, shake, returns=True)
     if largest < STILL:
         return Movement("static", (), handheld, named, shake)
     lead = _lead(PRIMITIVES[order[0]], motion, named)
     spent = {"zoom", "dolly"} if lead == "dolly zoom" else {PRIMITIVES[order[0]]}
     beside = [p for p in (PRIMITIVES[i] for i in order) if p not in spent and abs(named[p]) > BESIDE * largest]
     return Movement(lead, tuple(_word(p, named[p]) for p in beside), handheld, named, shake)
+
+
+def _restless(track: Tensor) -> bool:
+    """Whether motions (N, P) turn back more often than those of a camera that comes back once, in sum.
+
+    Against its own mean speed one that comes part of the way back turns as it starts and ends too.
+    """
+    steady = torch.linspace(0, 1, len(track), dtype=track.dtype)[:, None] * (track[-1] - track[0])
+    seen, about = (sum(turns(column) for column in way.T) for way in (track, track - steady))
+    return seen >= TURNS or about > TURNS
+
+
+def turns(track: Tensor) -> int:
+    """How often a motion (N,) turns back by more than :data:`SLACK` of its range.
+
+    >>> turns(torch.tensor([0.0, 1.0, 2.0, 1.0, 0.0])), turns(torch.tensor([0.0, 1.0, 2.0, 1.95, 3.0]))
+    (1, 0)
+    """
+    slack = SLACK * float(track.max() - track.min())
+    count, sign, extreme = 0, 0, float(track[0])
+    for value in track.tolist():
+        if sign and sign * (value - extreme) >= 0 or not sign and abs(value - extreme) <= slack:
+            extreme = value if sign else extreme  # it goes on, or has not begun
+        elif abs(value - extreme) > slack:
+            count, sign, extreme = count + (sign != 0), 1 if value > extreme else -1, value
+    return count
 
 
 def _lead(primitive: str, motion: Motion, net: dict[str, float]) -> str:

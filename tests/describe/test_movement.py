@@ -109,6 +109,18 @@ def test_frames_without_a_background_are_not_read() -> None:
     assert torch.isfinite(motion.track).all()
 
 
+@pytest.mark.parametrize(("back", "text"), [(1.0, "pan right and back"), (0.6, "pan right and back")])
+@pytest.mark.parametrize("seconds", [2.0, 8.0])
+def test_a_move_that_comes_back_is_not_handheld(back: float, text: str, seconds: float) -> None:
+    times = torch.linspace(0, seconds, 49).double()
+    there = torch.sin(torch.pi * torch.linspace(0, 1, 49).double()) ** 2
+    there[24:] = 1 - back * (1 - there[24:])
+    rates = torch.zeros(49, len(PRIMITIVES), dtype=torch.float64)
+    rates[1:, PRIMITIVES.index("pan")] = 0.35 * there.diff()
+    found = movement(Motion(rates, times, 0.0))
+    assert (found.text, found.handheld) == (text, False)
+
+
 def test_shaking_is_handheld_and_a_shaking_pan_says_both() -> None:
     random = torch.Generator().manual_seed(0)
     times = torch.arange(24).double() / 12
