@@ -167,6 +167,12 @@ def kept(path: Path, **tensors: torch.Tensor) -> Features:
     return FeatureFile.load(path).features
 
 
+def test_times_that_go_back_are_refused_of_any_type(tmp_path: Path) -> None:
+    for dtype in (torch.uint8, torch.int32, torch.float32):
+        with pytest.raises(InputError, match="expected a list of increasing times"):
+            kept(tmp_path / "a", times=torch.tensor([10, 5], dtype=dtype))
+
+
 def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_features(tmp_path: Path) -> None:
     mask = torch.eye(4, 8).expand(2, 4, 8).contiguous()
     for dtype in (torch.bool, torch.uint8):

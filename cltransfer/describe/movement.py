@@ -114,9 +114,9 @@ def turns(track: Tensor) -> int:
     slack = SLACK * float(track.max() - track.min())
     count, sign, extreme = 0, 0, float(track[0])
     for value in track.tolist():
-        if sign and sign * (value - extreme) >= 0 or not sign and abs(value - extreme) <= slack:
-            extreme = value if sign else extreme  # it goes on, or has not begun
-        elif abs(value - extreme) > slack:
+        if sign and sign * (value - extreme) >= 0:
+            extreme = value  # it goes on
+        elif abs(value - extreme) > slack:  # it turns, or begins
             count, sign, extreme = count + (sign != 0), 1 if value > extreme else -1, value
     return count
 

@@ -22,6 +22,8 @@ LEVELS = (0.0, 0.185, 0.47, 0.715, 0.961)
 # LS; and where the frame is four bodies high, ELS.
 BOUNDS = (0.11, 0.24, 0.37, 0.55, 0.85, 2.0)
 
+WIDTH = 0.15  # body heights from the key joints, that shoulders and arms reach to either side
+
 LEAST_FILLED = 0.5  # a body cut by the frame counts for at least so much of the frame's length: it is leaving, not near
 
 
@@ -56,7 +58,8 @@ def body_in_frame(joints: Tensor, size: tuple[int, int]) -> Tensor:
 
     Returns:
         (N,) [body heights]: the part of the body inside, in [0, 0.961]; more where the frame could hold more than
-        twice of it: then half the frame's length in body heights. NaN with fewer than two joints.
+        twice of it: then half the frame's length in body heights. NaN with fewer than two joints, and where none of the
+        body is in the frame.
     """
     pixels = joints[..., :2] * joints.new_tensor(size)
     placed = pixels.isfinite().all(-1)
@@ -70,7 +73,14 @@ def body_in_frame(joints: Tensor, size: tuple[int, int]) -> Tensor:
     shown = (_inside(position[:, :-1], position[:, 1:]) * levels.diff()).sum(-1)
     body = (chain[:, 1:] - chain[:, :-1]).norm(dim=-1).sum(-1) / levels[-1]  # [px]
     filled = LEAST_FILLED * chain.new_tensor(size)[along] / body
-    return torch.maximum(shown, filled).masked_fill(known.sum(-1) < 2, float("nan"))
+    absent = (shown <= 0) | _beside(chain[rows, :, 1 - along], body, size=chain.new_tensor(size)[1 - along])
+    return torch.maximum(shown, filled).masked_fill((known.sum(-1) < 2) | absent, float("nan"))
+
+
+def _beside(across: Tensor, body: Tensor, size: Tensor) -> Tensor:
+    """Whether a body (N,) whose key joints are at ``across`` (N, 5) stands beside a frame of ``size`` (N,), all [px]."""
+    reach = WIDTH * body
+    return (across.amax(-1) + reach < 0) | (across.amin(-1) - reach > size)
 
 
 def _completed(pixels: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:

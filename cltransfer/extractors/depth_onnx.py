@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import UsageError
+from ..errors import ModelError, UsageError
 from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
@@ -116,6 +116,9 @@ class DepthOnnx:
             ModelError: the network is missing or refused, or its output is no map.
         """
         raw = self.network({self.input: self._input(image)})[self.output]
+        if raw.ndim not in (3, 4) or (raw.ndim == 4 and raw.shape[1] != 1):
+            reason = f"expected (B, h, w) or (B, 1, h, w), got {raw.shape}"
+            raise ModelError(self.model, f"output {self.output}", reason)
         maps = torch.from_numpy(raw.reshape(len(raw), 1, *raw.shape[-2:]))
         return torch.nn.functional.interpolate(maps, image.shape[2:], mode="bilinear")[:, 0]
 

@@ -88,7 +88,7 @@ def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
         or times.is_complex()
         or times.dim() != 1
         or len(times) == 0
-        or not bool((times.diff() > 0).all() and times.isfinite().all())
+        or not bool((times.double().diff() > 0).all() and times.isfinite().all())
     ):
         raise InputError(path, "times", "expected a list of increasing times")
     return times.double()

@@ -165,9 +165,18 @@ def _reference(group: Sequence[ClipSource], given: ClipSource | None) -> Shown:
     return _own_reference([where.path for where in group])
 
 
+def _taught_by(run: Path) -> str:
+    """Digest of the reference that a run names."""
+    manifest = read_json(run / MANIFEST)
+    reference = manifest.get("reference", {}) if isinstance(manifest, dict) else None
+    if not isinstance(reference, dict):
+        raise InputError(run / MANIFEST, "reference", "is no manifest of a run", "make the run anew")
+    return str(reference.get("sha256"))
+
+
 def _own_reference(group: Sequence[Path]) -> Shown:
     """The one reference of the runs of ``group``, which keep it beside their results."""
-    digests = {str(read_json(path / MANIFEST).get("reference", {}).get("sha256")) for path in group}
+    digests = {_taught_by(path) for path in group}
     if len(digests) > 1:
         raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
     sheet = group[0] / BESIDE

@@ -56,6 +56,13 @@ def test_one_who_leaves_at_the_side_or_below_is_no_close_up() -> None:
     assert named(standing(0.85, 0.5)) == ["LS"]
 
 
+@pytest.mark.parametrize(("top", "x"), [(0.1, 1.3), (0.1, -0.3), (1.1, 0.5), (-2.0, 0.5), (1.1, 1.3)])
+def test_one_who_stands_beside_the_frame_has_no_scale(top: float, x: float) -> None:
+    placed = standing(top, 0.8, x)
+    assert not bool((placed.keypoints[..., 2] > 0.5).any())
+    assert named(placed) == [""]
+
+
 def test_a_lying_body_has_the_class_of_the_same_body_upright() -> None:
     upright = standing(0.1, 0.8, size=(90, 160))
     lying = upright.keypoints[..., [1, 0, 2]]

@@ -48,6 +48,22 @@ def test_disparity_is_inverted_on_the_pixels_of_the_image(planted, channel_axis,
     torch.testing.assert_close(depth[:, 16][:, [8, 56]], sides, atol=0.02, rtol=0)
 
 
+@pytest.mark.parametrize("shape", ["whole", "row", "one"])
+def test_an_output_that_is_no_map_is_refused(tmp_path, monkeypatch, shape):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
+    axes = {"whole": [], "row": [2, 3], "one": [1, 2, 3]}[shape]
+    mean = {"axes": axes, "keepdims": 0} if axes else {}
+    node = helper.make_node("ReduceMean" if axes else "Identity", ["image"], ["depth"], **mean)
+    image = helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 3, 16, 32])
+    depth = helper.make_tensor_value_info("depth", TensorProto.FLOAT, ["batch", 3, 16, 32][: 4 - len(axes)])
+    graph = helper.make_graph([node], "depth", [image], [depth])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save_model(model, str(tmp_path / "odd.onnx"))
+    options = {"model": "odd.onnx", "kind": "depth", "input": "image", "output": "depth", **PLAIN}
+    with pytest.raises(ModelError, match=r"output depth: expected \(B, h, w\) or \(B, 1, h, w\), got \(2"):
+        EXTRACTORS.build("depth_onnx", options)(halves())
+
+
 def test_a_network_of_any_size_sees_the_image_in_its_aspect(planted):
     depth = planted(size=("height", "width"), kind="depth", multiple=14)(halves()).depth
     torch.testing.assert_close(depth[:, 16][:, [8, 56]], torch.tensor([[1.0, 0.2], [0.4, 0.8]]), atol=0.02, rtol=0)

@@ -109,6 +109,10 @@ def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, co
     refused = command("study", tiny_run, other, "--out", tmp_path / "again")
     assert refused.code == 3
     assert "is not that of" in refused.err
+    (other / "manifest.json").write_text("[]")
+    refused = command("study", tiny_run, other, "--out", tmp_path / "again")
+    assert refused.code == 3
+    assert "is no manifest of a run" in refused.err
 
 
 @pytest.mark.parametrize("height", [36, 37, 270, 288, 289, 720])
