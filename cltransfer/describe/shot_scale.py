@@ -78,7 +78,7 @@ def body_in_frame(joints: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def _beside(across: Tensor, body: Tensor, size: Tensor) -> Tensor:
-    """Whether a body (N,) whose key joints are at ``across`` (N, 5) stands beside a frame of ``size`` (N,), all [px]."""
+    """Whether a body (N,) with key joints at ``across`` (N, 5) stands beside a frame of ``size`` (N,), all [px]."""
     reach = WIDTH * body
     return (across.amax(-1) + reach < 0) | (across.amin(-1) - reach > size)
 

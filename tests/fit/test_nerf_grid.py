@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 import torch
 
-from cltransfer.errors import InputError, UsageError
+from cltransfer.errors import InputError, ResourceError, UsageError
 from cltransfer.fit.nerf_grid import (
     NerfGridFit,
     empty_grid,
@@ -138,6 +138,13 @@ def test_an_interrupt_stays_one(views, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         QUICK.fit(views, tmp_path, interrupt)
+
+
+@pytest.mark.parametrize("options", [{"budget": 2_000_000_000, "first": 2_000_000_000}, {"budget": 1000}])
+def test_what_does_not_fit_in_memory_is_refused_before_it_is_begun(views, tmp_path, monkeypatch, options):
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1" if options["budget"] == 1000 else "100000")
+    with pytest.raises(ResourceError, match=r"cells and the rays of 25 images need \d+ MB, .*smaller budget or side"):
+        NerfGridFit(**options).fit(views, tmp_path / "grid", silent)
 
 
 def test_a_budget_is_reached_whatever_the_gain(views, tmp_path):
