@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+SILENCE = 10.0  # [s] after which a plain progress says where it is
 Progress = Callable[[str, int, int], None]  # step, done, total; a total of 0 means that nobody knows
 
 
@@ -26,12 +29,16 @@ def progress(quiet: bool) -> Iterator[Progress]:
 
 
 def _plain() -> Progress:
+    """A line for every quarter of a step, and after :data:`SILENCE` without one."""
     told: set[tuple[str, int]] = set()
+    last = -math.inf
 
     def report(step: str, done: int, total: int) -> None:
+        nonlocal last
         quarter = 4 * done // total if total else 0
-        if (step, quarter) not in told:
+        if (step, quarter) not in told or time.monotonic() - last >= SILENCE:
             told.add((step, quarter))
+            last = time.monotonic()
             print(f"{step} {done}/{total}" if total else step, file=sys.stderr, flush=True)
 
     return report

@@ -110,10 +110,12 @@ def bake(
         raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
     check_out(out)
     from ..convert_scene import bake_to_folder
+    from ..scenes.person.lifted import SUBJECT
 
     found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
     up = ",".join(f"{value:g}" for value in found["up"])
-    text = f"{found['file']}: {found['count']:,} primitives; its up is {up} (--up {up})"
+    person = f" --subject {out / SUBJECT}" if found["subject"] else ""
+    text = f"{found['file']}: {found['count']:,} primitives; cltransfer transfer {found['file']} CLIP --up {up}{person}"
     show(found, text, as_json)
 
 

@@ -140,7 +140,8 @@ def _subject(scene: Scene, cameras: Camera, seen: Features, points: Sequence[Tri
     known = torch.isfinite(joints[:, 0])
     if int(known.sum()) < 4:
         reason = f"{int(known.sum())} joints that {MINIMUM_VIEWS} views agree on"
-        raise InputError(scene.name, "lift", f"only {reason}", f"give views nearer to the person: {BY_VIEWS}")
+        hint = f"if the scene is not upright, give --up X,Y,Z; or give views nearer to the person: {BY_VIEWS}"
+        raise InputError(scene.name, "lift", f"only {reason}", hint)
     views = [int((~torch.isnan(p.error)).sum()) for p in points]
     agreed = [int(p.agreed.sum()) for p in points]
     confidence = torch.tensor([a / v if v else 0.0 for a, v in zip(agreed, views)], dtype=torch.float64)

@@ -1,0 +1,22 @@
+"""Progress where there is no terminal: few lines, and none too late."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from cltransfer import progress
+
+
+@pytest.mark.parametrize(("silence", "lines"), [(math.inf, 4), (0.0, 100)])
+def test_a_line_for_every_quarter_and_after_silence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, silence: float, lines: int
+) -> None:
+    monkeypatch.setattr(progress, "SILENCE", silence)
+    with progress.progress(quiet=False) as report:
+        for done in range(100):
+            report("level 0", done, 100)
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == lines
+    assert told[0] == "level 0 0/100"
