@@ -1,4 +1,4 @@
-"""The loop of one's own that the README shows: features through a loader, metrics in a LightningModule."""
+"""The loop of one's own that docs/python.md shows: features through a loader, metrics in a LightningModule."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cltransfer import camera_language_metrics
 from cltransfer.features import Features
 from cltransfer.testing import sample_features, without_person
 
-README = Path(__file__).resolve().parents[1] / "README.md"
-(SNIPPET,) = re.findall(r"```python\n([^`]*LightningModule.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "python.md"
+(SNIPPET,) = re.findall(r"```python\n([^`]*LightningModule.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 QUIET = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False, "enable_model_summary": False}
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_loop_of_the_readme_gives_what_the_metrics_do() -> None:
+def test_the_loop_of_the_docs_gives_what_the_metrics_do() -> None:
     references = [sample_features(seed, 1) for seed in range(4)]
     frames = [sample_features(seed + 9, 1) for seed in range(4)]
     frames[2] = without_person(frames[2])

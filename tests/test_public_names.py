@@ -33,8 +33,9 @@ def python(*code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
 
 
-def test_the_functions_of_tensors_that_the_readme_names_are_there() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8").partition("Of tensors alone, in `cltransfer.losses`")[2]
+def test_the_functions_of_tensors_that_the_docs_name_are_there() -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    text = page.partition("Of tensors alone, in `cltransfer.losses`")[2]
     named = re.findall(r"`(\w+)\.(\w+)`", text.partition("\n\n")[0])
     assert len(named) == 5
     for module, function in named:

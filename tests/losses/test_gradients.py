@@ -1,4 +1,4 @@
-"""What the README says of a loss as a function: one value a frame, and which features its gradients reach."""
+"""What docs/python.md says of a loss as a function: one value a frame, and which features its gradients reach."""
 
 from dataclasses import replace
 
