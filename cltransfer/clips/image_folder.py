@@ -77,15 +77,27 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
 
 
 def _check_no_gap(files: list[Path]) -> None:
-    found = [re.search(r"(\d+)\D*$", file.stem) for file in files]
-    numbers = [int(match[1]) for match in found if match]
-    if len(numbers) < len(files):
+    numbers = _counting([[int(digits) for digits in re.findall(r"\d+", file.stem)] for file in files])
+    if numbers is None:
         return
     step = min((b - a for a, b in pairwise(numbers)), default=1)
+    if step <= 0:
+        raise InputError(files[0].parent, "numbers", "do not count up", "a times.json states when each image is shown")
     for (a, b), file in zip(pairwise(numbers), files[1:]):
         if b - a != step:
             reason = f"follows number {a}, expected {a + step}"
             raise InputError(file, "number", reason, "an image is missing; a times.json states other times")
+
+
+def _counting(named: list[list[int]]) -> list[int] | None:
+    """Of the numbers in each name those that count: the last that are not the same throughout; None where none are.
+
+    >>> _counting([[1, 1080], [2, 1080]]), _counting([[1], [2, 7]])
+    ([1, 2], None)
+    """
+    if len({len(numbers) for numbers in named}) > 1:
+        return None
+    return next((list(column) for column in reversed(list(zip(*named))) if len(set(column)) > 1), None)
 
 
 def holds_clips(folder: Path) -> bool:

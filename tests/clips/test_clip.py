@@ -452,6 +452,25 @@ def test_fps_sets_the_times_of_a_folder_and_of_nothing_that_has_its_own(folder, 
         read_clip(folder, fps=0)
 
 
+@pytest.mark.parametrize(
+    ("names", "field", "reason"),
+    [
+        (["frame_1_1080p", "frame_2_1080p", "frame_5_1080p"], "number", "follows number 2, expected 3"),
+        (["12_30_58", "12_30_59", "12_31_00"], "numbers", "do not count up"),
+        (["a1_b9", "a1_b10", "a1_b11"], None, None),
+        (["a1", "b1"], None, None),
+    ],
+)
+def test_the_number_of_an_image_is_the_last_in_its_name_that_counts(tmp_path, names, field, reason):
+    picture = noise(1, (16, 16))[0].permute(1, 2, 0).numpy()
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), picture)
+    if reason is None:
+        assert len(read_clip(tmp_path)) == len(names)
+    else:
+        assert reason in refused(tmp_path, field).reason
+
+
 def test_a_folder_with_a_gap_a_foreign_size_or_a_broken_image_names_the_file(folder):
     whole = (folder / "f7.png").read_bytes()
     (folder / "f7.png").write_bytes(whole[: len(whole) // 2])
