@@ -83,16 +83,24 @@ def movement(motion: Motion) -> Movement:
     named = dict(zip(PRIMITIVES, net.tolist()))
     if handheld and wasted > RESTLESS * largest:
         return Movement("handheld", (), True, named, shake)
-    if not handheld and float(back.max()) > max(RESTLESS * largest, 2 * STILL):
-        far = track[:, int(back.argmax())] - track[0, int(back.argmax())]
-        name = _word(PRIMITIVES[int(back.argmax())], float(far[far.abs().argmax()]))
-        return Movement(name, (), False, named, shake, returns=True)
+    if not handheld and (word := _returning(track, largest)):
+        return Movement(word, (), False, named, shake, returns=True)
     if largest < STILL:
         return Movement("static", (), handheld, named, shake)
     lead = _lead(PRIMITIVES[order[0]], motion, named)
     spent = {"zoom", "dolly"} if lead == "dolly zoom" else {PRIMITIVES[order[0]]}
     beside = [p for p in (PRIMITIVES[i] for i in order) if p not in spent and abs(named[p]) > BESIDE * largest]
     return Movement(lead, tuple(_word(p, named[p]) for p in beside), handheld, named, shake)
+
+
+def _returning(track: Tensor, largest: float) -> str:
+    """Where motions (N, P) lead that go far beyond where they end, at most ``largest`` away; empty if none do."""
+    away = track - track[0]
+    farthest = away.abs().amax(0)
+    if float(farthest.max()) <= max(RESTLESS * largest, 2 * STILL):
+        return ""
+    most = int(farthest.argmax())
+    return _word(PRIMITIVES[most], float(away[away[:, most].abs().argmax(), most]))
 
 
 def _restless(track: Tensor) -> bool:

@@ -109,6 +109,15 @@ def test_frames_without_a_background_are_not_read() -> None:
     assert torch.isfinite(motion.track).all()
 
 
+def test_a_still_camera_that_is_read_with_noise_stands_still_however_long() -> None:
+    random, times = torch.Generator().manual_seed(2), torch.arange(480).double() / 24
+    place = 0.001 * torch.randn(480, len(PRIMITIVES), generator=random, dtype=torch.float64)
+    rates = torch.cat([torch.zeros(1, len(PRIMITIVES), dtype=torch.float64), place.diff(dim=0)])
+    rates[:, 2:] = 0
+    rates[:, 1:] *= 0.1
+    assert movement(Motion(rates, times, 0.0)).text == "static"
+
+
 @pytest.mark.parametrize(("back", "text"), [(1.0, "pan right and back"), (0.6, "pan right and back")])
 @pytest.mark.parametrize("seconds", [2.0, 8.0])
 def test_a_move_that_comes_back_is_not_handheld(back: float, text: str, seconds: float) -> None:
