@@ -22,10 +22,8 @@ STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, 
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # changes on either side that say what is usual
-SAME, REPEATS = (
-    0.002,
-    3,
-)  # what a frame that is shown again changes at most, and how often it is; more is a still camera
+SAME = 0.002  # change at most of a frame that is shown again
+REPEATS = 3  # times that a frame is shown again at most; more is a still camera
 
 
 def find_cuts(small: np.ndarray) -> list[int]:

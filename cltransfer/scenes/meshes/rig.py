@@ -79,14 +79,20 @@ def _side(words: list[str]) -> str | None:
 
 
 def _limb_joint(rig: Skeleton, side: str, part: str) -> int | None:
-    """The joint called ``side`` and ``part``, or the one in its place of a numbered limb."""
-    bones = [joint for joint in _outwards(rig) if not _HELPERS & set(_words(rig.names[joint]))]
+    """The joint called ``side`` and ``part``, or the one in its place of a numbered limb; a helper where no bone is."""
+    joints = _outwards(rig)
+    bones = [joint for joint in joints if not _HELPERS & set(_words(rig.names[joint]))]
+    found = (_named_joint(rig, among, side, part) for among in (bones, joints))
+    return next((joint for joint in found if joint is not None), None)
+
+
+def _named_joint(rig: Skeleton, among: list[int], side: str, part: str) -> int | None:
     for chain, limb in _CHAINS.items():
-        numbered = [j for j in bones if _stem(rig.names[j], limb) and _side(_words(rig.names[j])) == side]
+        numbered = [j for j in among if _stem(rig.names[j], limb) and _side(_words(rig.names[j])) == side]
         if part in chain and len(numbered) >= len(chain):
             return numbered[chain.index(part)]
     for word in _LIMBS[part]:
-        for joint in bones:
+        for joint in among:
             words = _words(rig.names[joint])
             if _side(words) == side and _says(words, word):
                 return joint

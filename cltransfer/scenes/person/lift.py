@@ -180,11 +180,11 @@ def _height(joints: Tensor, up: Tensor, name: str) -> float:
         pair = torch.stack([at[f"left_{part}"], at[f"right_{part}"]])
         known = pair[torch.isfinite(pair)]
         at[part] = known.mean() if len(known) else torch.tensor(math.nan, dtype=torch.float64)
-    for high, low, share in _STATURE:
-        stretch = float(at[high] - at[low])
-        if stretch > 0:
-            return standing_height(stretch / share, joints)
-    raise InputError(name, "lift", "no pair of joints that tells the height", "give more views: --view FILE")
+    reaches = [float(at[high] - at[low]) / share for high, low, share in _STATURE]
+    height = standing_height(next((reach for reach in reaches if reach > 0), math.nan), joints)
+    if math.isnan(height):
+        raise InputError(name, "lift", "no pair of joints that tells the height", "give more views: --view FILE")
+    return height
 
 
 def _report(point: Triangulated, width: int) -> JointReport:

@@ -85,6 +85,12 @@ def test_what_helps_to_pose_a_hand_is_no_hand():
     torch.testing.assert_close(subject_of_rig(crowded, UP).joints, subject_of_rig(rig, UP).joints)
 
 
+def test_a_rig_of_controls_alone_is_a_person():
+    rig = body(STYLES["unreal"])
+    controls = replace(rig, names=tuple(f"ctrl_{name}" for name in rig.names))
+    torch.testing.assert_close(subject_of_rig(controls, UP).joints, subject_of_rig(rig, UP).joints)
+
+
 def test_a_bent_pose_keeps_its_height():
     rig = body(STYLES["mixamo"])
     bent = rig.points.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -45,12 +46,12 @@ def test_who_is_lifted_counts_though_no_boxes_meet() -> None:
     assert lifted(named_scene("courtyard"), 4).subject.people == 1
 
 
-def lying(scene: Scene) -> Scene:
-    """The scene with its person on the back, on the ground."""
+def lying(scene: Scene, degrees: float) -> Scene:
+    """The scene with its person laid on the back, from upright by 90 degrees or more: then the feet are higher."""
     person, splats = scene.subject, scene.geometry
     assert person is not None
     assert isinstance(splats, Splats)
-    turn = axis_angle_to_rotation_matrix(-torch.pi / 2 * torch.linalg.cross(person.up, person.facing)[None])[0]
+    turn = axis_angle_to_rotation_matrix(-math.radians(degrees) * torch.linalg.cross(person.up, person.facing)[None])[0]
     theirs = splats.label > 0.5
 
     def laid(points: Tensor) -> Tensor:
@@ -65,8 +66,9 @@ def lying(scene: Scene) -> Scene:
     )
 
 
-def test_who_lies_is_lifted_as_tall_as_who_stands() -> None:
-    scene = lying(named_scene("courtyard"))
+@pytest.mark.parametrize("degrees", [90.0, 100.0])
+def test_who_lies_is_lifted_as_tall_as_who_stands(degrees: float) -> None:
+    scene = lying(named_scene("courtyard"), degrees)
     found, person = lifted(scene, 16), scene.subject
     assert person is not None
     assert found.subject.height == pytest.approx(person.height, rel=0.05)
