@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -114,9 +115,10 @@ def bake(
 
     found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
     up = ",".join(f"{value:g}" for value in found["up"])
-    person = f" --subject {out / SUBJECT}" if found["subject"] else ""
-    text = f"{found['file']}: {found['count']:,} primitives; cltransfer transfer {found['file']} CLIP --up {up}{person}"
-    show(found, text, as_json)
+    command = ["cltransfer", "transfer", found["file"], "CLIP", "--up", up]
+    command += ["--subject", str(out / SUBJECT)] if found["subject"] else []
+    command += ["renderer.nerf_grid={}"] if representation == "nerf_grid" else []
+    show(found, f"{found['file']}: {found['count']:,} primitives; {shlex.join(command)}", as_json)
 
 
 def _options(cls: type[Any], overrides: list[str]) -> Any:

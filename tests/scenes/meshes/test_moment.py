@@ -73,7 +73,11 @@ def test_an_unknown_animation_and_one_where_there_is_none_are_refused():
 @needs_man
 def test_the_command_line_bakes_the_moment(tmp_path):
     run = [sys.executable, "-m", "cltransfer", "bake", f"{MAN}#t=0.5", "--out", str(tmp_path), "--detail", "2000"]
-    subprocess.run(run, capture_output=True, text=True, check=True, timeout=120)
+    told = subprocess.run(run, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert told.endswith(f" CLIP --up 0,1,0 --subject {tmp_path / 'subject.json'}\n")
+    grid = [*run[:4], f"{MAN}", "--as", "nerf_grid", "--out", str(tmp_path / "grid"), "--detail", "16"]
+    told = subprocess.run(grid, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert told.endswith(" 'renderer.nerf_grid={}'\n")
     baked = json.loads((tmp_path / "subject.json").read_text())["joints"]["left_ankle"]
     ankle = JOINTS.index("left_ankle")
     at_start, then = (load_scene(f"{MAN}{moment}").subject.joints[ankle].tolist() for moment in ("", "#t=0.5"))
