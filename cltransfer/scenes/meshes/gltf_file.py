@@ -62,12 +62,29 @@ class Gltf:
         """Rows of an accessor, (count, width), as stored; normalised integers become numbers in [-1, 1].
 
         Raises:
-            InputError: it reaches beyond its buffer, is sparse, or is of an unknown type.
+            InputError: it reaches beyond its buffer, or is of an unknown type.
         """
-        about = self.entry("accessors", accessor)
-        field, count, offset = f"accessors[{accessor}]", about.get("count", 0), about.get("byteOffset", 0)
+        about, field = self.entry("accessors", accessor), f"accessors[{accessor}]"
+        return self._sparse(field, about) if "sparse" in about else self._dense(field, about)
+
+    def _sparse(self, field: str, about: dict[str, Any]) -> Array:
+        """Rows of an accessor of which few are not what its buffer view says, or not 0 where it has none."""
+        sparse, plain = about["sparse"], {key: value for key, value in about.items() if key != "sparse"}
+        few = {**plain, "count": sparse["count"]}
+        chosen = self._dense(
+            f"{field}.indices", {**few, "type": "SCALAR", "byteOffset": 0, "normalized": False, **sparse["indices"]}
+        )
+        values = self._dense(f"{field}.values", {**few, "byteOffset": 0, **sparse["values"]})
+        rows = self._dense(field, plain) if "bufferView" in about else np.zeros((about["count"], values.shape[1]))
+        if chosen.dtype.kind != "u" or chosen.max() >= len(rows):
+            raise InputError(self.path, f"{field}.indices", f"name row {chosen.max()} of {len(rows)}")
+        rows[chosen[:, 0]] = values
+        return rows
+
+    def _dense(self, field: str, about: dict[str, Any]) -> Array:
+        count, offset = about.get("count", 0), about.get("byteOffset", 0)
         kind, width = TYPES.get(about.get("componentType", 0)), WIDTH.get(about.get("type", ""), 0)
-        if kind is None or not width or "sparse" in about or "bufferView" not in about:
+        if kind is None or not width or "bufferView" not in about:
             raise InputError(self.path, field, "expected plain numbers in a buffer view")
         data, view = self.view(about["bufferView"]), self.entry("bufferViews", about["bufferView"])
         row = np.dtype(kind).itemsize * width

@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import torch
 from kornia.geometry.conversions import quaternion_to_rotation_matrix
-from kornia.geometry.quaternion import Quaternion
 
 from ...errors import InputError
 from ...renderers.kernels import Array
+from .gltf_animation import REST, channels
 from .gltf_file import Gltf
+from .gltf_morph import morphed
 
 POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed, of the figure with the skeleton
-
-_REST: dict[str, tuple[float, ...]] = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,8 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
         InputError: there is no such animation, or none at all and the time is not 0; nodes form a circle; an array is
             damaged.
     """
-    local = _local(gltf, _channels(gltf, time, animation))
+    animated = channels(gltf, time, animation)
+    gltf, local = morphed(gltf, animated), _local(gltf, animated)
     world = _world(gltf, local)
     skinned = [i for i, node in enumerate(gltf.tree.get("nodes", [])) if "skin" in node and "mesh" in node]
     frozen = _with_matrices(gltf, local)
@@ -85,53 +85,14 @@ def _figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
     return {skin for skin in tops if tops[skin] & tops[skins[0]]}
 
 
-def _channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str], Array]:
-    """Animated values by node and property."""
-    animations = gltf.tree.get("animations", [])
-    if name is None and not animations:
-        if time != 0:
-            raise InputError(gltf.path, "animation", f"holds none to be looked at after {time:g} s")
-        return {}
-    names = [str(a.get("name", i)) for i, a in enumerate(animations)]
-    if name is not None and name not in names:
-        raise InputError(gltf.path, "animation", f"no animation {name!r}", f"known: {', '.join(names) or 'none'}")
-    chosen = animations[0 if name is None else names.index(name)]
-    values = {}
-    for channel in chosen["channels"]:
-        target = channel["target"]
-        if target.get("path") in _REST and "node" in target:
-            sampler = chosen["samplers"][channel["sampler"]]
-            values[target["node"], target["path"]] = _sample(gltf, sampler, time, target["path"])
-    return values
-
-
-def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str) -> Array:
-    """Value of one sampler: held, or between two keys on a line or a great circle."""
-    times, values = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"]).astype(np.float64)
-    kind = sampler.get("interpolation", "LINEAR")
-    if kind not in ("LINEAR", "STEP") or len(values) != len(times):
-        raise InputError(gltf.path, "animations", f"interpolation {kind} is not read", "bake it to LINEAR or STEP")
-    after = int(np.searchsorted(times, time, side="right"))
-    if after == 0 or after == len(times) or kind == "STEP":
-        return np.asarray(values[max(after - 1, 0)])
-    share = float((time - times[after - 1]) / (times[after] - times[after - 1]))
-    start, end = values[after - 1], values[after]
-    if path != "rotation":
-        return np.asarray(start + share * (end - start))
-    if start @ end < 0:  # the same rotation by the shorter way
-        end = -end
-    first, last = (Quaternion(torch.from_numpy(q[[3, 0, 1, 2]] / np.linalg.norm(q))) for q in (start, end))
-    return np.asarray(first.slerp(last, share).data.detach().numpy()[[1, 2, 3, 0]])
-
-
 def _local(gltf: Gltf, animated: dict[tuple[int, str], Array]) -> list[Array]:
     """Each node's transform to its parent, (4, 4)."""
     matrices = []
     for i, node in enumerate(gltf.tree.get("nodes", [])):
-        if "matrix" in node and not any((i, path) in animated for path in _REST):
+        if "matrix" in node and not any((i, path) in animated for path in REST):
             matrices.append(np.array(node["matrix"], np.float64).reshape(4, 4).T)
             continue
-        move, turn, scale = (np.array(animated.get((i, p), node.get(p, rest)), float) for p, rest in _REST.items())
+        move, turn, scale = (np.array(animated.get((i, p), node.get(p, rest)), float) for p, rest in REST.items())
         matrix = np.eye(4)
         rotation = quaternion_to_rotation_matrix(torch.from_numpy(turn[[3, 0, 1, 2]]))
         matrix[:3, :3] = rotation.numpy() * scale
@@ -166,7 +127,7 @@ def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
     """The same document with the pose of every node written down, and no animation."""
     nodes = []
     for node, matrix in zip(gltf.tree.get("nodes", []), local):
-        kept = {key: value for key, value in node.items() if key not in _REST}
+        kept = {key: value for key, value in node.items() if key not in REST}
         nodes.append({**kept, "matrix": matrix.T.ravel().tolist()})
     tree = {key: value for key, value in gltf.tree.items() if key not in ("animations", "skins")}
     return replace(gltf, tree={**tree, "nodes": nodes})
