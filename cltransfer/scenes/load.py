@@ -17,6 +17,7 @@ from . import Scene
 from .foreign import own_suffixes, read_foreign, reader_code, reader_of
 from .meshes.moment import START, Moment, split_moment
 from .ply_header import has_faces
+from .steps import check_steps
 
 BUILTIN = "builtin:"
 FOREIGN_SPLATS = (".sog", ".ksplat")
@@ -41,7 +42,7 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
             (0, 1, 0) for meshes, and what a built-in scene says.
 
     Raises:
-        InputError: the file is missing, damaged or of no known kind.
+        InputError: the file is missing, damaged, of no known kind, or lies too far from its origin for float32.
         UsageError: ``up`` has no direction, there is no such built-in scene, or the moment is none or of no glTF.
         ModelError: the plugin that reads it fails, or several do.
     """
@@ -62,7 +63,9 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         return read_composed(path, None if up is None else _components(up))
     if suffix in MESH_SUFFIXES or (suffix == ".ply" and has_faces(path)):
         return _mesh_scene(path, moment, up)
-    return Scene(_geometry(path), None, _unit(up or SPLAT_UP), path.stem, content_hash(path), reader_code(path))
+    geometry = _geometry(path)
+    check_steps(path, geometry.means)
+    return Scene(geometry, None, _unit(up or SPLAT_UP), path.stem, content_hash(path), reader_code(path))
 
 
 def _mesh_scene(path: Path, moment: Moment | None, up: tuple[float, float, float] | None) -> Scene:

@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...renderers.kernels import Array
 from ...subject import Subject
 from ..ply_header import HEADER_LIMIT
+from ..steps import check_steps
 from .asset_files import Beside, read_limited
 from .gltf_file import read_gltf
 from .gltf_images import shown_images
@@ -60,7 +61,8 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
 
     Raises:
         InputError: the file is missing, empty, damaged, without faces, larger than the limits, more than 1 % of its
-            vertices are not finite, it names a file outside its folder, or a texture cannot be decoded.
+            vertices are not finite, it names a file outside its folder, a texture cannot be decoded, or it lies too far
+            from its origin for float32.
         ResourceError: it takes more memory than is free.
     """
     suffix = path.suffix.lower()
@@ -85,6 +87,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:
         raise InputError(path, "", "holds no faces", "is it a point cloud, or all transparent?")
+    check_steps(path, mesh.means)
     subject = _subject(rig, up)
     if subject is None:
         mesh = mesh.with_label(torch.zeros(len(mesh)))

@@ -1,0 +1,32 @@
+"""Scenes that lie so far from their origin, as scans in map coordinates do, that float32 tears them to steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+
+SOME = 100_000  # primitives that tell where a scene is and how large
+COARSE = 1e-3  # of the distance of half of them from their middle: half a centimetre of a room
+
+
+def check_steps(path: Path, means: Tensor) -> None:
+    """Refuse a scene whose places float32 does not tell apart.
+
+    Args:
+        path: the file, for the error line.
+        means: where its primitives are, (N, 3), N at least 1, scene units.
+
+    Raises:
+        InputError: it lies too far from its origin for its size.
+    """
+    some = means[:: max(1, len(means) // SOME)]
+    middle = some.median(0).values
+    farthest, reach = float(middle.abs().max()), float((some - middle).abs().amax(1).median())
+    step = farthest * torch.finfo(torch.float32).eps
+    if step > COARSE * reach > 0:
+        reason = f"lies {farthest:.3g} units from its origin, where float32 goes by steps of {step:.2g}"
+        raise InputError(path, "", f"{reason}, too coarse for a scene of {2 * reach:.2g}", "move it to its origin")
