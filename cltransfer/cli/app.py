@@ -21,7 +21,7 @@ from .models import assets_app, models_app
 from .plugins import app as plugins_app
 from .scenes import bake, lift, simplify
 from .shared import Json, fail, show
-from .slips import meant_as_key, meant_as_option, options_of
+from .slips import meant_as_option, options_of, told
 from .study import study
 from .transfer import render, transfer
 
@@ -78,7 +78,10 @@ def main() -> NoReturn:
         fail(f"{shortened(error.filename or 'file')}: {shortened(error.strerror or error)}", 5)
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # usage errors of the parser
-            fail(meant_as_key(error, sys.argv), error.exit_code)
+            line = told(error, sys.argv)
+            if not line:  # of a command of commands by itself, which has shown its help
+                sys.exit(error.exit_code)
+            fail(line, error.exit_code)
         if _debugging():
             raise
         fail(f"{type(error).__name__}: {shortened(error)} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)

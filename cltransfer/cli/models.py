@@ -201,7 +201,8 @@ def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) ->
             raise UsageError("", "NAME", "expected a name of the catalogue, got ''", f"see: cltransfer {kind}s list")
         found = [entry for entry in entries.values() if name in (entry.name, entry.group, entry.file)]
         if not found:
-            raise UsageError("", name, f"no such {kind} in the catalogue", nearest(name, list(entries)))
+            known = sorted({*entries, *(entry.group for entry in entries.values() if entry.group)})
+            raise UsageError("", name, f"no such {kind} in the catalogue", nearest(name, known))
         chosen += found
     return chosen
 

@@ -10,6 +10,20 @@ from typing import Any
 from ..errors import UsageError
 
 
+def told(error: Any, arguments: Sequence[str]) -> str:
+    """What ``error``, of the parser, says, and how the command that it is about is written."""
+    command, line = getattr(getattr(error, "ctx", None), "command", None), str(error.format_message())
+    if command is None or not line.startswith("Missing argument"):
+        return meant_as_key(error, arguments)
+    needed = " ".join(
+        one.metavar or str(one.name).upper()
+        for one in command.params
+        if one.required and not one.opts[0].startswith("-")
+    )
+    path = f"cltransfer {str(error.ctx.command_path).partition(' ')[2]}"
+    return f"{line.rstrip('.')} (expected: {path} {needed}; {path} --help tells more)"
+
+
 def meant_as_key(error: Any, arguments: Sequence[str]) -> str:
     """What ``error``, of the parser, says; where it is about an option by the name of a key, how that is written."""
     from ..config.options import RunConfig

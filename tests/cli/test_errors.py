@@ -188,6 +188,20 @@ def test_the_value_of_an_option_that_is_a_key_is_found(command: Callable[..., An
     assert "dashes" not in command("models", "list", "--frames", "24").err
 
 
+def test_a_command_that_lacks_an_argument_says_how_it_is_written(command: Callable[..., Any]) -> None:
+    refused(command("evaluate", "a.mp4"), 2, "'render' (expected: cltransfer evaluate REFERENCE RENDER; ")
+    refused(command("models", "align"), 2, "(expected: cltransfer models align SCENE KEY=VALUE...; ")
+
+
+@pytest.mark.parametrize("words", [(), ("bench",), ("models",)])
+def test_commands_of_commands_by_themselves_show_their_help_and_nothing_else(
+    command: Callable[..., Any], words: tuple[str, ...]
+) -> None:
+    answer = command(*words)
+    assert (answer.code, answer.err) == (2, "")
+    assert "--help" in answer.out
+
+
 CONFIGS = {
     "generations: 0\n": "generations: expected 1",
     "genrations: 3\n": "did you mean",

@@ -107,6 +107,7 @@ def test_a_catalogue_can_be_named_on_the_command_line(command: Command, mine: Pa
     unknown = command("models", "pull", "known_net")
     assert unknown.code == 2
     assert "no such model" in unknown.err
+    assert "known: default, " in command("models", "pull", "zzz").err  # groups are named too
     assert command("models", "pull", "known_net", "--catalogue", mine).code == 0
 
 
