@@ -30,7 +30,12 @@ def atomic(path: Path) -> Iterator[Path]:
 
     The suffix stays last, so that encoders which choose a format by suffix still can. Who may read it is as of any
     other new file there, whatever the writer has set: safetensors leaves its files to their owner alone.
+
+    Raises:
+        UsageError: there is a folder, a device or a pipe at ``path``, which must stay what it is.
     """
+    if path.exists() and not path.is_file():
+        raise UsageError(path, "", "is no regular file", "name a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     own = f"{os.getpid()}-{secrets.token_hex(4)}"  # threads share a number, and so do containers that share a folder
     temporary = path.with_name(f".tmp-{own}-{path.name}")
@@ -60,6 +65,16 @@ def check_out(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
+
+
+def check_out_file(path: Path | None) -> None:
+    """Refuse an output file that cannot be one, before any work is done for it.
+
+    Raises:
+        UsageError: there is a folder, a device or a pipe of that name.
+    """
+    if path is not None and path.exists() and not path.is_file():
+        raise UsageError(path, "--out", "expected a file, there is something else of that name")
 
 
 def refuse_link(path: Path) -> None:

@@ -12,6 +12,7 @@ import torch
 import yaml
 from safetensors.torch import save_file
 
+from cltransfer.errors import UsageError
 from cltransfer.storage.files import YAML_LEVELS, atomic, check_yaml, write_text
 
 LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
@@ -61,3 +62,15 @@ def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str,
     for levels in (YAML_LEVELS + 1, 2000, 100_000):  # libyaml has a limit of its own between
         with pytest.raises(ValueError, match=f"expected at most {YAML_LEVELS} levels"):
             check_yaml(opened * levels, loader)
+
+
+def test_a_pipe_a_device_and_a_folder_stay_what_they_are(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/null")
+    (tmp_path / "folder").mkdir()
+    before = sorted(tmp_path.iterdir())
+    for name in ("pipe", "link", "folder"):
+        with pytest.raises(UsageError, match=f"{name}: is no regular file"):
+            write_text(tmp_path / name, "x")
+    assert sorted(tmp_path.iterdir()) == before
+    assert not any(path.is_file() for path in before)
