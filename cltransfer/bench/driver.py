@@ -79,7 +79,7 @@ class Clip:
         total: mean over the frames, by geometry at the search size, in the scene as it is, floaters and all.
         judged: the same by the judge, at a size that nobody searches at, :data:`.judge.SIDE`.
         evaluations: a frame.
-        seconds: of the search.
+        seconds: of the search, with those of the initial view and of finding floaters.
         position, rotation, focal: median errors of the camera [subject heights, degrees, share]; NaN where unknown.
         extra: total that the path taken costs more than the frames as they were found.
         shaken, smooth: jerk of those frames and of the path, :func:`cltransfer.trajectory.jerk`.
@@ -223,7 +223,7 @@ def _clip(run: Run, result: Result, true: Trajectory, subject: Subject) -> Clip:
     if run.target == "self":
         position, rotation, focal = pose_errors(result.trajectory.camera, true.camera, subject.height)
     evaluations = result.spent.evaluations / len(result.trajectory)
-    seconds = result.seconds["search"] + result.seconds["initial view"]
+    seconds = sum(result.seconds.get(step, 0.0) for step in ("floaters", "initial view", "search"))
     total, judged = result.searched.total, _judged(run, result, true)
     kept = result.kept
     height = subject.height if result.scene.subject is None else result.scene.subject.height

@@ -127,9 +127,10 @@ class Tier:
         """Shot, teacher, pupil and seed of every clip.
 
         Each shot and seed has people and furniture of its own, and a teacher that they have several times has others
-        each time, so that no reference is taught twice.
+        each time, so that no reference is taught twice. Which pairs a shot has goes by the seed's place among
+        ``seeds``, whose repetitions count once.
         """
-        chosen = seeds or range(FIRST_SEED, FIRST_SEED + self.seeds)
+        chosen = dict.fromkeys(seeds or range(FIRST_SEED, FIRST_SEED + self.seeds))
         for number, seed in enumerate(chosen):
             for index, shot in enumerate(self.shots):
                 first = index * self.per_shot + number

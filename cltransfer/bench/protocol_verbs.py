@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from .arguments import Jobs, Out
+
 TierName = Literal["smoke", "standard", "full"]
 Tier = Annotated[
     TierName,
@@ -16,11 +18,11 @@ Tier = Annotated[
 ]
 Seeds = Annotated[
     list[int] | None,
-    typer.Option("--seed", "--seeds", help="Seeds (repeatable) in place of those from 1000 on, which have been seen."),
+    typer.Option(
+        "--seed", "--seeds", min=0, help="Seeds (repeatable) in place of those from 1000 on, which have been seen."
+    ),
 ]
-Jobs = Annotated[int, typer.Option(min=1, help="Trials at a time, one thread each.")]
 Rows = Annotated[Path, typer.Option(help="Folder of rows, tables and found paths; what is there is not run again.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Markdown file whose section is rewritten.")]
 Networks = Annotated[bool, typer.Option(help="Read the results by the networks too, which no method saw; slow.")]
 
 

@@ -11,7 +11,9 @@ from pathlib import Path
 import torch
 
 from ..computer.revision import commit
-from ..storage.files import write_text
+from ..errors import InputError
+from ..storage.files import read_text, write_text
+from .arguments import PAGE_LIMIT
 
 
 def quartiles(times: Sequence[float]) -> tuple[float, float, float]:
@@ -43,16 +45,34 @@ def markers(title: str) -> tuple[str, str]:
 
 
 def write_section(path: Path, title: str, lines: Sequence[str]) -> None:
-    """Put ``lines`` into the Markdown file ``path``, between two marker comments that it gets where it has none."""
+    """Put ``lines`` into the Markdown file ``path``, between two marker comments that it gets where it has none.
+
+    Raises:
+        InputError: the page is no text, or only one of the two stands in it, or the end before the begin.
+    """
     begin, end = markers(title)
     section = "\n".join([begin, *lines, end])
-    text = path.read_text(encoding="utf-8") if path.exists() else "# Benchmarks\n"
-    if begin in text and end in text:
+    text = _page_text(path, title)
+    if begin in text:
         head, _, rest = text.partition(begin)
         text = head + section + rest.partition(end)[2]
     else:
         text = f"{text.rstrip()}\n\n## {title}\n\n{section}\n"
     write_text(path, text)
+
+
+def _page_text(path: Path, title: str) -> str:
+    """The page as it is, a heading where there is none.
+
+    Raises:
+        InputError: it is no text, or its markers of ``title`` are damaged.
+    """
+    begin, end = markers(title)
+    text = read_text(path, PAGE_LIMIT) if path.exists() else "# Benchmarks\n"
+    between = text.partition(begin)[2]
+    if (begin in text or end in text) and end not in between:
+        raise InputError(path, title, f"expected {begin!r}, then {end!r}", "mend or remove these two lines")
+    return text
 
 
 def _cpu() -> str:

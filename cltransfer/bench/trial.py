@@ -130,8 +130,8 @@ def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
 
 
 def _spent(result: Result, frames: int) -> dict[str, float]:
-    """Evaluations a frame and seconds of the search, the initial view among them."""
-    seconds = result.seconds["search"] + result.seconds["initial view"]
+    """Evaluations a frame, and seconds of the search, with those of the initial view and of finding floaters."""
+    seconds = sum(result.seconds.get(step, 0.0) for step in ("floaters", "initial view", "search"))
     return {"evaluations": result.spent.evaluations / frames, "seconds": seconds}
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .arguments import Jobs, Out, folder
 from .protocol_verbs import bench_chart, bench_table1
 from .stress.verb import bench_stress
 
@@ -23,11 +24,9 @@ def bench_speed(
     scene: Annotated[
         list[Path] | None, typer.Argument(help="Splat .ply files to time beside the synthetic rooms.")
     ] = None,
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")] = None,
     quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose speed section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """Splat rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
     from .speed import run_speed, write_benchmarks
@@ -42,9 +41,7 @@ def bench_speed(
 @app.command("cuda")
 def bench_cuda(
     scene: Annotated[list[Path] | None, typer.Argument(help="Splat .ply files beside the synthetic rooms.")] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose GPU section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """Splats on a CUDA device: frames per second for 10 and 64 candidates, and PSNR against the torch oracle."""
     from .cuda_speed import run_cuda, write_cuda
@@ -60,11 +57,9 @@ def bench_cuda(
 @app.command("mesh")
 def bench_mesh(
     scene: Annotated[list[Path] | None, typer.Argument(help="Meshes to time beside the synthetic rooms.")] = None,
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")] = None,
     quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose mesh section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """Mesh rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
     from .mesh_speed import run_mesh_speed, write_benchmarks
@@ -78,11 +73,9 @@ def bench_mesh(
 
 @app.command("grid")
 def bench_grid(
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the synthetic rooms (repeatable).")] = None,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")] = None,
     quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose voxel grid section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """Voxel grid rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
     from .grid_speed import run_grid_speed, write_benchmarks
@@ -98,12 +91,15 @@ def bench_grid(
 def bench_lod(
     scene: Annotated[list[Path] | None, typer.Argument(help="Splat .ply files beside the synthetic room.")] = None,
     members: Annotated[
-        int, typer.Option(help="How many of the first Gaussians of each file are its person, in scenes put together.")
+        int,
+        typer.Option(
+            min=0, help="How many of the first Gaussians of each file are its person, in scenes put together."
+        ),
     ] = 0,
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of the candidates (repeatable).")] = None,
-    count: Annotated[int, typer.Option(help="Gaussians of the synthetic room.")] = 500_000,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the candidates (repeatable).")] = None,
+    count: Annotated[int, typer.Option(min=1, help="Gaussians of the synthetic room.")] = 500_000,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for lod.csv, lod.svg and benchmarks.md.")
+        Path | None, typer.Option("--out", "-o", callback=folder, help="Folder for lod.csv, lod.svg and benchmarks.md.")
     ] = None,
 ) -> None:
     """Level of detail: what merging gains in speed and costs in images, depth and the ranking of candidates."""
@@ -127,22 +123,21 @@ def bench_driver(
             metavar="[seeds=FIRST:LAST]", help="Where the shots stand; seeds=500:510 are published, 0 is the default."
         ),
     ] = None,
-    seed: Annotated[list[int] | None, typer.Option(help="A single seed (repeatable).")] = None,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="A single seed (repeatable).")] = None,
     preset: Annotated[
         list[str] | None, typer.Option(help="Presets to compare (repeatable); by default fast and balanced.")
     ] = None,
     shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
     paper_shots: Annotated[
-        int, typer.Option(help="Shots of each seed, in turn, on which the paper's setting runs too; 2 minutes each.")
+        int,
+        typer.Option(min=0, help="Shots of each seed, in turn, on which the paper's setting runs too; 2 minutes each."),
     ] = 0,
-    frames: Annotated[int, typer.Option(help="Frames of each clip.")] = 24,
-    jobs: Annotated[int, typer.Option(help="Clips at a time, on one thread each.")] = 1,
+    frames: Annotated[int, typer.Option(min=1, help="Frames of each clip.")] = 24,
+    jobs: Jobs = 1,
     rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
         "outputs/driver"
     ),
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose driver section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """The driver on canonical shots: loss, pose error, jerk, evaluations and seconds by preset, and their chart."""
     import shlex
@@ -165,15 +160,13 @@ def bench_driver(
 @app.command("flow")
 def bench_flow(
     scene: Annotated[list[str] | None, typer.Argument(help="Scenes; the built-in ones where none is named.")] = None,
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of where the shots stand (repeatable).")] = None,
+    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of where the shots stand (repeatable).")] = None,
     shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
     method: Annotated[
         list[str] | None,
         typer.Option(help="An extractor and its options, as in 'flow_dis={preset: fast}' (repeatable)."),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose optical flow section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """Optical flow on rendered pairs whose flow is known: error by length, with and without the confidence, time."""
     import shlex
@@ -194,11 +187,11 @@ def bench_flow(
 
 @app.command("describe")
 def bench_describe(
-    seed: Annotated[list[int] | None, typer.Option(help="Seeds of where the cameras stand (repeatable).")] = None,
-    networks: Annotated[bool, typer.Option("--networks", help="Read renders by networks too.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose description section is rewritten.")
+    seed: Annotated[
+        list[int] | None, typer.Option(min=0, help="Seeds of where the cameras stand (repeatable).")
     ] = None,
+    networks: Annotated[bool, typer.Option("--networks", help="Read renders by networks too.")] = False,
+    out: Out = None,
 ) -> None:
     """Descriptions against the known labels of canonical shots and shot sizes: confusion matrices."""
     import shlex

@@ -50,6 +50,11 @@ def test_no_reference_is_taught_twice():
     assert len({(shot, pupil, seed) for shot, _, pupil, seed in clips}) == len(clips)
 
 
+def test_a_seed_that_is_named_twice_counts_once():
+    for tier in ("standard", "full"):
+        assert list(TIERS[tier].clips([1000, 1000])) == list(TIERS[tier].clips([1000]))
+
+
 def test_the_clips_of_a_seed_do_not_depend_on_the_seeds_beside_it():
     alone, beside = set(TIERS["full"].clips([1001])), set(TIERS["full"].clips([1000, 1001]))
     assert alone == {clip for clip in beside if clip[-1] == 1001}

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from ..arguments import Jobs, Out
+
 
 def bench_stress(
     overrides: Annotated[
@@ -23,15 +25,13 @@ def bench_stress(
     ] = None,
     stressor: Annotated[list[str] | None, typer.Option(help="Stressors; all of the tier where none is named.")] = None,
     seed: Annotated[
-        list[int] | None, typer.Option("--seed", "--seeds", help="Seeds (repeatable) instead of the tier's.")
+        list[int] | None, typer.Option("--seed", "--seeds", min=0, help="Seeds (repeatable) instead of the tier's.")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Trials at a time, one thread each.")] = 1,
+    jobs: Jobs = 1,
     rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
         "outputs/stress"
     ),
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Markdown file whose stress section is rewritten.")
-    ] = None,
+    out: Out = None,
 ) -> None:
     """Where methods fail: what they are given is made worse, step by step; success, breakdown, tail, spread, cause."""
     import shlex
@@ -47,7 +47,7 @@ def bench_stress(
         bench,
         methods=tuple(method or bench.methods),
         stressors=tuple(stressor or bench.stressors),
-        seeds=tuple(seed or bench.seeds),
+        seeds=tuple(dict.fromkeys(seed or bench.seeds)),
         options=(*bench.options, *(overrides or ())),
     )
     measured = run_bench(bench, rows, jobs, lambda line: print(line, file=sys.stderr))

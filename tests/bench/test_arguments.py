@@ -1,0 +1,43 @@
+"""What a bench cannot be asked is refused before it measures."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+WRONG = [
+    ("driver", "--jobs", "0"),
+    ("driver", "--frames", "0"),
+    ("driver", "--paper-shots", "-1"),
+    ("flow", "--seed", "-1"),
+    ("speed", "--seed", "-1"),
+    ("table1", "--seed", "-1"),
+    ("stress", "--seed", "-1"),
+    ("lod", "--count", "0"),
+    ("lod", "--members", "-1"),
+]
+
+
+@pytest.mark.parametrize("words", WRONG, ids=" ".join)
+def test_numbers_out_of_range(command, words):
+    answer = command("bench", *words)
+    assert (answer.code, answer.err.count("\n")) == (2, 1), answer.err
+    assert words[1] in answer.err
+
+
+@pytest.mark.parametrize("bench", ["driver", "stress", "table1", "mesh", "describe"])
+def test_a_page_that_cannot_be_written(command, tmp_path, bench):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "picture.md").write_bytes(b"\x89PNG\xff")
+    for name, reason in ((".", "expected a file"), ("pipe", "expected a file"), ("picture.md", "expected UTF-8 text")):
+        answer = command("bench", bench, "--out", tmp_path / name)
+        assert (answer.code, answer.err.count("\n"), reason in answer.err) == (answer.code, 1, True), answer.err
+        assert answer.code in (2, 3)
+
+
+def test_a_folder_that_is_a_file(command, tmp_path):
+    (tmp_path / "here").write_text("mine")
+    answer = command("bench", "lod", "--out", tmp_path / "here")
+    assert answer.code == 2
+    assert "expected a folder" in answer.err
