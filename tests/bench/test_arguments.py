@@ -41,3 +41,9 @@ def test_a_folder_that_is_a_file(command, tmp_path):
     answer = command("bench", "lod", "--out", tmp_path / "here")
     assert answer.code == 2
     assert "expected a folder" in answer.err
+
+
+def test_frames_of_a_stressed_clip_are_the_tiers(command):
+    answer = command("bench", "stress", "--tier", "smoke", "frames=2")
+    assert (answer.code, answer.err.count("\n")) == (2, 1), answer.err
+    assert "frames=2: the tier and the stressor say how many frames a clip has" in answer.err

@@ -38,10 +38,13 @@ def bench_stress(
     import sys
     from dataclasses import replace
 
+    from ...errors import UsageError
     from ..section import table
     from .bench import TIERS, run_bench, write_stress
     from .verdicts import HEADER, summary, verdicts
 
+    if named := [text for text in overrides or () if text.partition("=")[0] == "frames"]:
+        raise UsageError("", named[0], "the tier and the stressor say how many frames a clip has", "leave it out")
     bench = TIERS[tier]
     bench = replace(
         bench,
