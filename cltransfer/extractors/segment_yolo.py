@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import torch
 
+from ..errors import ModelError
 from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
@@ -19,6 +20,7 @@ from ._pixels import to_uint8
 GREY = 114  # fills the square beyond the image
 PERSON = 0  # class of COCO
 PROTOTYPES = 32
+STRIDES = (8, 16, 32)
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,7 @@ class SegmentYolo:
         frame = Letterbox(self.side, (width, height))
         squares = np.stack([frame.fit(one) for one in to_uint8(image)])
         got = self.network({"images": squares.transpose(0, 3, 1, 2).astype(np.float32) / 255})
+        self._check_layout(got["output0"].shape)
         box, subject = torch.full((count, 5), torch.nan), torch.zeros((count, height, width), dtype=torch.bool)
         scale = np.array([now.size[0] / width, now.size[1] / height, 1.0])
         for i, raw in enumerate(got["output0"]):  # 2.5 ms a frame of 1280x720 and 8,400 boxes
@@ -139,6 +142,13 @@ class SegmentYolo:
             subject[i] = torch.from_numpy((frame.spread(logits) > 0) & _inside(found, (width, height)))
             box[i] = torch.from_numpy(np.append(found, raw[4 + PERSON, column]) * scale[[0, 1, 0, 1, 2]])
         return replace(now, box=box.to(image.device), subject=subject.to(image.device))
+
+    def _check_layout(self, shape: tuple[int, ...]) -> None:
+        """Refuse what is no raw grid: detections after NMS, columns and rows swapped, no classes."""
+        cells = sum((self.side // stride) ** 2 for stride in STRIDES)
+        if shape[1] <= 4 + PROTOTYPES or shape[2] != cells:
+            reason = f"expected (B, 4 + classes + {PROTOTYPES}, {cells}), got {shape}"
+            raise ModelError(self.model, "output output0", reason, "export it with nms=False end2end=False")
 
 
 def _inside(box: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -147,3 +147,17 @@ class TestContract(ExtractorCase):
     @pytest.fixture(autouse=True)
     def use(self, planted):
         self.component = planted(min_score=0.05)
+
+
+@pytest.mark.parametrize("shape", [[1, 300, 38], [1, 336, 39], [1, 36, 336]], ids=["after NMS", "turned", "no classes"])
+def test_another_layout_of_the_boxes_is_refused(network, node, shape):
+    nodes = [
+        node("ReduceMean", "images", "mean", keepdims=0),
+        node("Mul", "mean ones", "output0"),
+        node("Mul", "mean level", "output1"),
+    ]
+    constants = {"ones": np.ones(shape, np.float32), "level": np.ones((1, 32, 32, 32), np.float32)}
+    outputs = {"output0": shape, "output1": [1, 32, 32, 32]}
+    found = SegmentYolo(network(nodes, {"images": [1, 3, SIDE, SIDE]}, outputs, constants), SIDE)
+    with pytest.raises(ModelError, match=r"output0: expected \(B, 4 \+ classes \+ 32, 336\), got .*nms=False"):
+        found(Features((64, 64), image=torch.rand(1, 3, 64, 64)))
