@@ -28,6 +28,8 @@ def check_request(name: str, scene: Scene, cameras: Camera, buffers: frozenset[s
         raise ValueError("expected one camera or more, got none")
     if not (cameras.w2c.isfinite().all() and cameras.K.isfinite().all()):
         raise ValueError("cameras must be finite")
+    if not bool((cameras.K[:, [0, 1], [0, 1]] > 0).all()):
+        raise ValueError("cameras must have a positive focal length")
     if cameras.K[:, 0, 1].any():
         raise ValueError("cameras must have no skew: K[0, 1] is not 0")
 
