@@ -21,6 +21,7 @@ from ..scenes.posed import PosedImages
 POINT_SHARE = 0.005  # of the points left out on either side of an axis: reconstructions have strays
 MARGIN = 0.05  # of the box added on every side
 FEWEST = 3
+PARALLEL = 1e-4  # mean squared sine of the axes about their mean, below which they meet nowhere
 ONE_PLACE = 1e-9  # of the distance to the origin: what rounding leaves between places that are the same
 
 
@@ -78,6 +79,7 @@ def views_of(posed: PosedImages, side: int) -> Views:
     camera, image = posed.images(posed.present, side)
     if posed.points is None or len(posed.points) == 0:
         _check_spread(posed.path, "cameras", camera.center)
+        _check_focus(posed.path, camera)
         return Views(camera, image, box_around_focus(camera))
     box = box_around(posed.points)
     _check_spread(posed.path, "points", box)
@@ -89,6 +91,18 @@ def _check_spread(path: Path, field: str, places: Tensor) -> None:
     spread = (places.amax(0) - places.amin(0)).max()
     if not spread > ONE_PLACE * (1 + places.abs().max()):
         raise InputError(path, field, "expected several places, all are at one", "a fit needs views from around")
+
+
+def _check_focus(path: Path, camera: Camera) -> None:
+    """Refuse cameras whose axes come together nowhere before them: nothing says where the scene is."""
+    axis = camera.w2c[:, 2, :3]
+    across = torch.eye(3).to(axis) - axis[:, :, None] * axis[:, None]
+    least = torch.linalg.eigvalsh(across.mean(0))[0]
+    focus = box_around_focus(camera).mean(0)
+    before = ((focus - camera.center) * axis).sum(1) > 0
+    if least < PARALLEL or before.double().mean() < 0.5:
+        hint = "give the set its reconstructed points"
+        raise InputError(path, "cameras", "look the same way or apart, and there are no points: no box is told", hint)
 
 
 def box_around(points: Tensor) -> Tensor:

@@ -219,3 +219,12 @@ def test_a_damaged_state_is_told_in_one_line(views, tmp_path, state):
     (tmp_path / "fit.json").write_text(json.dumps({**key, **said} if said or state == "{}" else said))
     with pytest.raises(InputError, match=r"fit\.json: is not the state of a fit \(choose another folder\)"):
         QUICK.fit(views, tmp_path, silent)
+
+
+def test_a_near_plane_that_hides_the_scene_is_refused(views, tmp_path):
+    small = replace(views.camera, w2c=views.camera.w2c.clone())
+    small.w2c[:, :3, 3] *= 0.01
+    small = replace(views, camera=small, aabb=0.01 * views.aabb)
+    with pytest.raises(UsageError, match=r"near: hides what is nearer than 0.1, the middle .* is 0.03 .*near=0.002"):
+        NerfGridFit(budget=64, first=64, steps=1).fit(small, tmp_path / "out", lambda *words: None)
+    assert not (tmp_path / "out").exists()

@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.errors import InputError
 from cltransfer.fit._views import Views, box_around, box_around_focus, psnr, views_of
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
@@ -68,6 +69,20 @@ def test_cameras_or_points_at_one_place_are_refused(views, tmp_path, monkeypatch
     monkeypatch.setattr(PosedImages, "images", lambda *words: (camera, views.image))
     with pytest.raises(InputError, match="expected several places, all are at one"):
         views_of(posed, 48)
+
+
+@pytest.mark.parametrize("shift", [0.0, 100.0])
+@pytest.mark.parametrize("apart", [False, True], ids=["the same way", "apart"])
+def test_cameras_that_look_at_no_common_place_need_points(views, tmp_path, monkeypatch, shift, apart):
+    x = torch.linspace(-1, 1, 9, dtype=torch.float64)
+    eyes = torch.stack([x, torch.full_like(x, shift), 0.1 * x**2], 1)
+    ways = torch.stack([x if apart else 0 * x, torch.ones_like(x), 0 * x], 1)
+    camera = Camera.look_at(eyes, eyes + ways, torch.tensor([0.0, 0, 1], dtype=torch.float64), 0.8, (16, 16))
+    lens, names = Lens((16, 16), (20.0, 20.0), (8.0, 8.0)), tuple(map(str, range(9)))
+    posed = PosedImages(tmp_path, camera, (lens,) * 9, names, tuple(map(tmp_path.joinpath, names)), None)
+    monkeypatch.setattr(PosedImages, "images", lambda *words: (camera, torch.zeros(9, 3, 16, 16, dtype=torch.uint8)))
+    with pytest.raises(InputError, match="cameras: look the same way or apart, and there are no points"):
+        views_of(posed, 16)
 
 
 def test_psnr_of_black_is_that_of_the_images_power(views):

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ...camera import Camera
 from ...clips.decoding import decode
+from ...computer.memory import require_free
 from ...errors import InputError, UsageError
 from .lens import Lens, image_at, straighten
 
@@ -71,9 +72,12 @@ class PosedImages:
 
         Raises:
             InputError: an image is missing, damaged, or of another shape than its camera.
+            ResourceError: they take more memory than is free.
         """
         scale = min(1.0, side / max(self.camera.size))
         size = tuple(max(1, round(length * scale)) for length in self.camera.size)
+        taken = 3 * size[0] * size[1] * (2 * len(index) + 1)  # the images, and all once more while they are stacked
+        require_free(taken, self.path, f"{len(index)} images of {size[0]}x{size[1]}", "take a smaller side")
         images = [self._image(i, (size[0], size[1])) for i in index]
         return self.camera[list(index)].at_size((size[0], size[1])), torch.stack(images)
 

@@ -60,6 +60,8 @@ def posed_images(
     camera = Camera(torch.from_numpy(np.stack([view.w2c for view in views])), K, size)
     if points is not None and len(points) == 0:
         points = colors = None
+    if points is not None and not np.isfinite(points).all():
+        raise InputError(path, "points", "expected finite numbers, got NaN or infinity")
     return PosedImages(
         path,
         camera,

@@ -56,7 +56,7 @@ def _root(model: Path) -> Path:
     model = model.absolute()
     above = model.parent if model.name.isdecimal() else model
     root = above.parent if above.name == "sparse" else model
-    return root.parent if root.name == "colmap" else root
+    return root.parent if root.name == "colmap" and not (root / "images").is_dir() else root
 
 
 def _lens(model: Path, key: int, camera: Calibration) -> Lens:

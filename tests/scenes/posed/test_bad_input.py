@@ -143,6 +143,15 @@ def test_a_bad_line_of_a_text_model_is_named(tmp_path: Path, name: str, text: st
         read_posed(tmp_path)
 
 
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_point_that_is_nowhere_is_named(tmp_path: Path, value: str) -> None:
+    files = {"cameras": "1 PINHOLE 8 6 5 5 4 3\n", "images": "1 1 0 0 0 0 0 2 1 a.png\n\n"}
+    for stem, content in {**files, "points3D": f"1 0 0 1 1 1 1 0.5\n2 {value} 0 0 1 1 1 0.5\n"}.items():
+        (tmp_path / f"{stem}.txt").write_text(content)
+    with pytest.raises(InputError, match="points: expected finite numbers, got NaN or infinity"):
+        read_posed(tmp_path)
+
+
 def test_a_text_model_is_read_line_by_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     images = "1 1 0 0 0 0 0 2 1 a.png\n" + "\n" * 400_000
     for stem, content in {"cameras": "1 PINHOLE 8 6 5 5 4 3\n", "images": images}.items():

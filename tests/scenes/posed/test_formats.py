@@ -15,6 +15,7 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
 from cltransfer.camera import Camera
+from cltransfer.errors import ResourceError
 from cltransfer.scenes.posed import read_posed
 
 SIZE = (64, 48)
@@ -214,3 +215,20 @@ def test_intrinsics_of_a_frame_go_before_those_of_the_set(tmp_path: Path) -> Non
     data["camera_angle_x"] = 2 * math.atan(32 / FOCAL)  # as the Blender sets have it; the size is the image's
     (tmp_path / "transforms.json").write_text(json.dumps(data))
     assert read_posed(tmp_path).camera.focal.tolist() == pytest.approx([FOCAL, 90.0, FOCAL])
+
+
+def test_a_set_in_a_folder_called_colmap_has_its_images(tmp_path: Path) -> None:
+    write_colmap_text(tmp_path / "colmap")
+    assert read_posed(tmp_path / "colmap").missing == ()
+
+
+def test_images_that_do_not_fit_in_memory_are_refused_before_they_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_transforms(tmp_path)
+    posed = read_posed(tmp_path)
+    for path in (tmp_path / "images").iterdir():
+        path.unlink()
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 1000)
+    with pytest.raises(ResourceError, match=r"3 images of 64x48 .*take a smaller side"):
+        posed.images(range(3), 64)
