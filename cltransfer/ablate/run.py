@@ -13,7 +13,7 @@ from ..errors import UsageError
 from ..pipeline.components import Components
 from ..plugins import settle
 from ..progress import Progress, silent
-from ..report.tables import to_latex, to_markdown
+from ..report.tables import escape, to_latex, to_markdown
 from ..storage.files import check_out, refuse_outside, write_json, write_text
 from ..storage.run_files import DONE
 from .content import digests, plugin_codes
@@ -27,6 +27,7 @@ from .tables import differences_table, directions_table, failure_lines, to_csv, 
 from .trial import Job, Outcome, trials
 
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"
+TABLES = ("table.csv", "table.md", "table.tex", "summary.json")
 
 
 @dataclass(frozen=True)
@@ -57,12 +58,14 @@ class Ablation:
         rows: a summary for each.
         outcomes: what came of every trial, in the order of the table.
         unkept: trials whose runs were to be kept, but that had been run before without that.
+        old: trials that failed in an earlier run of the command, and were not run again.
     """
 
     sweep: Sweep
     rows: tuple[RowSummary, ...]
     outcomes: tuple[Outcome, ...]
     unkept: int = 0
+    old: int = 0
 
     @property
     def failed(self) -> int:
@@ -101,6 +104,10 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     job = Job(tuple(settle(options.plugins)), str(runs) if options.keep_runs else None, plugin_codes())
     before = [t.key for t in asked if t not in missing and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0
+    old = sum(bool(known[t.key].failed) for t in asked if t not in missing)
+    if missing:  # what lies there is of another sweep, or not of all of this
+        for name in TABLES:
+            (options.out / name).unlink(missing_ok=True)
     progress("trials", len(asked) - len(missing), len(asked))
     here = commit()
     for done, outcome in enumerate(outcomes(missing, job, sweep.file.engine), len(asked) - len(missing) + 1):
@@ -108,7 +115,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         append(options.out / LEDGER, outcome)
         progress("trials", done, len(asked))
     found = tuple(replace(known[trial.key], row=trial.row, case=trial.case) for trial in asked)  # renamed since, maybe
-    ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found, unkept)
+    ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found, unkept, old)
     _write(options.out, ablation)
     return ablation
 
@@ -127,6 +134,8 @@ def _write(out: Path, ablation: Ablation) -> None:
     tables = [values_table(ablation.rows)]
     if len(ablation.rows) > 1:
         tables.append(differences_table(ablation.rows))
+    if any(row.directions for row in ablation.rows):
+        tables.append(directions_table(ablation.rows))
     write_text(out / "table.tex", "\n\n".join("\n".join(to_latex(table)) for table in tables) + "\n")
     write_json(out / "summary.json", summary_values(ablation))
 
@@ -148,8 +157,8 @@ def markdown(ablation: Ablation) -> list[str]:
         first = ablation.rows[0].name
         lines += [
             "",
-            f"Paired with {first}, case by case (n pairs); bold: the interval excludes zero and the signed-rank test",
-            f"has p at most {LEVEL}, of {FEWEST} pairs or more that differ.",
+            f"Paired with {escape(first)}, case by case (n pairs); bold: the interval excludes zero and the",
+            f"signed-rank test has p at most {LEVEL}, of {FEWEST} pairs or more that differ.",
             "",
         ]
         lines += to_markdown(differences_table(ablation.rows))
@@ -163,7 +172,8 @@ def markdown(ablation: Ablation) -> list[str]:
         lines += to_markdown(directions_table(ablation.rows))
     lines += ["", *_notes(ablation)]
     failures = failure_lines(ablation.outcomes)
-    return [*lines, f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.", *failures]
+    old = f" {ablation.old} of them in an earlier run: --retry runs them again." * bool(ablation.old)
+    return [*lines, f"Failed: {len(failures)} of {len(ablation.outcomes)} trials.{old}", *failures]
 
 
 def _head(sweep: Sweep) -> list[str]:
@@ -202,7 +212,7 @@ def _notes(ablation: Ablation) -> list[str]:
         notes.append(
             f"- rows {one} and {other} came out the same in every value: what sets them apart has no effect here"
         )
-    return [*sorted(notes), ""] if notes else []
+    return [*sorted(f"- {escape(note.removeprefix('- '))}" for note in notes), ""] if notes else []
 
 
 def summary_values(ablation: Ablation) -> dict[str, Any]:

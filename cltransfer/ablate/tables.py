@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ..report.metrics import number
-from ..report.tables import Table
+from ..report.tables import Table, escape
 from ..storage.files import csv_text
 from .summary import Estimate, Measure, RowSummary
 from .trial import Outcome
@@ -103,5 +103,7 @@ def _numbers(estimate: Estimate) -> list[float | int | None]:
 def failure_lines(outcomes: Sequence[Outcome]) -> list[str]:
     """One line for each failed trial: row, case and reason."""
     return [
-        f"- {o.row}, {o.case.reference} in {o.case.scene}, seed {o.case.seed}: {o.failed}" for o in outcomes if o.failed
+        f"- {escape(f'{o.row}, {o.case.reference} in {o.case.scene}, seed {o.case.seed}: {o.failed}')}"
+        for o in outcomes
+        if o.failed
     ]

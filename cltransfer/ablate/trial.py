@@ -17,10 +17,12 @@ from torch import Tensor
 
 from .. import __version__
 from ..config.options import RunConfig
-from ..errors import CltransferError
+from ..errors import CltransferError, UsageError
 from ..reading.scene_source import split_scene
 from .content import Digest, digests, parts_content
 from .sweep import SceneConfig, Sweep
+
+MOST = 1e15  # that a count or a value on disk may be
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,25 @@ class Outcome:
         for key in ("metrics", "directions"):
             if raw.get(key) is not None:
                 raw[key] = {name: Metric(**values) for name, values in raw[key].items()}
-        return cls(**{**raw, "case": Case(**raw["case"])})
+        outcome = cls(**{**raw, "case": Case(**raw["case"])})
+        if not outcome._is_sound():
+            raise ValueError
+        return outcome
+
+    def _is_sound(self) -> bool:
+        """Whether counts are counts and numbers finite, and there is a result or a reason why not."""
+        told = [*(self.metrics or {}).values(), *(self.directions or {}).values()]
+        counts = [self.frames, self.evaluations, self.network_passes, *(metric.defined for metric in told)]
+        numbers = [self.seconds, *(metric.mean for metric in told if metric.mean is not None)]
+        texts = [self.key, self.row, self.failed, self.note, self.commit]
+        texts += [text for metric in told for text in (metric.unit, metric.reason)]
+        return (
+            all(type(count) is int and 0 <= count <= MOST for count in counts)
+            and all(type(number) in (int, float) and abs(number) <= MOST for number in numbers)
+            and all(isinstance(text, str) for text in texts)
+            and (self.metrics is None) == bool(self.failed)
+            and (bool(self.failed) or self.frames > 0)
+        )
 
 
 def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | None = None) -> list[Trial]:
@@ -136,7 +156,7 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
     Raises:
         InputError: a file is missing.
     """
-    found, digest = [], digest or digests()
+    found, digest, cases = list[Trial](), digest or digests(), dict[tuple[str, str], Case]()
     parts = [parts_content(row.config) for row in sweep.rows]
     measures = parts_content(sweep.metrics)
     for scene, reference, case in _cases(sweep):
@@ -147,6 +167,10 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
             content = [digest(used.scene), digest(used.init), digest(used.subject), used.up, digest(source)]
             answers = [__version__, asdict(config), asdict(sweep.metrics), content, [own, measures]]
             key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
+            twin = cases.setdefault((row.name, key), case)
+            if twin != case:  # as one more value it would make an interval narrow
+                told = f"{case.reference} in {case.scene} is the same as {twin.reference} in {twin.scene}"
+                raise UsageError("", "references", told, "name each scene and reference once")
             found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
     return found
 
@@ -169,10 +193,13 @@ def _shown(sources: Sequence[str]) -> list[str]:
     parts = [split_scene(source) or (source,) for source in sources]
     names = ["@".join(part if ":" in part else Path(part).name for part in named) for named in parts]
     alike, before = Counter(names), Counter[str]()
-    told = []
+    told: list[str] = []
     for name in names:
-        before[name] += 1
-        told.append(f"{name} ({before[name]})" if alike[name] > 1 else name)
+        shown = name
+        while alike[name] > 1 and (shown == name or shown in alike):  # a file may be called like a number
+            before[name] += 1
+            shown = f"{name} ({before[name]})"
+        told.append(shown)
     return told
 
 

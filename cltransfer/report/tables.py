@@ -19,11 +19,11 @@ class Table:
 def to_markdown(table: Table) -> list[str]:
     """Lines of a Markdown table."""
     cells = [
-        [f"**{_escape(c)}**" if (i, j) in table.bold else _escape(c) for j, c in enumerate(row)]
+        [f"**{escape(c)}**" if (i, j) in table.bold else escape(c) for j, c in enumerate(row)]
         for i, row in enumerate(table.rows)
     ]
     rule = ["---"] + ["--:"] * (len(table.header) - 1)
-    return ["| " + " | ".join(line) + " |" for line in [map(_escape, table.header), rule, *cells]]
+    return ["| " + " | ".join(line) + " |" for line in [map(escape, table.header), rule, *cells]]
 
 
 _ACTS = re.compile(
@@ -35,7 +35,7 @@ _ACTS = re.compile(
 _MARKUP = re.compile(r"&(?=#?\w+;)|<")  # of an entity or a tag
 
 
-def _escape(text: str) -> str:
+def escape(text: str) -> str:
     """``text`` on one line, with a backslash or an entity where Markdown would act on a sign."""
     line = re.sub(r"\r\n|[\r\n]", " ", text)
     return _MARKUP.sub(lambda sign: {"&": "&amp;", "<": "&lt;"}[sign[0]], _ACTS.sub(r"\\\g<0>", line))
@@ -68,6 +68,8 @@ _TEX = {
 _TEX |= {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}  # other signs in TeX's oldest fonts
 _TEX |= {character: f"\\{character}" for character in "&%$#_{}"}
 
+_JOINED = re.compile(r"(?<=[-`',?!])(?=[-`',])")  # between signs of which TeX makes another: -- `` '' ,, ?` !`
+
 
 def _tex(text: str) -> str:
-    return "".join(_TEX.get(character, character) for character in text)
+    return "".join(_TEX.get(character, character) for character in _JOINED.sub("\0", text)).replace("\0", "{}")

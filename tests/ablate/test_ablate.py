@@ -235,7 +235,7 @@ def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
     out = tmp_path / "out"
     answer = command("ablate", file, "--out", out, "--keep-runs", "-q", *TINIER)
     assert answer.code == 0, answer.err
-    drawn = [json.loads((out / "references" / f"push_in-{seed}.json").read_text()) for seed in (0, 1)]
+    drawn = [json.loads((out / "references" / f"push_in-{seed}-1.json").read_text()) for seed in (0, 1)]
     assert drawn[0] != drawn[1]
     assert len(lines(out)) == 2
     for line in lines(out):
@@ -274,7 +274,7 @@ def test_rows_that_were_renamed_keep_their_own_figures(
     assert len(lines(out)) == 2  # nothing was run again
 
 
-@pytest.mark.parametrize("part", ["references", "references/pan-0.json", "runs", "runs/key/video", "trials.jsonl"])
+@pytest.mark.parametrize("part", ["references", "references/pan-0-24.json", "runs", "runs/key/video", "trials.jsonl"])
 def test_nothing_is_written_where_a_part_of_the_folder_leads_out_of_it(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path, part: str
 ) -> None:

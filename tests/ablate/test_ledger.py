@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,4 +35,32 @@ def test_a_damaged_line_is_named(tmp_path: Path, line: str) -> None:
     with path.open("a") as stream:
         stream.write(line + "\n")
     with pytest.raises(InputError, match="line 2: is no trial"):
+        read_ledger(path)
+
+
+VALUES: dict[str, list[Any]] = {
+    "frames": [0, -2, "3", True],
+    "seconds": [math.nan, None],
+    "evaluations": ["x", -1],
+    "metrics": [None],
+}
+
+
+@pytest.mark.parametrize(("field", "value"), [(field, value) for field, values in VALUES.items() for value in values])
+def test_a_value_that_cannot_be_is_named_with_its_line(tmp_path: Path, field: str, value: Any) -> None:
+    path = tmp_path / "trials.jsonl"
+    append(path, DONE)
+    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}) + "\n")
+    with pytest.raises(InputError, match="line 1"):
+        read_ledger(path)
+
+
+@pytest.mark.parametrize("mean", [math.nan, math.inf, "0.5", 10**400])
+def test_a_mean_that_cannot_be_is_named_with_its_line(tmp_path: Path, mean: Any) -> None:
+    path = tmp_path / "trials.jsonl"
+    append(path, DONE)
+    line = json.loads(path.read_text())
+    line["metrics"]["total"]["mean"] = mean
+    path.write_text(json.dumps(line) + "\n")
+    with pytest.raises(InputError, match="line 1"):
         read_ledger(path)

@@ -9,11 +9,15 @@ from typing import Any
 
 import pytest
 
+from cltransfer.ablate import run
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
-from cltransfer.ablate.run import Options, ablate
+from cltransfer.ablate.run import Options, ablate, markdown
 from cltransfer.ablate.sources import check_sources
-from cltransfer.ablate.trial import Job, Outcome, Trial, run_trial, trials
+from cltransfer.ablate.sweep import Sweep
+from cltransfer.ablate.tables import failure_lines
+from cltransfer.ablate.trial import Case, Job, Metric, Outcome, Trial, run_trial, trials
+from cltransfer.errors import UsageError
 from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
@@ -196,7 +200,7 @@ def test_a_drawn_reference_is_a_trial_wherever_the_ablation_lies(tmp_path: Path)
     sweep = read_sweep(str(tmp_path / "a@b" / "sweep.yaml"))
     check_sources(sweep)
     (trial,) = trials(sweep, draw_references(sweep, tmp_path / "a@b" / "out"))
-    assert trial.reference == f"builtin:plaza-0@{tmp_path / 'a@b' / 'out' / 'references' / 'pan-0.json'}"
+    assert trial.reference == f"builtin:plaza-0@{tmp_path / 'a@b' / 'out' / 'references' / 'pan-0-2.json'}"
 
 
 def test_a_case_is_shown_without_its_folders_whatever_they_are_called(tmp_path: Path) -> None:
@@ -223,3 +227,73 @@ def test_no_two_cases_have_one_name(tmp_path: Path) -> None:
     assert len({trial.case for trial in found}) == len(found) == 6
     assert {trial.case.reference for trial in found} == {"clip.mp4 (1)", "clip.mp4 (2)", "builtin:orbit"}
     assert {trial.case.scene for trial in found} == {"scene.ply (1)", "scene.ply (2)"}
+
+
+def test_a_numbered_name_is_not_that_of_another_clip(tmp_path: Path) -> None:
+    for name in ("a/clip.mp4", "b/clip.mp4", "clip.mp4 (1)"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name)
+    text = "references: [a/clip.mp4, b/clip.mp4, 'clip.mp4 (1)']\nrows: {full: {}}\n"
+    (tmp_path / "sweep.yaml").write_text(text)
+    shown = [t.case.reference for t in trials(read_sweep(str(tmp_path / "sweep.yaml")), {})]
+    assert shown == ["clip.mp4 (2)", "clip.mp4 (3)", "clip.mp4 (1)"]
+
+
+def test_one_clip_by_two_names_is_refused(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4"):
+        (tmp_path / name).write_text("the same")
+    (tmp_path / "sweep.yaml").write_text("references: [a.mp4, b.mp4]\nrows: {full: {}}\n")
+    with pytest.raises(UsageError, match=r"references: b.mp4 in builtin:courtyard is the same as a.mp4 in "):
+        trials(read_sweep(str(tmp_path / "sweep.yaml")), {})
+
+
+def test_another_sweep_in_the_folder_leaves_the_references_alone(tmp_path: Path) -> None:
+    (tmp_path / "sweep.yaml").write_text("references: ['drawn:pan']\nrows: {full: {}}\n")
+    one, other = (read_sweep(str(tmp_path / "sweep.yaml"), [f"frames={count}"]) for count in (4, 2))
+    drawn = draw_references(one, tmp_path / "out")
+    (before,) = trials(one, drawn)
+    draw_references(other, tmp_path / "out")
+    assert trials(one, drawn)[0].key == before.key  # what a trial begun before will read is what its key says
+
+
+def outcome(trial: Trial, reason: str = "") -> Outcome:
+    found = {} if reason else {"metrics": {"total": Metric(1.0, "", 2, "")}, "frames": 2}
+    return Outcome(
+        trial.key, trial.row, trial.case, failed=reason, directions={"larger": Metric(0.1, "frame", 2, "")}, **found
+    )
+
+
+@pytest.fixture
+def sweep(tmp_path: Path) -> Callable[..., Sweep]:
+    (tmp_path / "sweep.yaml").write_text(
+        "references: ['drawn:orbit']\nrows: {full: {}, none: {losses: {framing: null}}}\n"
+    )
+    return lambda *words: read_sweep(str(tmp_path / "sweep.yaml"), list(words))
+
+
+def test_an_old_failure_is_told_as_one(sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "outcomes", lambda missing, *rest: (outcome(t, "yolox: no such file") for t in missing))
+    first, again = (markdown(ablate(sweep("frames=2"), Options(tmp_path / "out"))) for _ in range(2))
+    assert "--retry" not in "\n".join(first)
+    assert "Failed: 2 of 2 trials. 2 of them in an earlier run: --retry runs them again." in again
+
+
+def test_tables_of_the_sweep_before_are_gone_when_another_is_killed(
+    sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "outcomes", lambda missing, *rest: map(outcome, missing))
+    ablate(sweep("frames=2"), Options(tmp_path / "out"))
+    assert "larger" in (tmp_path / "out" / "table.tex").read_text()
+
+    def killed(*words: Any) -> Iterator[Outcome]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "outcomes", killed)
+    with pytest.raises(KeyboardInterrupt):
+        ablate(sweep("frames=3"), Options(tmp_path / "out"))
+    assert not list((tmp_path / "out").glob("table.*"))  # ablation.yaml beside them is of the other sweep
+
+
+def test_names_and_reasons_below_a_table_stay_text() -> None:
+    (line,) = failure_lines([Outcome("k", "<b>x", Case("s", "r", 0), failed="ValueError: a\n\n# b")])
+    assert line == "- &lt;b>x, r in s, seed 0: ValueError: a  # b"

@@ -34,3 +34,8 @@ def test_a_first_cell_is_no_option_of_the_line_before(text: str) -> None:
     assert lines[2] == rf"{{}}{text} & [x] \\"
     assert lines[4] == rf"{{}}{text} & * \\"
     assert lines[5] == r"\textbf{a} & b \\"
+
+
+def test_latex_joins_no_signs() -> None:
+    text = "\n".join(to_latex(Table(("row", "x"), (("--fast ?` ``a'' ,,", "1"),))))
+    assert r"-{}-fast ?{}` `{}`a'{}' ,{}," in text
