@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from .design import QUESTIONS, Study
 
 COLUMNS = ("study", "participant", "item", "question", "left", "right", "chosen", "seconds")
 LIMIT = 2**24  # bytes
+CODE = re.compile(r"[A-Za-z0-9_-]{1,32}")  # of a participant, as the page takes it
 
 
 @dataclass(frozen=True)
@@ -52,18 +54,23 @@ def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     try:
         if tuple(lines.fieldnames or ()) != COLUMNS:
             raise InputError(path, "line 1", f"expected the columns {', '.join(COLUMNS)}")
-        return list(enumerate(lines, 2))
+        return [(lines.line_num, row) for row in lines]
     except csv.Error as error:
         raise InputError(path, "", f"expected CSV, {error}") from None
 
 
 def _choice(row: dict[str, str], study: Study, path: Path, number: int) -> Choice:
     where = f"line {number}"
+    if None in row or None in row.values():
+        raise InputError(path, where, f"expected {len(COLUMNS)} values")
     if row["study"] != study.name:
         raise InputError(path, where, f"is of study {row['study']!r}, the key of {study.name}")
     item = next((item for item in study.items if item.name == row["item"]), None)
     if item is None or row["question"] not in QUESTIONS or not row["participant"]:
         raise InputError(path, where, "is an answer to nothing that was asked")
+    if not CODE.fullmatch(row["participant"]):
+        reason = f"{row['participant']!r} is no code of a participant"
+        raise InputError(path, where, reason, "letters, digits, - and _, as the page takes them")
     pair = {item.first, item.second}
     if {row["left"], row["right"]} != pair or row["chosen"] not in pair:
         raise InputError(path, where, f"{row['item']} compares other videos")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -30,6 +31,7 @@ from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_d
 from .design import NO_STUDY, QUESTIONS, Study, design
 from .folder import INDEX, MARK, check_key, check_page, key_of
 
+METRICS = "metrics.json"  # of a run: says how many frames it has
 SIDE = 720  # largest height of a video [px]
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
 
@@ -152,7 +154,17 @@ def _clip(where: ClipSource) -> Shown:
     """The frames of a run folder, as they were kept, or of a clip."""
     as_is = replace(_kept(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
     clip, _ = open_clip(as_is)
+    if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
+        _check_whole(where.path, len(clip.times))
     return Shown(clip.image, clip.times)
+
+
+def _check_whole(run: Path, count: int) -> None:
+    """Refuse a run whose frames were cut off: what can still be decoded of them looks like a shorter clip."""
+    metrics = read_json(run / METRICS) if (run / METRICS).is_file() else {}
+    frames = metrics.get("frames", count) if isinstance(metrics, dict) else count
+    if frames != count:
+        raise InputError(kept_frames(run), "video", f"has {count} frames, its run {frames}", "make the run anew")
 
 
 def _reference(group: Sequence[ClipSource], given: ClipSource | None) -> Shown:
@@ -248,5 +260,5 @@ def _readme(study: Study, out: Path) -> str:
         f"Study {study.name}: {counted(study)}, {len(QUESTIONS)} questions each.\n\n"
         "Open index.html in a browser; it needs no network and no server. Every participant downloads a CSV file at\n"
         f"the end. Keep {out.name}.key.json, which says whose video is whose, away from them.\n\n"
-        f"  cltransfer study --analyse answers/*.csv --key {out.name}.key.json\n\n{NO_STUDY}\n"
+        f"  cltransfer study --analyse answers/*.csv --key {shlex.quote(out.name + '.key.json')}\n\n{NO_STUDY}\n"
     )

@@ -73,7 +73,14 @@ class Study:
             clips = {token: Clip(token, **said) for token, said in raw["clips"].items()}
             items = tuple(Item(**item) for item in raw["items"])
             known = all(item.first in clips and item.second in clips for item in items)
-            if not known or {clip.method for clip in clips.values()} != set(raw["methods"]):
+            pairs = known and all(
+                clips[item.first].sample == clips[item.second].sample == item.sample
+                and clips[item.first].method != clips[item.second].method
+                for item in items
+            )
+            texts = all(isinstance(method, str) for method in raw["methods"])
+            once = len({item.name for item in items}) == len(items) and len(set(raw["methods"])) == len(raw["methods"])
+            if not (pairs and texts and once) or {clip.method for clip in clips.values()} != set(raw["methods"]):
                 raise ValueError
             return cls(str(raw["study"]), tuple(map(str, raw["methods"])), clips, items)
         except (TypeError, ValueError, KeyError, AttributeError):

@@ -179,7 +179,10 @@ DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
         lambda text: text + text.splitlines()[1] + "\n",
         "line 8: p answered item1, visual_style twice",
     ),
-    "a cut line": (lambda text: text[:-12], "line 7: item2 compares other videos"),
+    "a cut line": (lambda text: text[:-12], "line 7: expected 8 values"),
+    "a longer line": (lambda text: text.rstrip() + ",x\n", "line 7: expected 8 values"),
+    "blank lines": (lambda text: text.replace("\n", "\n\n\n", 1).replace("item1", "item9"), "line 4: is an answer"),
+    "a code with a blank": (lambda text: text.replace(",p,", ",p ,"), "line 2: 'p ' is no code of a participant"),
     "nothing": (lambda text: "", "line 1: expected the columns"),
 }
 
@@ -220,3 +223,21 @@ def test_a_method_of_any_name_stays_one_cell() -> None:
 
 def _pairs(study: Study) -> list[tuple[str, str]]:
     return [(study.clips[item.first].method, study.clips[item.second].method) for item in study.items]
+
+
+@pytest.mark.parametrize("damage", ["a video against itself", "another sample's", "numbers for methods", "twice"])
+def test_a_key_that_cannot_be_is_refused(tmp_path: Path, damage: str) -> None:
+    raw = json.loads(json.dumps(TWO.to_json()))
+    if damage == "a video against itself":
+        raw["items"][0]["second"] = raw["items"][0]["first"]
+    elif damage == "another sample's":
+        raw["items"][0]["second"] = raw["items"][1]["second"]
+    elif damage == "twice":
+        raw["items"][1] = raw["items"][0]
+    else:
+        raw["methods"] = [1, 2]
+        for number, clip in enumerate(raw["clips"].values()):
+            clip["method"] = 1 + number % 2
+    (tmp_path / "page.key.json").write_text(json.dumps(raw))
+    with pytest.raises(InputError, match="key of a study"):
+        Study.load(tmp_path / "page.key.json")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +17,7 @@ import cv2
 import pytest
 import torch
 
-from cltransfer.clips.clip import read_clip
+from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
@@ -247,3 +248,27 @@ def test_a_part_that_a_study_cannot_show_is_refused(tiny_run: Path, clips: Wante
         build_study(replace(clips, runs=(f"{clips.runs[0]}#person=1", *clips.runs[1:])), tmp_path / "page")
     with pytest.raises(UsageError, match="a part of a run does not know its own"):
         build_study(Wanted((f"{tiny_run}#t=0,1", str(tiny_run)), ("a", "b")), tmp_path / "page")
+
+
+def test_a_run_whose_frames_were_cut_off_is_refused(tmp_path: Path) -> None:
+    grey = torch.full((30, 3, 32, 48), 90, dtype=torch.uint8)
+    runs = []
+    for name, kept in (("whole", 30), ("cut", 3)):
+        run = tmp_path / name
+        (run / "video").mkdir(parents=True)
+        (run / "DONE").touch()
+        (run / "manifest.json").write_text('{"reference": {"sha256": "0"}}')
+        (run / "metrics.json").write_text('{"frames": 30}')
+        write_video(run / "video" / "frames.mkv", grey[:kept], torch.arange(kept) / 24, lossless=True)
+        write_video(run / "video" / "side_by_side.mp4", grey, torch.arange(30) / 24)
+        runs.append(run)
+    wanted = Wanted(tuple(runs), ("A", "B"), (runs[0] / "video" / "frames.mkv",))
+    with pytest.raises(InputError, match=r"frames.mkv: video: has 3 frames, its run 30"):
+        build_study(wanted, tmp_path / "page")
+
+
+def test_the_command_beside_the_page_can_be_pasted(clips: Wanted, tmp_path: Path) -> None:
+    build_study(clips, tmp_path / "my page")
+    text = (tmp_path / "my page" / "README.txt").read_text()
+    line = next(line for line in text.splitlines() if "--key" in line)
+    assert shlex.split(line)[-1] == "my page.key.json"
