@@ -20,6 +20,8 @@ DIFFERENT = 0.45  # one minus correlation of two small pictures, in [0, 2]
 RECOLOURED = 0.08  # part of the pixels that changed their bin
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
+BLACK = 24  # level up to which a bar is black
+LEFT = 0.5  # of a side, at least, that is picture: less is a scene in the dark
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # changes on either side that say what is usual
 SAME = 0.002  # change at most of a frame that is shown again
@@ -44,6 +46,7 @@ def find_cuts(small: np.ndarray) -> list[int]:
 
 def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     """First and last frame of every shot, without frames that show nothing."""
+    small = _without_bars(small)
     shown = np.flatnonzero(small.std((1, 2), dtype=np.float32).max(1) >= FLAT)
     if len(shown) < 2:
         return [(int(only), int(only)) for only in shown]
@@ -61,6 +64,21 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
         if change[i] > STANDS_OUT * usual and back[0] > DIFFERENT:
             begins.append(i + 1)
     return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]
+
+
+def _without_bars(small: np.ndarray) -> np.ndarray:
+    """Small pictures (F, h, w, 3) without rows and columns at their edges that stay black, and half black ones beside.
+
+    Bars are alike on both sides of a cut, and two shots seem alike with them.
+    """
+    lit = small.max(axis=(0, 3)) > BLACK
+    spans = []
+    for seen in (lit.any(1), lit.any(0)):
+        inside = np.flatnonzero(seen)
+        first, last = (inside[0], inside[-1]) if len(inside) else (0, len(seen) - 1)
+        first, last = first + (first > 0), last - (last < len(seen) - 1)
+        spans.append(slice(first, last + 1) if last + 1 - first >= LEFT * len(seen) else slice(None))
+    return small[:, spans[0], spans[1]]
 
 
 def _repeats(change: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from .clip import Clip
+from .cuts import check_one_shot
 from .image_folder import FOLDER_RATE, TIMES, image_files
 from .letterbox import find_letterbox
 from .open_clip import open_part, rate_assumed, without_bars
@@ -54,7 +55,9 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
     notes = (*_one_by_one(found, starts[0]), *_not_scored(starts[0], starts[1], first, frames))
     thin = evenly(starts[1][second], frames)
     first, second = first[thin], second[thin]
-    whole = replace(asked, letterbox="keep")
+    if asked.cuts != "keep":
+        check_one_shot(asked)  # here, so that what it advises is what was asked for
+    whole = replace(asked, letterbox="keep", cuts="keep")
     (reference, flags), (render, drawn) = open_part(whole, original, first), open_part(drawn_as, shown, second)
     if asked.letterbox != "keep":
         alike = found.letterbox is None and _same_bars(reference, render)

@@ -1,0 +1,74 @@
+"""Bars beside a picture say nothing about cuts; test_open_clip.py has what else looks like one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from cltransfer.clips.cuts import find_cuts, small_pictures
+from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.source import ClipSource
+from cltransfer.errors import InputError
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "video"
+
+
+def drawn(seed: int, count: int) -> np.ndarray:
+    """Small pictures of a still camera before something of its own, with a little noise."""
+    random = np.random.default_rng(seed)
+    base = np.kron(random.integers(10, 250, (6, 8, 3)), np.ones((3, 4, 1)))
+    return np.stack([np.clip(base + random.normal(0, 2, base.shape), 0, 255) for _ in range(count)]).astype(np.uint8)
+
+
+@pytest.mark.parametrize("bars", [(0, 0), (2, 0), (3, 0), (0, 6)])
+@pytest.mark.parametrize("seeds", [(0, 1), (2, 3), (4, 5)])
+def test_bars_do_not_hide_a_cut(bars: tuple[int, int], seeds: tuple[int, int]) -> None:
+    clip = np.concatenate([drawn(seed, 10) for seed in seeds])
+    rows, columns = bars
+    clip[:, :rows] = clip[:, 18 - rows :] = 0
+    clip[:, :, :columns] = clip[:, :, 32 - columns :] = 0
+    assert find_cuts(clip) == [10]
+
+
+@pytest.mark.parametrize(
+    "pair", [("sav_05_juggle", "lp_s32"), ("lp_s32", "lp_s20"), ("sav_04_coffee", "sav_05_juggle")]
+)
+def test_bars_do_not_hide_a_cut_between_real_clips(pair: tuple[str, str]) -> None:
+    if not DATA.is_dir():
+        pytest.skip("needs the clips of shared/data")
+    plain = [small_pictures(DATA / f"{name}.mp4")[1][:12] for name in pair]
+    assert find_cuts(np.concatenate(plain)) == [12]
+    barred = np.concatenate(plain)
+    barred[:, :3] = barred[:, 15:] = 0
+    assert find_cuts(barred) == [12]
+
+
+def test_a_small_light_in_the_dark_is_no_picture_between_bars() -> None:
+    clip = np.random.default_rng(0).integers(0, 6, (20, 18, 32, 3)).astype(np.uint8)
+    clip[:, 8:11, 14:18] = 200  # moves by a cell half-way
+    clip[10:] = np.roll(clip[10:], 3, axis=2)
+    assert find_cuts(clip) == []
+
+
+@pytest.mark.parametrize("bars", [0, 16])
+@pytest.mark.parametrize(("asked", "keeps"), [("", False), ("#letterbox=keep", True)])
+def test_a_scored_reference_is_advised_as_it_was_asked_for(tmp_path: Path, bars: int, asked: str, keeps: bool) -> None:
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    random = np.random.default_rng(0)
+    shots = [np.kron(random.integers(0, 255, (8, 8, 3)), np.ones((16, 16, 1))).astype(np.uint8) for _ in range(2)]
+    with av.open(str(folder / "cut.mp4"), "w") as file:
+        stream = file.add_stream("libx264", rate=10)
+        stream.width = stream.height = 128
+        stream.pix_fmt = "yuv420p"
+        for picture in [shots[0]] * 8 + [shots[1]] * 8:
+            picture[:bars] = picture[128 - bars :] = 0
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(picture)))
+        file.mux(stream.encode())
+    clip = folder / "cut.mp4"
+    with pytest.raises(InputError, match="a cut at") as told:
+        open_pairs(ClipSource.parse(f"{clip}{asked}"), ClipSource.parse(str(clip)), None)
+    assert ("letterbox=keep" in str(told.value)) == keeps
