@@ -18,7 +18,7 @@ from ..driver.second_guide import second_guide
 from ..driver.stage import Stage
 from ..driver.starts import Starts
 from ..driver.whole_clip import WholeClip
-from ..features import Features
+from ..features import Features, nobody
 from ..progress import Progress
 from .correct import LEAST, corrected, measure_bias
 from .left_out import LeftOut
@@ -29,6 +29,7 @@ Report = Callable[[int, Solved], None]
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
+UNSEEN = "no correction: the networks see nobody in the render"
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
 
@@ -115,6 +116,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         if last or seen is None:
             break
         bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
+        if bool(nobody(shown.features).all()):
+            return made, UNSEEN
         if not bias.known:
             return made, f"no {'further ' if number else ''}{UNBIASED}"
         target, starts = corrected(job.wanted, bias), Starts(cameras[0], take.clip.about(cameras[0], take.x))

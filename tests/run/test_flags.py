@@ -211,3 +211,19 @@ def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:
     x[0, 4] = x[1, 7] = 1.0
     boxed = replace(kept(plain, found=replace(plain.kept.found, x=x)), search=PaperBox())
     assert [flag.reason for flag in run_flags(boxed) if "bound" in flag.reason] == ["gamma at its bound"]
+
+
+def test_that_nobody_is_read_in_the_render_is_told(plain: Result) -> None:
+    shown = plain.kept.shown
+    points = torch.full_like(shown.features.require("keypoints"), torch.nan)
+    terms = tuple(
+        replace(term, values=torch.full((2,), torch.nan)) if term.name in ("shot_size", "camera_angle") else term
+        for term in shown.scores.terms
+    )
+    scores = replace(shown.scores, terms=terms, totals=torch.full((2,), 62.0))
+    gone = replace(shown, features=replace(shown.features, keypoints=points), scores=scores)
+    told = [flag.reason for flag in run_flags(kept(replace(plain, read_by="image"), shown=gone)) if flag.frame is None]
+    assert [
+        reason for reason in told if "see nobody in 2 of 2 frames of the render" in reason and "total is 62" in reason
+    ]
+    assert not [reason for reason in told if "most of it" in reason]
