@@ -96,7 +96,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         reference = _from_file(Path(source), parts, reading.frames)
     else:
         reference = _from_clip(source, parts, reading.frames, progress)
-    _require_person(reference)
+    _require_person(source, reference)
     return reference
 
 
@@ -201,9 +201,10 @@ def quantised(image: Tensor) -> Tensor:
     return (image.clamp(0, 1) * 255).round().to(torch.uint8)
 
 
-def _require_person(reference: Reference) -> None:
+def _require_person(source: str, reference: Reference) -> None:
     if not reference.features.has("keypoints"):
         return
     seen = torch.isfinite(reference.features.require("keypoints")[..., 0]).any(1)
     if not bool(seen.any()):
-        raise InputError(reference.name, "person", f"none found in {len(reference)} frames")
+        hint = "another part of it: #t=START,END, or more frames=" if reference.family == "image" else ""
+        raise InputError(source, "person", f"none found in {len(reference)} frames", hint)

@@ -121,5 +121,5 @@ def test_a_clip_in_which_the_networks_find_nobody_is_refused(
     for words in (transfer, ("evaluate", grey, grey)):
         answer = command(*words, "--quiet", *networks)
         assert (answer.code, answer.err.count("\n")) == (3, 1), answer.err
-        assert "grey: person: none found in 3 frames" in answer.err
+        assert answer.err.startswith(f"error: {grey}: person: none found in 3 frames")
     assert not out.exists()
