@@ -47,14 +47,18 @@ def test_a_simplified_scene_is_a_scene_with_fewer_gaussians(room: tuple[str, str
 
 @pytest.mark.parametrize(
     ("options", "told"),
-    [(["k=2"], "merged"), (["k=0", "prune=0.005"], "after pruning"), (["k=0", "floaters=drop"], "without floaters")],
+    [
+        (["k=2"], "after merging"),
+        (["k=0", "prune=0.005"], "after pruning"),
+        (["k=0", "floaters=drop"], "without floaters"),
+    ],
 )
 def test_only_what_was_done_is_told(
     options: list[str], told: str, room: tuple[str, str], command: Callable[..., Any], tmp_path: Path
 ) -> None:
     answer = command("simplify", room[0], "--view", room[1], "--out", tmp_path / "few.ply", *options)
     assert answer.code == 0, answer.err
-    words = [word for word in ("without floaters", "after pruning", "merged") if word in answer.out]
+    words = [word for word in ("without floaters", "after pruning", "after merging") if word in answer.out]
     assert words == [told]
 
 

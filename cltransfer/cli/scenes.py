@@ -83,7 +83,7 @@ def simplify(
     options: Simplification = _options(Simplification, overrides or [])
     found = simplify_file(scene, out, view or [], options)
     steps = {"solid": options.floaters == "drop", "pruned": options.prune > 0, "after": options.k > 0}
-    words = {"solid": "without floaters", "pruned": "after pruning", "after": "merged"}
+    words = {"solid": "without floaters", "pruned": "after pruning", "after": "after merging"}
     done = ", ".join(f"{found[name]:,} {words[name]}" for name, taken in steps.items() if taken)
     text = f"{found['before']:,} Gaussians, {done or 'all kept'}: {out}"
     show(found, text, as_json)
