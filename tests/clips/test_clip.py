@@ -91,9 +91,12 @@ def test_mp4_pads_odd_sides_by_repeating_the_edge(tmp_path):
 
 def test_write_video_leaves_nothing_behind_when_it_fails(tmp_path):
     (tmp_path / "a.mp4").mkdir()
-    with pytest.raises(ResourceError, match="cannot be written"):
+    with pytest.raises(UsageError, match=r"a.mp4: is no regular file"):
         write_video(tmp_path / "a.mp4", smooth(), torch.arange(5).double())
-    assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+    (tmp_path / "file").touch()
+    with pytest.raises(ResourceError, match="cannot be written"):
+        write_video(tmp_path / "file" / "b.mp4", smooth(), torch.arange(5).double())
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mp4", "file"]
 
 
 def test_frames_that_would_share_a_millisecond_are_written_one_after_the_other(tmp_path):
