@@ -64,7 +64,7 @@ def installed() -> list[Plugin]:
     return sorted(found, key=lambda p: p.name)
 
 
-def allow(names: Iterable[str | Path]) -> list[str]:
+def allow(names: str | Path | Iterable[str | Path]) -> list[str]:
     """Import the named plugins so that their decorators register them; returns what was imported.
 
     Args:
@@ -78,16 +78,18 @@ def allow(names: Iterable[str | Path]) -> list[str]:
     return import_settled(settle(names))
 
 
-def settle(names: Iterable[str | Path]) -> list[str]:
+def settle(names: str | Path | Iterable[str | Path]) -> list[str]:
     """What ``names`` mean, for any process: an installed plugin's name, or else the whole path of a file or folder.
 
     An installed plugin comes before a file or a folder of its name.
 
     Raises:
-        ModelError: there is no such plugin.
+        ModelError: there is no such plugin, or a name is empty, which as a path would be the current folder.
     """
     points, settled = {point.name for point in entry_points(group=GROUP)}, []
-    for name in map(str, names):
+    for name in map(str, [names] if isinstance(names, (str, Path)) else names):
+        if not name.strip():
+            raise ModelError("", "--allow-plugin", "expected a plugin's name, a file or a folder, got nothing")
         path = Path(name).absolute()
         if name not in points and not path.is_dir() and not (path.is_file() and path.suffix == ".py"):
             known = ", ".join(sorted(points)) or "none installed"

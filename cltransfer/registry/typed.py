@@ -47,7 +47,7 @@ def typed(cls: type[T], values: Mapping[str, Any]) -> T:
         raise mistake
     try:
         merged = OmegaConf.merge(schema, dict(values))
-    except (OmegaConfBaseException, ValueError, TypeError) as error:
+    except (OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
         raise _mistake(cls, values) or UsageError("", "", _first_line(error)) from None
     try:
         return OmegaConf.to_object(merged)  # type: ignore[return-value]
@@ -148,7 +148,7 @@ def _fits(field: dataclasses.Field[Any], hint: Any, value: Any) -> bool:
     alone = dataclasses.make_dataclass("Alone", [(field.name, hint, default)])
     try:
         merged = OmegaConf.merge(OmegaConf.structured(alone), {field.name: value})
-    except (OmegaConfBaseException, ValueError, TypeError):
+    except (OmegaConfBaseException, ValueError, TypeError, OverflowError):
         return False
     try:
         OmegaConf.to_object(merged)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -241,3 +242,9 @@ def test_how_a_plugin_is_let_in_is_told_on_the_command_line_and_in_python() -> N
         UsageError, match=r"no such loss \(.*a plugin needs --allow-plugin, in Python cltransfer\.plugins\."
     ):
         load_config(overrides=["losses.headroom.weight=1"])
+
+
+@pytest.mark.parametrize("key", ["sigma0", "losses.framing.weight"])
+def test_a_whole_number_beyond_any_float_is_refused_with_its_key(key):
+    with pytest.raises(UsageError, match=f"{re.escape(key)}: expected a number"):
+        load_config(overrides=[f"{key}=1{'0' * 400}"]).build("losses")

@@ -93,3 +93,13 @@ def test_a_file_that_was_imported_is_allowed_too(
     allow([tmp_path / "own_imported.py"])
     assert LOSSES.get("mine") is not mine
     del sys.modules["own_imported"]
+
+
+@pytest.mark.parametrize("names", [[""], [" "], [Path("none.py")], "none.py"])
+def test_nothing_runs_where_nothing_that_is_there_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: str | list[str | Path]
+) -> None:
+    (tmp_path / "bystander.py").write_text("raise SystemExit('ran')")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelError, match=r"expected a plugin's name|^none\.py: "):
+        allow(names)
