@@ -120,7 +120,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
             if not isinstance(below, dict):
                 below = target[parent] = {}
             target = below
-        target[last] = value
+        target.update(merge({last: target.get(last)}, {last: value}))  # what was said of its parts before stays
     return nested
 
 

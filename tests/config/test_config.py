@@ -248,3 +248,12 @@ def test_how_a_plugin_is_let_in_is_told_on_the_command_line_and_in_python() -> N
 def test_a_whole_number_beyond_any_float_is_refused_with_its_key(key):
     with pytest.raises(UsageError, match=f"{re.escape(key)}: expected a number"):
         load_config(overrides=[f"{key}=1{'0' * 400}"]).build("losses")
+
+
+def test_an_override_is_not_lost_where_a_later_one_names_its_mapping():
+    written = ["losses.framing.weight=3", "losses.framing={mode: faithful}"]
+    for overrides in (written, written[::-1]):
+        assert load_config(overrides=overrides).losses["framing"] == {"weight": 3, "mode": "faithful"}
+    assert "framing" not in load_config(overrides=["losses.framing=null", "losses={shot_size: {weight: 3}}"]).losses
+    assert load_config(overrides=["adam={iterations: 3}", "adam={rate: 0.1}"]).adam.iterations == 3
+    assert list(load_config(overrides=["search.paper_box={}", "search={se3_jaws: {}}"]).search) == ["se3_jaws"]
