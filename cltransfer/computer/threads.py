@@ -6,6 +6,7 @@ import os
 
 from ..errors import UsageError
 
+MOST = 1024  # threads that anybody means
 VARIABLE = "CLTRANSFER_THREADS"
 _set: tuple[str, int] = ("", 0)  # what set_threads has written there, and what had been asked for before
 
@@ -18,8 +19,8 @@ def thread_count() -> int:
     """
     named = os.environ.get(VARIABLE)
     if named:
-        if not named.isdecimal() or int(named) < 1:
-            raise UsageError("", VARIABLE, f"expected a positive whole number, got {named!r}")
+        if not named.isdecimal() or len(named) > len(str(MOST)) or not 1 <= int(named) <= MOST:
+            raise UsageError("", VARIABLE, f"expected a positive whole number up to {MOST}, got {named!r:.40}")
         return int(named)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

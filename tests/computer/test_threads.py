@@ -14,7 +14,7 @@ def test_the_variable_decides(monkeypatch):
     assert thread_count() == 3
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "many", "1.5"])
+@pytest.mark.parametrize("value", ["0", "-1", "many", "1.5", "1025", "99999999999", "9999999999999999999999"])
 def test_a_variable_that_is_no_count_is_refused(monkeypatch, value):
     monkeypatch.setenv("CLTRANSFER_THREADS", value)
     with pytest.raises(UsageError, match="CLTRANSFER_THREADS"):
