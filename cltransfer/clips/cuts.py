@@ -21,7 +21,7 @@ RECOLOURED = 0.08  # part of the pixels that changed their bin
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
 BLACK = 24  # level up to which a bar is black
-LEFT = 0.5  # of a side, at least, that is picture: less is a scene in the dark
+LEFT = 0.25  # of a side, at least, that is picture, as letterbox.MOST has it: less is a scene in the dark
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # changes on either side that say what is usual
 SAME = 0.002  # change at most of a frame that is shown again
@@ -76,8 +76,9 @@ def _without_bars(small: np.ndarray) -> np.ndarray:
     for seen in (lit.any(1), lit.any(0)):
         inside = np.flatnonzero(seen)
         first, last = (inside[0], inside[-1]) if len(inside) else (0, len(seen) - 1)
+        enough = last + 1 - first >= LEFT * len(seen)  # before what is half black goes
         first, last = first + (first > 0), last - (last < len(seen) - 1)
-        spans.append(slice(first, last + 1) if last + 1 - first >= LEFT * len(seen) else slice(None))
+        spans.append(slice(first, last + 1) if enough else slice(None))
     return small[:, spans[0], spans[1]]
 
 

@@ -23,7 +23,7 @@ def drawn(seed: int, count: int) -> np.ndarray:
     return np.stack([np.clip(base + random.normal(0, 2, base.shape), 0, 255) for _ in range(count)]).astype(np.uint8)
 
 
-@pytest.mark.parametrize("bars", [(0, 0), (2, 0), (3, 0), (0, 6)])
+@pytest.mark.parametrize("bars", [(0, 0), (2, 0), (3, 0), (0, 6), (0, 11), (6, 0)])
 @pytest.mark.parametrize("seeds", [(0, 1), (2, 3), (4, 5)])
 def test_bars_do_not_hide_a_cut(bars: tuple[int, int], seeds: tuple[int, int]) -> None:
     clip = np.concatenate([drawn(seed, 10) for seed in seeds])
