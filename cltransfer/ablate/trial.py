@@ -155,6 +155,7 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
 
     Raises:
         InputError: a file is missing.
+        UsageError: a scene and a reference come to the same as others that are named.
     """
     found, digest, cases = list[Trial](), digest or digests(), dict[tuple[str, str], Case]()
     parts = [parts_content(row.config) for row in sweep.rows]
