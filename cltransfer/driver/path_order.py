@@ -19,8 +19,8 @@ from .spline import Fitted, Local, fit
 from .whole_clip import WholeClip
 
 STANDS = 1e-5  # by which a path changes at most that is static as it was found, in the units of x: float32 rounds
-LEAST_FLOOR = 0.02  # total that nobody sees, a fiftieth of a tolerance
-SHARE = 0.1  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
+LEAST_FLOOR = 0.01  # total that nobody sees, a hundredth of a tolerance
+SHARE = 0.02  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
 JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
 RIDGE = 1e-3  # of the distance to the path, for what no residual determines
 DEGREE = 3
-STIFFNESS = 500.0  # total that a third difference of x costs, squared and halved: 0.1 where it is 0.02 in the mean
+STIFFNESS = 250.0  # total that a third difference of x costs, squared and halved: 0.05 where it is 0.02 in the mean
 
 
 @dataclass(frozen=True)

@@ -149,11 +149,19 @@ def test_a_path_that_stands_still_as_it_was_found_stays_so_and_never_costs_more(
 
 
 def test_a_path_that_bends_less_never_costs_more_than_is_allowed() -> None:
-    clip, x = waving(period=8)
+    clip, x = waving(period=16)
     x[:, 3] += 0.05  # too far away
     path = least_path(clip, x, None, 0.0, Effort(2, 4))
     assert path.knots is not None
     assert path.total <= path.free + path.floor
+
+
+def test_what_a_path_may_cost_more_than_its_frames_is_a_fiftieth_of_it_and_what_nobody_sees() -> None:
+    clip, x = waving(period=3)
+    x[:, 3] += 0.7  # far too far away
+    path = least_path(clip, x, None, 0.05, Effort(0, 0))
+    assert path.free > 1
+    assert path.floor == pytest.approx(0.05 + 0.01 + 0.02 * path.free)
 
 
 def test_the_bends_that_the_reference_makes_are_free_when_a_filtered_path_is_refined() -> None:
