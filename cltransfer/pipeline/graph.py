@@ -53,7 +53,7 @@ def run_clip(
         if steps or found is None:
             found = _in_chunks(steps, found, load, count, between, progress)
         if whole is not None:
-            found = _read_whole(whole, found, load)
+            found = _read_whole(whole, found, load, count)
             dear = frozenset(whole.extractor.provides)
             keep, between = keep | dear, between | dear
     assert found is not None  # there is at least one stage
@@ -73,12 +73,12 @@ def _stages(steps: Sequence[Step]) -> list[tuple[list[Step], Step | None]]:
     return [*stages, (waiting, None)]
 
 
-def _read_whole(step: Step, found: Features, load: Load) -> Features:
+def _read_whole(step: Step, found: Features, load: Load, count: int) -> Features:
     lost = _lost(step, found.reasons)
     if lost:
         return replace(found, reasons={**found.reasons, **lost})
     with step.named, torch.no_grad():
-        got = step.checked(step.extractor.read_clip(found, load))
+        got = step.checked(step.extractor.read_clip(found, load), found, count)
     for name in step.extractor.provides:
         if not got.has(name) and name not in got.reasons:
             raise UsageError("", f"extractor {step.name}", f"gave neither {name!r} nor a reason")

@@ -39,7 +39,8 @@ class Step:
         """``now`` with what this extractor provides; of the frame ``before`` it sees no more than of ``now``."""
         shown = now.names() - set(self.hidden)
         with self.named, torch.no_grad():
-            got = self.checked(self.extractor(now.only(shown), None if before is None else before.only(shown)))
+            given = now.only(shown)
+            got = self.checked(self.extractor(given, None if before is None else before.only(shown)), given, len(now))
         missing = [name for name in self.extractor.provides if not got.has(name)]
         if missing:
             raise UsageError("", f"extractor {self.name}", f"promised {missing[0]!r} and did not provide it")
@@ -47,16 +48,26 @@ class Step:
             got = got.having(name, now.require(name) if now.has(name) else None)
         return got
 
-    def checked(self, got: Any) -> Features:
-        """``got``, which the extractor has given.
+    def checked(self, got: Any, given: Features, count: int) -> Features:
+        """``got``, which the extractor has made of ``count`` frames of which it was ``given`` something, or nothing.
 
         Raises:
-            ModelError: it is nothing that an extractor gives.
+            ModelError: it is nothing that an extractor gives, or of other frames than it was given.
         """
-        if isinstance(got, Features):
+        who = f"extractor {self.name}"
+        if not isinstance(got, Features):
+            reason = f"expected {', '.join(self.extractor.provides)}, got {type(got).__name__}"
+            raise ModelError("", who, reason, "return Features")
+        lost = sorted(given.names() - got.names())
+        if got.names() and len(got) != count:
+            reason = f"expected the {count} frames that it was given, got {len(got)}"
+        elif got.size != given.size:
+            reason = f"expected frames of {_by(given.size)} px as it was given, got {_by(got.size)}"
+        elif lost:
+            reason = f"expected what it was given and its own, {lost[0]!r} is gone"
+        else:
             return got
-        reason = f"expected {', '.join(self.extractor.provides)}, got {type(got).__name__}"
-        raise ModelError("", f"extractor {self.name}", reason, "return Features")
+        raise ModelError("", who, reason, "return features.having(NAME, VALUE)")
 
     @property
     def named(self) -> AbstractContextManager[None]:
@@ -67,6 +78,10 @@ class Step:
     def whole_clip(self) -> bool:
         """Whether it reads whole clips only."""
         return bool(getattr(self.extractor, "whole_clip", False))
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"
 
 
 @dataclass(frozen=True)

@@ -106,6 +106,41 @@ def test_the_network_of_a_plugin_is_whatever_it_is_and_loaded_before_any_frame_i
         plan({"gaze"}, {"net": OfTorch(("gaze",))}).load_networks()
 
 
+@dataclass(frozen=True)
+class Spoiling(Making):
+    """An extractor that does something to what it was given."""
+
+    how: str = ""
+    whole_clip: bool = False
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        made = super().__call__(now, before)
+        return {"frames": made[:1], "size": replace(made, size=(2, 2)), "dropped": made.only(self.provides)}[self.how]
+
+    def read_clip(self, found: Features, load: Load) -> Features:
+        return self(load(0, 3), None)
+
+
+@pytest.mark.parametrize(
+    ("how", "line"),
+    [("frames", "expected the 3 frames that it was given, got 1"),
+     ("size", "expected frames of 8 x 8 px as it was given, got 2 x 2"),
+     ("dropped", "expected what it was given and its own, 'image' is gone")],
+)  # fmt: skip
+def test_an_extractor_that_gives_other_frames_than_it_was_given_is_named(how: str, line: str) -> None:
+    made = plan({"gaze"}, {"mine": Spoiling(("gaze",), how=how)})
+    now = Features((8, 8), image=torch.zeros(3, 3, 8, 8))
+    with pytest.raises(ModelError, match=f"^extractor mine: {line}"):
+        run(made, now, None)
+
+
+def test_an_extractor_of_whole_clips_that_gives_other_frames_is_named_too() -> None:
+    made = plan({"gaze"}, {"mine": Spoiling(("gaze",), how="frames", whole_clip=True)})
+    now = Features((8, 8), image=torch.zeros(3, 3, 8, 8))
+    with pytest.raises(ModelError, match=r"^extractor mine: expected the 3 frames that it was given, got 1 "):
+        run_clip(made, lambda start, stop: now[start:stop], 3)
+
+
 def test_a_circle_is_named() -> None:
     with pytest.raises(UsageError, match="circle: box -> gaze -> box"):
         plan({"box"}, {"a": Making(("box",), ("gaze",)), "b": Making(("gaze",), ("box",))})
