@@ -21,7 +21,7 @@ from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
 from .features import Features, check_pair
-from .pipeline.objective import Objective, answer
+from .pipeline.objective import Objective, values
 from .pipeline.scores import frame_totals
 from .registry import LOSSES
 
@@ -175,7 +175,7 @@ def _values(loss: Any, reference: Features, rendered: Features) -> Tensor:
     if not all(side.has(name) for side in (reference, rendered) for name in loss.requires):
         return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
     count = max(len(reference), len(rendered))
-    return answer(loss, (reference, rendered), (count,), f"loss {type(loss).__name__}")
+    return values(loss, (reference, rendered), count, f"loss {type(loss).__name__}")
 
 
 def _prefix(name: str, options: Mapping[str, Any] | None) -> str:

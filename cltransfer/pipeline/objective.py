@@ -12,6 +12,8 @@ from torch import Tensor
 from ..errors import ModelError, named
 from ..features import Features
 
+ROUNDED = 1e-6  # below 0, that a difference of equal things may come to
+
 
 @dataclass(frozen=True)
 class Objective:
@@ -46,7 +48,7 @@ class Objective:
         """Raw terms, (B, L); NaN where undefined. ``reference`` has 1 or B frames.
 
         Raises:
-            ModelError: a loss fails, or gives anything but B values.
+            ModelError: a loss fails, or gives anything but B values of 0 or more.
         """
         count = max(len(reference), len(rendered))
         columns = []
@@ -54,7 +56,7 @@ class Objective:
             if any(not (reference.has(n) and rendered.has(n)) for n in loss.requires):
                 columns.append(torch.full((count,), torch.nan, dtype=torch.float64))
             else:
-                columns.append(answer(loss, (reference, rendered), (count,), f"loss {name!r}"))
+                columns.append(values(loss, (reference, rendered), count, f"loss {name!r}"))
         return torch.stack(columns, dim=1)
 
     def defined(self, reference: Features) -> Tensor:
@@ -161,6 +163,19 @@ class Objective:
             part[0] = loss.weight * loss.penalty if there else 0.0
             parts.append(part)
         return torch.cat(parts)
+
+
+def values(loss: Any, features: tuple[Features, Features], count: int, who: str) -> Tensor:
+    """Raw values of a loss, (``count``,) float64 in [0, inf), NaN where undefined.
+
+    Raises:
+        ModelError: it fails, or gives anything else.
+    """
+    found = answer(loss, features, (count,), who)
+    least = float(found.nan_to_num(0.0).min()) if count else 0.0
+    if least < -ROUNDED:
+        raise ModelError("", who, f"expected values of 0 or more, got {least:g}", "0 is where nothing differs")
+    return found
 
 
 def answer(call: Callable[..., Any], features: tuple[Features, Features], shape: tuple[int, ...], who: str) -> Tensor:

@@ -68,6 +68,14 @@ class Broken(Distance):
     residuals = __call__
 
 
+def test_a_loss_below_zero_is_refused_but_for_rounding() -> None:
+    objective = Objective({"mine": Broken(how=torch.tensor([0.5, -0.25]))})
+    with pytest.raises(ModelError, match=r"^loss 'mine': expected values of 0 or more, got -0.25 \(0 is where"):
+        objective.terms(boxes(1.0), boxes(1.0, 2.0))
+    terms = Objective({"mine": Broken(how=torch.tensor([float("nan"), -1e-9]))}).terms(boxes(1.0), boxes(1.0, 2.0))
+    assert terms.isnan().flatten().tolist() == [True, False]
+
+
 @pytest.mark.parametrize(
     ("how", "came"),
     [
