@@ -95,7 +95,8 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
     """``section.name.option=value`` as nested mappings; values are YAML, none is null.
 
     Raises:
-        UsageError: an item is no ``key=value``, or asks for interpolation.
+        UsageError: an item is no ``key=value``, is no plain YAML, asks for interpolation, or names a part of what an
+            earlier one says is no mapping.
     """
     import yaml
 
@@ -105,6 +106,14 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         if not equals or not key:
             raise UsageError("", item, "expected key=value")
         _refuse_interpolation(item, "", key)
+        try:
+            check_yaml(text, yaml.SafeLoader)
+        except ValueError as error:
+            raise UsageError("", key, str(error)) from None
+        except yaml.YAMLError:
+            raise UsageError("", key, f"not a YAML value: {text}") from None
+        for twice in _named_twice(yaml.compose(text, yaml.SafeLoader)):
+            raise UsageError("", key, f"expected each key once, {twice!r} is there twice")
         try:
             value = yaml.safe_load(text) if text else None
         except (yaml.YAMLError, ValueError):  # a date without such a day, a number without digits
@@ -118,10 +127,22 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         for parent in parents:
             below = target.setdefault(parent, {})
             if not isinstance(below, dict):
-                below = target[parent] = {}
+                came = f"{parent}={'null' if below is None else below} before it says that there is none"
+                raise UsageError("", key, f"expected {parent} as a mapping, {came}", f"{parent}.NAME=null, one by one")
             target = below
         target.update(merge({last: target.get(last)}, {last: value}))  # what was said of its parts before stays
     return nested
+
+
+def _named_twice(node: Any) -> Iterator[str]:
+    """Keys that a mapping has twice in a node of YAML, whose reader would take the last; that of files refuses them."""
+    below = node.value if node is not None and node.id != "scalar" else []
+    if below and node.id == "mapping":
+        names = [key.value for key, _ in below if key.id == "scalar"]
+        yield from (name for i, name in enumerate(names) if name in names[:i])
+        below = [value for _, value in below]
+    for part in below:
+        yield from _named_twice(part)
 
 
 def _refuse_interpolation(value: Any, where: Any, field: str) -> None:

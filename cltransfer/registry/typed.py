@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import reprlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -36,8 +36,10 @@ def typed(cls: type[T], values: Mapping[str, Any]) -> T:
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    for key in _left_open(values):
+    for key in _keys_of(lambda text: text == REQUIRED, values):
         raise UsageError("", key, "is required", "write its value")
+    for key in _keys_of(lambda text: "${" in text, values):
+        raise UsageError("", key, "interpolation is not part of the grammar", "write the value")
     try:
         schema = OmegaConf.structured(cls)
     except OmegaConfBaseException as error:
@@ -104,13 +106,18 @@ def _mistake(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Usag
 
 
 def _altered(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Iterator[UsageError]:
-    """Those of ``values`` that were text once, and would be another as text again: yes as True, 1.10 as 1.1."""
+    """Those of ``values`` that would be taken for another one.
+
+    What was text once, and would be another as text again: yes as True, 1.10 as 1.1; and numbers as flags.
+    """
     hints = get_type_hints(cls)
     for key, value in values.items():
         if key not in hints:
             continue
         for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
             yield from _altered(inner, part, f"{where}.")
+        if hints[key] is bool and isinstance(value, int | float) and not isinstance(value, bool):
+            yield UsageError("", f"{above}{key}", f"expected {in_words(bool)}, got {_shown(value)}")
         if isinstance(value, bool if _is_choice(hints[key]) else bool | float) and _is_text(hints[key]):
             reason = f"expected {in_words(hints[key])}, got {_shown(value)}"
             yield UsageError(
@@ -159,15 +166,15 @@ def _fits(field: dataclasses.Field[Any], hint: Any, value: Any) -> bool:
     return True
 
 
-def _left_open(value: Any, key: str = "") -> Iterator[str]:
-    """Keys in ``value`` whose own is still to come."""
+def _keys_of(meant: Callable[[str], bool], value: Any, key: str = "") -> Iterator[str]:
+    """Keys in ``value`` whose own is a text that is ``meant``."""
     if isinstance(value, Mapping):
         for name, part in value.items():
-            yield from _left_open(part, f"{key}.{name}" if key else str(name))
+            yield from _keys_of(meant, part, f"{key}.{name}" if key else str(name))
     elif isinstance(value, list | tuple):
         for i, part in enumerate(value):
-            yield from _left_open(part, f"{key}[{i}]")
-    elif isinstance(value, str) and value == REQUIRED:
+            yield from _keys_of(meant, part, f"{key}[{i}]")
+    elif isinstance(value, str) and meant(value):
         yield key
 
 

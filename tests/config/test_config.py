@@ -115,6 +115,11 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("popsize=1:30", "popsize: YAML reads 1:30 in base 60"),
         ("losses={framing: {weight: 1:30.5}}", "losses: YAML reads 1:30.5 in base 60"),
         ("seed=2024-13-01", "seed: not a YAML value: 2024-13-01"),
+        ("losses={framing: {weight: 1, weight: 2}}", "losses: expected each key once, 'weight' is there twice"),
+        ("losses=[{a: [{b: 1, b: 2}]}]", "losses: expected each key once, 'b' is there twice"),
+        (f"losses={'[' * 5000}", "losses: expected at most"),
+        ("seed=&a 3", "seed: expected no anchors and aliases"),
+        ("guard=7", "command line: guard: expected true or false, got 7"),
         ("frames", "expected key=value"),
         ("renderer.gaussian_splats=null", "expected exactly one, got 0"),
         ("losses.shot_size._target_=os.system", "no such option"),
@@ -127,6 +132,14 @@ def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> 
         load_config(overrides=[override])
     assert message.lower() in str(caught.value).lower()
     assert "\n" not in str(caught.value)
+
+
+def test_a_part_of_what_was_said_not_to_be_there_is_refused() -> None:
+    line = "losses.framing: expected losses as a mapping, losses=null before it says that there is none "
+    with pytest.raises(UsageError, match=f"^{line}"):
+        parse_overrides(["losses=null", "losses.framing={}"])
+    with pytest.raises(UsageError, match=r"^seed.low: expected seed as a mapping, seed=3 before it"):
+        parse_overrides(["seed=3", "seed.low=1"])
 
 
 def test_what_only_resembles_a_number_of_another_base_is_read() -> None:

@@ -54,6 +54,12 @@ def test_values_are_converted_by_the_types_of_their_fields() -> None:
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({}, "name: is required (expected text)"),
     ({"name": "???"}, "name: is required (write its value)"),
+    (
+        {"name": "a", "more": {"x": ["${name}"]}},
+        "more.x[0]: interpolation is not part of the grammar (write the value)",
+    ),
+    ({"name": "a", "sure": 1}, "sure: expected true or false, got 1"),
+    ({"name": "a", "sure": 0.0}, "sure: expected true or false, got 0.0"),
     ({"name": None}, "name: expected text, got null"),
     ({"name": [1]}, "name: expected text, got [1]"),
     ({"name": True}, "name: expected text, got true (YAML takes yes, on and 1.10 for other things: text in quotes)"),
