@@ -85,10 +85,12 @@ def number(value: float | None) -> str:
 
     >>> number(0.0123456), number(0.1), number(1234.5), number(7), number(None)
     ('0.0123', '0.100', '1234', '7', '–')
+    >>> number(999.7)
+    '1000'
     """
     if value is None or not math.isfinite(value):
         return "–"
-    if isinstance(value, int) or abs(value) >= 1000:
+    if isinstance(value, int) or abs(value) >= 999.5:
         return f"{value:.0f}"
     return f"{value:#.3g}".rstrip(".")
 
