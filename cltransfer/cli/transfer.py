@@ -63,7 +63,7 @@ def transfer(
     and prints the five metrics. Clips and scenes of your own need two networks: cltransfer models pull default.
     """
     paths, overrides = split(arguments or [], 2)
-    if resume is not None and out not in (None, resume):
+    if resume is not None and out is not None and out.resolve() != resume.resolve():
         raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
     settings = settings_of(config, overrides, allow_plugin)
     if print_config:

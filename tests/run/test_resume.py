@@ -120,6 +120,15 @@ def test_a_resumed_run_with_another_start_is_refused_by_what_differs(
     assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
 
 
+def test_a_run_is_resumed_in_its_folder_however_that_is_named_and_in_no_other(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    words = ("transfer", "-c", run / "config.yaml", "-q", "seed=5", "--resume", run, "--out")
+    assert "--out: a run is resumed in its own folder" in command(*words, tmp_path / "other").err
+    assert "the run was begun with 0, this is 5" in command(*words, tmp_path / "other" / ".." / "run").err
+
+
 def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
     assert (
         _begun_so("init", "my views/a.json", 0)
