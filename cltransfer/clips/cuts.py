@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -113,7 +114,7 @@ def check_one_shot(where: ClipSource) -> None:
     reason = f"a cut at {times[cut]:.3f} s{more}; a reference is one shot"
     spans = [(float(times[a]), float(times[b])) for a, b in shots[:2] if b > a]
     named = [_part(where, float(times[inside[0]]), span).named for span in spans]
-    hint = f"take one: {' or '.join(named)}; no cut? #cuts=keep" if named else "no cut? #cuts=keep"
+    hint = f"take one: {' or '.join(map(shlex.quote, named))}; no cut? #cuts=keep" if named else "no cut? #cuts=keep"
     raise InputError(where.path, f"frame {cut}", reason, hint)
 
 

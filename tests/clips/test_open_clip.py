@@ -51,7 +51,7 @@ def test_a_cut_is_refused_with_its_frame_and_both_shots(tmp_path: Path) -> None:
     where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
     with pytest.raises(InputError, match=r"frame 10: a cut at 1\.000 s") as caught:
         open_clip(where, 4)
-    assert f"take one: {where.path}#t=0.000,0.900 or {where.path}#t=1.000,1.900; no cut?" in str(caught.value)
+    assert f"take one: '{where.path}#t=0.000,0.900' or '{where.path}#t=1.000,1.900'; no cut?" in str(caught.value)
     for part in ((0.0, 0.9), (1.0, 1.9)):
         clip, _ = open_clip(replace(where, span=part))
         assert (len(clip), clip.start) == (10, part[0])
@@ -62,7 +62,7 @@ def test_the_shots_of_a_folder_are_named_by_its_rate(tmp_path: Path) -> None:
     folder = images(tmp_path / "a", torch.cat([scenery(0), scenery(1)]))
     with pytest.raises(InputError) as caught:
         open_clip(ClipSource.parse(f"{folder}#fps=10"))
-    assert f"{folder}#t=0.000,0.900&fps=10 or {folder}#t=1.000,1.900&fps=10" in str(caught.value)
+    assert f"'{folder}#t=0.000,0.900&fps=10' or '{folder}#t=1.000,1.900&fps=10'" in str(caught.value)
     clip, _ = open_clip(ClipSource.parse(f"{folder}#t=1.000,1.900&fps=10"))
     assert torch.equal(clip.image, scenery(1))
     torch.testing.assert_close(clip.times, torch.arange(10).double() / 10)
@@ -73,7 +73,7 @@ def test_a_shot_is_named_with_all_that_was_asked_of_the_clip(tmp_path: Path) -> 
     with pytest.raises(InputError) as caught:
         open_clip(ClipSource.parse(f"{where.path}#person=1&letterbox=keep"))
     first, second = (f"{where.path}#t={part}&person=1&letterbox=keep" for part in ("0.000,0.900", "1.000,1.900"))
-    assert f"take one: {first} or {second};" in str(caught.value)
+    assert f"take one: '{first}' or '{second}';" in str(caught.value)
     assert len(open_clip(ClipSource.parse(second))[0]) == 10
 
 
@@ -81,7 +81,7 @@ def test_a_place_is_named_in_the_shot_that_shows_it(tmp_path: Path) -> None:
     where = saved(tmp_path / "a.mkv", torch.cat([scenery(0), scenery(1)]))
     with pytest.raises(InputError) as caught:
         open_clip(ClipSource.parse(f"{where.path}#t=0.5&person=0.4,0.6,1"))
-    assert f"{where.path}#t=0.500,0.900 or {where.path}#t=1.000,1.900&person=0.4,0.6,0.5;" in str(caught.value)
+    assert f"'{where.path}#t=0.500,0.900' or '{where.path}#t=1.000,1.900&person=0.4,0.6,0.5';" in str(caught.value)
 
 
 def test_the_check_for_cuts_sees_every_frame_that_is_read(tmp_path: Path) -> None:
@@ -159,11 +159,11 @@ def test_the_shots_offered_leave_out_the_black_between(tmp_path: Path) -> None:
     where = saved(tmp_path / "a.mkv", torch.cat([black, scenery(0), black, scenery(1), black]))
     with pytest.raises(InputError, match=r"frame 16: a cut at 1\.600 s") as caught:
         open_clip(where)
-    assert f"take one: {where.path}#t=0.300,1.200 or {where.path}#t=1.600,2.500; no cut?" in str(caught.value)
+    assert f"take one: '{where.path}#t=0.300,1.200' or '{where.path}#t=1.600,2.500'; no cut?" in str(caught.value)
     assert torch.equal(open_clip(replace(where, span=(1.6, 2.5)))[0].image, scenery(1))
     with pytest.raises(InputError) as caught:
         open_clip(ClipSource.parse(f"{where.path}#person=0.4,0.6,1"))
-    assert f"{where.path}#t=0.300,1.200&person=0.4,0.6,0.7 or {where.path}#t=1.600,2.500;" in str(caught.value)
+    assert f"'{where.path}#t=0.300,1.200&person=0.4,0.6,0.7' or '{where.path}#t=1.600,2.500';" in str(caught.value)
 
 
 def test_every_cut_is_found() -> None:
