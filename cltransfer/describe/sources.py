@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..clips.part import evenly
 from ..config.options import RunConfig
 from ..errors import InputError, UsageError
 from ..extractors.scene_joints import NEAR, project_joints
@@ -51,7 +52,7 @@ def describe(
     if (path / "trajectory.json").is_file():
         path = path / "trajectory.json"
     if path.suffix == ".json" and not is_scene(str(path)):
-        return describe_path(path, subject), None
+        return describe_path(path, subject, config.frames), None
     parts = Components.build(config)
     if not source.endswith(".safetensors"):  # which has its features, whatever the config asks for
         _check_needs(source, parts)
@@ -76,13 +77,17 @@ def _check_needs(source: str, parts: Components) -> None:
             raise UsageError(source, name, reason, HINT)
 
 
-def describe_path(path: Path, subject: Path | None = None) -> Description:
+def describe_path(path: Path, subject: Path | None = None, frames: int | None = None) -> Description:
     """Describe the camera path ``path`` about the person of ``subject``, or of ``subject.json`` beside it.
+
+    Of its cameras ``frames`` are read, evenly in time; None reads all.
 
     Raises:
         InputError: a file is missing or damaged.
     """
-    trajectory = Trajectory.load(path)
+    whole = Trajectory.load(path)
+    kept = evenly(whole.times, frames)
+    trajectory = Trajectory(whole.camera[kept], whole.times[kept])
     beside = subject or path.with_name("subject.json")
     if not beside.is_file():
         raise InputError(path, "subject", "no subject.json beside it", "name one: --subject FILE")

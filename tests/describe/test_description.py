@@ -15,7 +15,7 @@ from cltransfer.describe import sources, strip
 from cltransfer.describe.angle import dutch_class, height_class, side_class, staging_class
 from cltransfer.describe.description import Description, describe_features
 from cltransfer.describe.flow_motion import flow_motion
-from cltransfer.describe.sources import describe_path, path_features
+from cltransfer.describe.sources import describe, describe_path, path_features
 from cltransfer.describe.strip import write_strip
 from cltransfer.errors import InputError
 from cltransfer.features import Features
@@ -90,6 +90,15 @@ def test_a_whole_person_before_the_camera_is_a_long_shot_from_the_front(tmp_path
     assert "eye level, from the front" in text
     assert "push in" in text
     assert "a camera path has no depth" in text
+
+
+def test_of_a_path_as_many_frames_are_read_as_asked_for(tmp_path: Path) -> None:
+    person = sample_subject()
+    shot("push_in", person, (160, 90), 12).save(tmp_path / "trajectory.json")
+    person.save(tmp_path / "subject.json")
+    whole, few = (describe(str(tmp_path), load_config(overrides=asked))[0] for asked in ([], ["frames=3"]))
+    assert (len(whole.times), len(few.times)) == (12, 3)
+    assert (few.times[0], few.times[-1]) == (whole.times[0], whole.times[-1])
 
 
 def test_the_exact_yaw_of_a_path_is_not_turned_back(tmp_path: Path) -> None:
