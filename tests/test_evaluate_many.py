@@ -16,7 +16,7 @@ from cltransfer.cli.transfer import is_override
 from cltransfer.clips.clip import write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.config import load_config
-from cltransfer.errors import InputError, ModelError
+from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, left_over, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
@@ -283,6 +283,24 @@ def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
     value = json.loads(said.out)
     assert list(value["methods"]) == ["ours"]
     assert [(clip["clip"], clip["frames"]) for clip in value["clips"]] == [("a", 3)]
+
+
+@pytest.mark.parametrize(
+    ("named", "line"),
+    [
+        (("FOLDER#fps=30", "m=FOLDER"), "FOLDER#fps=30: expected one clip before #fps=30, FOLDER is a folder"),
+        (("FOLDER", "m=FOLDER#fps=30"), "m=FOLDER#fps=30: expected one clip before #fps=30, FOLDER is a folder"),
+        (("FOLDER", "m=FOLDER", "FOLDER#t=1,2"), "FOLDER#t=1,2: expected one clip before #t=1,2, FOLDER is a folder"),
+    ],
+)
+def test_a_part_or_rate_of_a_folder_of_clips_is_refused(named: tuple[str, ...], line: str, tmp_path: Path) -> None:
+    folder = str(folder_of(tmp_path / "references", a=wall(0, 2)))
+    reference, render, *more = (word.replace("FOLDER", folder) for word in named)
+    with pytest.raises(UsageError) as caught:
+        methods_of(reference, render, more)
+    assert str(caught.value).startswith(line.replace("FOLDER", folder))
+    clip = f"{folder}/a.mkv#t=0,1"
+    assert methods_of(clip, clip, []) == ({}, [])
 
 
 @pytest.mark.parametrize("argument", [f"losses={{shot_size: {{weight: 1.0}}}}{' ' * 300}", f"seed=1{' ' * 300}"])

@@ -101,8 +101,11 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip.
 
     Raises:
-        UsageError: a folder is not there or named twice, or is one of a method where ``reference`` is one clip.
+        UsageError: a folder is not there or named twice, is one of a method where ``reference`` is one clip, or has a
+            part or rate behind its name, which is a clip's.
     """
+    for argument in (reference, render, *more):
+        _check_whole(argument)
     if _is_one_clip(Path(reference)):
         _check_one_render(reference, render)
         return {}, more
@@ -126,6 +129,18 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
         else:
             rest.append(argument)
     return methods, rest
+
+
+def _check_whole(argument: str) -> None:
+    """Refuse a part, rate or person behind the name of a folder of clips, each of which has its own."""
+    name, mark, asked = argument.rpartition("#")
+    if not mark or os.path.exists(argument):
+        return
+    folder = next((Path(text) for text in (name, _method(name)[1]) if text and os.path.isdir(text)), None)
+    if folder is not None and not _is_one_clip(folder):
+        reason = f"expected one clip before #{asked}, {folder} is a folder of them"
+        hint = "leave it out; how many images a second a folder has its own times.json says" * asked.startswith("fps=")
+        raise UsageError(argument, "", reason, hint or f"leave out #{asked}")
 
 
 def _is_one_clip(reference: Path) -> bool:
