@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
+from scipy.special import expit, softmax
 from scipy.stats import binomtest, bootstrap
 
 from .answers import Choice
@@ -17,6 +18,7 @@ from .design import QUESTIONS, Study
 
 CONFIDENCE = 0.95
 RESAMPLES = 1999
+LONGEST_STEP = 2.0  # of a strength's logarithm: farther the parabola says little
 FEWEST = 6  # participants of whom resampling says something
 Array = NDArray[np.float64]
 
@@ -134,7 +136,7 @@ def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:
 
 
 def bradley_terry(wins: Array, steps: int = 1000) -> Array:
-    """Maximum-likelihood strengths by minorisation-maximisation (Hunter, Annals of Statistics 32, 2004).
+    """Maximum-likelihood strengths (Bradley and Terry, Biometrika 39, 1952), by Newton's steps in their logarithms.
 
     Args:
         wins: how often each of M methods was preferred to each other one, (M, M), >= 0, zero diagonal.
@@ -148,15 +150,16 @@ def bradley_terry(wins: Array, steps: int = 1000) -> Array:
     parts, _ = connected_components(wins > 0, directed=True, connection="strong")
     if parts > 1:
         return np.full(count, np.nan)
-    games = wins + wins.T
-    strength = np.full(count, 1 / count)
+    games, logs = wins + wins.T, np.zeros(count)
     for _ in range(steps):
-        step = wins.sum(1) / (games / (strength[:, None] + strength)).sum(1)
-        step /= step.sum()
-        if np.abs(step - strength).max() < 1e-12:
-            return step
-        strength = step
-    return strength
+        chance = expit(logs[:, None] - logs)  # of one being preferred to the other
+        weight = games * chance * chance.T
+        curvature = np.diag(weight.sum(1)) - weight + weight.mean()  # all alike is no change: any weight will do there
+        step = np.linalg.solve(curvature, wins.sum(1) - (games * chance).sum(1))
+        logs = logs + step * min(1.0, LONGEST_STEP / max(np.abs(step).max(), LONGEST_STEP))
+        if np.abs(step).max() < 1e-10:
+            break
+    return softmax(logs)
 
 
 def _wins_by_person(asked: Sequence[Choice], methods: Sequence[str]) -> Array:

@@ -88,6 +88,14 @@ def test_strengths_are_the_ones_that_made_the_answers() -> None:
     np.testing.assert_allclose(bradley_terry(wins), truth, atol=1e-9)
 
 
+@pytest.mark.parametrize("odds", [3.0, 1e3, 1e6])
+def test_strengths_of_lopsided_answers_are_found_to_the_end(odds: float) -> None:
+    """Each is preferred to the next by the same odds, and compared with no other: the odds are their ratios."""
+    wins = np.diag(np.full(3, odds), 1) + np.diag(np.ones(3), -1)
+    truth = odds ** -np.arange(4.0)
+    np.testing.assert_allclose(bradley_terry(wins), truth / truth.sum(), rtol=1e-6)
+
+
 def test_a_method_that_never_lost_has_no_finite_strength_and_says_so() -> None:
     choices = [Choice("p", "item1", "smoothness", *pair) for pair in (("a", "b"), ("a", "c"), ("b", "c"), ("c", "b"))]
     found = [s for s in strengths(choices, THREE) if s.question == "smoothness"]
