@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +28,8 @@ from ..storage.run_files import kept_frames
 from .feature_file import LIMIT, FeatureFile
 from .frames import check_maps, read_frames
 from .scene_source import split_scene
+
+_log = logging.getLogger("cltransfer")
 
 if TYPE_CHECKING:
     from ..clips.clip import Clip
@@ -119,8 +122,8 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     asked = [frames, str(where.span), where.fps, where.person, RULES]
     key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
     cached = cache_dir() / "features" / f"{key}.safetensors"
-    if cached.is_file():
-        stored = FeatureFile.load(cached)
+    stored = _kept(cached)
+    if stored is not None:
         features, read = _with_pixels(stored.features, clip, plan), tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
@@ -132,6 +135,17 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     flags = (*flags, *read)
     name = asked_for.path.stem
     return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
+
+
+def _kept(cached: Path) -> FeatureFile | None:
+    """What the cache has of a clip; None where it has nothing, or what is damaged, which is told and made anew."""
+    if not cached.is_file():
+        return None
+    try:
+        return FeatureFile.load(cached)
+    except InputError as error:
+        _log.warning("%s: the clip is read anew", error)
+        return None
 
 
 def _with_pixels(features: Features, clip: Clip, plan: Plan) -> Features:

@@ -79,6 +79,21 @@ def test_a_cache_that_cannot_be_written_loses_no_reading(
     assert line.endswith("Not a directory: the next run reads the clip anew")
 
 
+def test_a_reading_that_was_kept_and_is_damaged_is_made_anew(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
+    read_reference(source, parts, Reading())
+    (kept,) = (cache_dir() / "features").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-9])
+    for _ in range(2):
+        read_reference(source, parts, Reading())
+    assert len(readings) == 2  # the third time nothing was read
+    (line,) = caplog.messages
+    assert line.startswith(f"{kept}: ")
+    assert line.endswith(": the clip is read anew")
+
+
 def test_a_full_disk_loses_no_reading(
     mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
