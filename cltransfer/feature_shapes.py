@@ -34,7 +34,7 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
 
     Raises:
         ValueError: a field has another shape, or another number of frames than the others.
-        TypeError: one that should be a tensor is none, or a mask is not bool.
+        TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
     first, count = "", -1
     for name, dimensions, fixed in FIXED:  # 7 us of 10 with all there; every evaluation makes some
@@ -47,6 +47,8 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
             first, count = name, shape[0]
         elif shape[0] != count:
             raise _unequal(first, count, name, shape[0])
+    if (image := own["image"]) is not None and not image.is_floating_point():
+        raise TypeError(f"image must be RGB in [0, 1], got {image.dtype}; image / 255 makes it so of bytes")
     for name in ("subject", "layers"):
         if (value := own[name]) is not None and value.dtype is not torch.bool:
             raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")

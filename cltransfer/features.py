@@ -52,7 +52,7 @@ class Features:
 
     Raises:
         ValueError: a field has another shape, or another number of frames than the others.
-        TypeError: one that should be a tensor is none, or a mask is not bool.
+        TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
 
     size: tuple[int, int]

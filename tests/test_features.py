@@ -219,6 +219,11 @@ MISSHAPEN: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+def test_an_image_of_bytes_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"^image must be RGB in \[0, 1\], got torch.uint8; image / 255 makes it so"):
+        Features((4, 4), image=torch.zeros(1, 3, 4, 4, dtype=torch.uint8))
+
+
 @pytest.mark.parametrize("case", MISSHAPEN)
 def test_a_field_of_another_shape_is_refused_with_what_to_do(case: str) -> None:
     fields, line = MISSHAPEN[case]
