@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate, max_pool3d
 
 from ..computer.memory import require_free
-from ..errors import UsageError
+from ..errors import InputError, UsageError
 from ..registry import FITTERS
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes.nerf_grid import NerfGrid, read_grid, write_grid
@@ -163,6 +163,9 @@ class NerfGridFit:
         grid = without_faint(module.grid())
         score = psnr(grid, held_out, self.renderer)
         filled = int(filled_cells(grid).sum())
+        if not filled:
+            reason = f"nothing was learnt in {steps} steps: none of {filled_cells(grid).numel()} cells holds anything"
+            raise InputError(folder, GRID, reason, "a smaller sparse= or near=; do poses fit?")
         return Level(filled_cells(grid).numel(), filled, score, steps, seconds, True), grid
 
 

@@ -45,6 +45,13 @@ def test_an_analytic_scene_is_learnt_to_30_db_on_views_held_out(fitted):
     assert max(level.psnr for level in levels if level.kept) >= 30
 
 
+def test_a_fit_that_leaves_nothing_is_refused(views, tmp_path):
+    line = r"grid.safetensors: nothing was learnt in \d+ steps: none of \d+ cells holds anything \(a smaller sparse="
+    with pytest.raises(InputError, match=line):
+        replace(QUICK, sparse=1e3).fit(views, tmp_path, silent)
+    assert not (tmp_path / "grid.safetensors").exists()
+
+
 def test_cells_are_added_only_while_held_out_views_gain(fitted):
     options, _, levels, _ = fitted
     assert len(levels) >= 3
