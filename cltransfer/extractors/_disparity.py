@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 Align = Literal["raw", "shift", "metric"]
+CONSTANT = 1e-5  # of the largest: what differs by less does so by rounding
 OUTLIERS = (1.0, 0.5, 0.25, 0.1, 0.1, 0.1, 0.1)  # relative errors that count a quarter, one reweighting after another
 
 
@@ -47,17 +48,20 @@ def fit_affine(disparity: Tensor, depth: Tensor) -> tuple[float, float]:
         depth: of the same pixels, (P,), > 0; NaN where unknown.
 
     Returns:
-        a, b; NaN where fewer than two depths are known or the disparity is constant.
+        a, b; NaN where fewer than two depths are known, or the disparity is constant but for rounding, there or where
+        depths are not far off.
     """
     known = depth.isfinite() & (depth > 0) & disparity.isfinite()
     d, z = disparity[known].double(), depth[known].double()
-    if len(d) < 2 or float(d.std()) <= 1e-9 * float(d.abs().max()):
+    if len(d) < 2 or float(d.std()) <= CONSTANT * float(d.abs().max()):
         return float("nan"), float("nan")
     rows = torch.stack([d, torch.ones_like(d)], dim=1) * z[:, None]
     weight = torch.ones_like(z)
     solution = torch.zeros(2, dtype=torch.float64)
     for outlier in OUTLIERS:
         normal = rows.T @ (rows * weight[:, None])
-        solution = torch.linalg.solve(normal, (rows * weight[:, None]).sum(0))
+        solution, singular = torch.linalg.solve_ex(normal, (rows * weight[:, None]).sum(0))
+        if bool(singular) or not bool(solution.isfinite().all()):
+            return float("nan"), float("nan")
         weight = (1 + ((rows @ solution - 1) / outlier) ** 2) ** -2
     return float(solution[0]), float(solution[1])
