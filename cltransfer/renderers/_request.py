@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..camera import Camera
+from ..computer.memory import LITTLE, require_free
 from ..errors import ModelError, UsageError, named
 from ..features import Features
 from ..registry import RENDERERS
@@ -48,7 +49,9 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
     Raises:
         UsageError: it says what it draws, and that is another kind of scene.
         ModelError: it raised something of its own, or did not give that; the line names it.
+        ResourceError: there is no memory for the frames.
     """
+    _require_memory(scene, cameras, buffers)
     name = RENDERERS.name_of(renderer) or type(renderer).__name__
     if hasattr(renderer, "draws"):
         _check_kind(name, scene, (name, *renderer.draws))
@@ -66,6 +69,16 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
         raise ModelError("", who, f"expected {' and '.join(beside)} beside the buffers, got no {lacking[0]}", hint)
     _check_frames(who, drawn, cameras, buffers)
     return drawn
+
+
+def _require_memory(scene: Scene, cameras: Camera, buffers: frozenset[str]) -> None:
+    """Refuse frames that there is no memory for, as float32; what else a renderer needs is its own to ask for."""
+    (width, height), planes = cameras.size, sum(3 if name == "image" else 1 for name in buffers & MAPS)
+    need = 4 * planes * len(cameras) * width * height
+    if need > LITTLE:
+        require_free(
+            need, scene.name, f"the pixels of {_counted(len(cameras), cameras.size)}", "draw fewer, or smaller ones"
+        )
 
 
 def _check_frames(who: str, drawn: Features, cameras: Camera, buffers: frozenset[str]) -> None:
@@ -87,8 +100,8 @@ def _check_frames(who: str, drawn: Features, cameras: Camera, buffers: frozenset
         if got != shape:
             raise ModelError("", who, f"expected {name} of shape {shape}, got {got}", hint)
         if not value.is_floating_point():
-            hint = "divide bytes by 255" if name == "image" else f"return {name}.float()"
-            raise ModelError("", who, f"expected {name} in floating point, got {value.dtype}", hint)
+            reason = f"expected {name} in floating point, got {value.dtype}"
+            raise ModelError("", who, reason, f"return {name}.float()")
 
 
 def _counted(count: int, size: tuple[int, int]) -> str:

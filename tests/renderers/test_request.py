@@ -12,7 +12,7 @@ import torch
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.errors import ModelError
+from cltransfer.errors import ModelError, ResourceError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.reading.reference import Reading, read_reference
@@ -53,6 +53,19 @@ def box(form: str) -> Scene:
     mesh = Mesh.plain(corners, torch.combinations(torch.arange(8), 3))
     forms = {"mesh": lambda: mesh, "splats": lambda: bake_splats(mesh, 50), "grid": lambda: bake_grid(mesh, 4)}
     return Scene(forms[form](), None, torch.tensor([0.0, 1, 0]).double(), "box", "")
+
+
+@pytest.mark.parametrize(("name", "form"), [("gaussian_splats", "splats"), ("mesh", "mesh"), ("nerf_grid", "grid")])
+def test_frames_that_no_memory_is_left_for_are_refused_before_they_are_drawn(
+    name: str, form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = box(form)
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1")  # MB, less than this process takes
+    cameras, buffers = sample_cameras(0, 2).at_size((8000, 6000)), frozenset({"image", "depth"})
+    line = r"^box: memory: the pixels of 2 frames of 8000x6000 need 1465 MB, 0 MB are free"
+    with pytest.raises(ResourceError, match=line):
+        drawn_by(RENDERERS.build(name), scene, cameras, buffers)
+    drawn_by(RENDERERS.build(name), scene, sample_cameras(0, 1), buffers)  # little is not asked for
 
 
 def raising(cameras: Camera) -> Features:
@@ -128,7 +141,10 @@ NOT_ALL = r"\(draw every camera, at cameras.size, and return camera=cameras\)$"
             {"camera": torch.eye(4)[None].repeat(2, 1, 1)},
             "expected the cameras that it was given, got Tensor .*camera=",
         ),
-        ({"image": torch.zeros(2, 3, 18, 32).byte()}, r"expected image in floating point, got torch.uint8 \(divide "),
+        (
+            {"image": torch.zeros(2, 3, 18, 32).byte()},
+            r"expected image, .* image must be RGB in \[0, 1\], got torch.uint8;",
+        ),
         ({"depth": torch.zeros(2, 18, 32).int()}, r"expected depth in floating point, .* \(return depth.float\(\)\)$"),
     ],
     ids=["size", "size of the cameras", "one camera of two", "no camera", "bytes", "integers"],
