@@ -172,9 +172,9 @@ def _checked(reference: Features, rendered: Features | None) -> tuple[Features, 
 
 
 def _values(loss: Any, reference: Features, rendered: Features) -> Tensor:
+    count = len(rendered)
     if not all(side.has(name) for side in (reference, rendered) for name in loss.requires):
-        return torch.full((max(len(reference), len(rendered)),), float("nan"), dtype=torch.float64)
-    count = max(len(reference), len(rendered))
+        return torch.full((count,), float("nan"), dtype=torch.float64)
     return values(loss, (reference, rendered), count, f"loss {type(loss).__name__}")
 
 

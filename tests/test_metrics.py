@@ -34,6 +34,14 @@ def test_is_the_mean_of_the_loss(name: str) -> None:
     assert metric.coverage == (6, 6)
 
 
+@pytest.mark.parametrize("reference", [REFERENCE[:1], REFERENCE[:0]])
+def test_no_frames_are_none_and_nobodys_mistake(reference: Features) -> None:
+    metric = LossMetric("framing")
+    metric.update(reference, RENDERED[:0])
+    metric.update(REFERENCE, RENDERED)
+    assert metric.coverage == (6, 6)
+
+
 @pytest.mark.parametrize(
     ("of", "came"),
     [(lambda n: torch.zeros(1), "shape (1,)"), (lambda n: torch.zeros(()), "shape ()"),
