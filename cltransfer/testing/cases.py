@@ -89,12 +89,15 @@ class LossCase(ComponentCase):
         assert bool((value.isnan() if about_person else ~(value < 0)).all())
 
     def test_declared_features_suffice(self) -> None:
+        """What it requires and uses is all that it reads; what it only uses may be absent."""
         reference, rendered = self._sample(1, 2), self._sample(2, 2)
         needed = frozenset(self.component.requires)
+        read = needed | frozenset(getattr(self.component, "uses", ()))
         _same(
             self.component(reference, rendered),
-            self.component(_only(reference, needed), _only(rendered, needed)),
+            self.component(_only(reference, read), _only(rendered, read)),
         )
+        assert self.component(_only(reference, needed), _only(rendered, needed)).shape == (2,)
 
     def test_residuals_add_up_to_the_loss(self) -> None:
         """Loss = sum over the groups of the norm of their residuals, where a loss has any."""
@@ -103,12 +106,20 @@ class LossCase(ComponentCase):
         if residuals is None:
             return
         values, groups = residuals(reference, rendered), torch.tensor(self.component.groups)
+        assert values.shape == (3, len(groups))
+        assert len(getattr(self.component, "signs", ())) in (0, len(groups))
         norms = [values[:, groups == group].norm(dim=1) for group in groups.unique()]
         _same(self.component(reference, rendered), torch.stack(norms).sum(0))
 
 
 class ExtractorCase(ComponentCase):
     """What an extractor keeps to: it provides what it says from what it says, and changes nothing."""
+
+    def run(self, now: Features, before: Features | None) -> Features:
+        """What the component makes of frames: those of a whole clip, where it reads nothing else."""
+        if getattr(self.component, "whole_clip", False):
+            return self.component.read_clip(now, lambda start, stop: now[start:stop])
+        return self.component(now, before)
 
     def before(self, now: Features) -> Features | None:
         """The frames before ``now``, for an extractor that compares with them."""
@@ -120,15 +131,16 @@ class ExtractorCase(ComponentCase):
 
     def test_provides_what_it_says(self) -> None:
         now = self.blank(self._sample(1, 3))
-        got = self.component(now, self.before(now))
-        assert got.names() == now.names() | set(self.component.provides)
-        assert all(len(got.require(name)) == 3 for name in self.component.provides)
+        got = self.run(now, self.before(now))
+        given = set(self.component.provides) - got.reasons.keys()  # a clip may not tell, which has a reason
+        assert got.names() == now.names() | given
+        assert all(len(got.require(name)) == 3 for name in given)
 
     def test_changes_nothing_in_place(self) -> None:
         now = self._sample(1, 2)
         before = self.before(now)
         kept = copy.deepcopy((now, before))
-        self.component(now, before)
+        self.run(now, before)
         for features, copied in zip((now, before), kept):
             if features is None or copied is None:
                 continue
@@ -136,6 +148,8 @@ class ExtractorCase(ComponentCase):
                 _same(features.require(name), copied.require(name))
 
     def test_batch_equals_single(self) -> None:
+        if getattr(self.component, "whole_clip", False):
+            return  # of one frame it tells nothing
         now = self.blank(self._sample(1, 3))
         before = self.before(now)
         together = self.component(now, before)
@@ -147,5 +161,5 @@ class ExtractorCase(ComponentCase):
     def test_declared_features_suffice(self) -> None:
         now = self._sample(1, 2)
         before, needed = self.before(now), frozenset(self.component.requires)
-        lean = self.component(_only(now, needed), _only(before, needed) if before is not None else None)
-        assert all(lean.has(name) for name in self.component.provides)
+        lean = self.run(_only(now, needed), _only(before, needed) if before is not None else None)
+        assert all(lean.has(name) or name in lean.reasons for name in self.component.provides)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,7 +17,7 @@ from cltransfer.renderers._request import drawn_by
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.testing import LossCase, RendererCase, sample_features
+from cltransfer.testing import ExtractorCase, LossCase, RendererCase, sample_features
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,44 @@ class TestGazeMatch(LossCase):
 def test_a_feature_that_the_frames_lack_is_named_with_how_to_give_it(test: str) -> None:
     with pytest.raises(AssertionError, match=r"^sample gives no gaze: override sample\(self, seed, batch\), .*'gaze'"):
         getattr(Unaware(), test)()
+
+
+@dataclass(frozen=True)
+class Sure(GazeMatch):
+    """Counts for less where nobody is sure."""
+
+    uses: ClassVar[tuple[str, ...]] = ("surety",)
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        value = super().__call__(reference, rendered)
+        return value * rendered.require("surety") if rendered.has("surety") else value
+
+
+class TestWhatALossUsesItMayRead(LossCase):
+    component = Sure()
+
+    def sample(self, seed: int, batch: int) -> Features:
+        drawn = torch.rand(batch, 3, generator=torch.Generator().manual_seed(seed))
+        return sample_features(seed, batch).having("gaze", drawn[:, :2]).having("surety", 0.5 + drawn[:, 2])
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How far the box has moved since the first frame of the clip."""
+
+    family: ClassVar[str] = "image"
+    requires: ClassVar[tuple[str, ...]] = ("image", "box")
+    provides: ClassVar[tuple[str, ...]] = ("drift",)
+    whole_clip: ClassVar[bool] = True
+
+    def read_clip(self, found: Features, load: Callable[[int, int], Features]) -> Features:
+        assert load(0, 1).require("image").shape[0] == 1
+        box = found.require("box")
+        return found.having("drift", box[:, 0] - box[0, 0])
+
+
+class TestAnExtractorOfWholeClips(ExtractorCase):
+    component = Drift()
 
 
 @dataclass(frozen=True)
