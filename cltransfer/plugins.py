@@ -20,6 +20,7 @@ from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES
 from .registry.plugin_code import code_in
 
 GROUP = "cltransfer.plugins"
+REGISTRIES = (LOSSES, EXTRACTORS, RENDERERS, SEARCHES, FITTERS)
 NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside plugins in their folder
 
 
@@ -124,8 +125,10 @@ def _import_point(point: EntryPoint) -> None:
     try:
         point.load()
     except ModelError:
+        _forget(point.module)
         raise
     except (Exception, SystemExit) as error:
+        _forget(point.module)
         raise ModelError(point.value, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
 
 
@@ -175,12 +178,14 @@ def _known(source: Source) -> bool:
     """Whether it was imported, as it is now, and what it registered is there still."""
     if source.module.startswith(f"{source.package}."):  # its package was looked at before
         return source.module in sys.modules
-    registered = any(registry.holds(source.module) for registry in (LOSSES, EXTRACTORS, RENDERERS, SEARCHES, FITTERS))
+    registered = any(registry.holds(source.module) for registry in REGISTRIES)
     return registered and _CODE.get(source.module) == source.code()
 
 
 def _forget(module: str) -> None:
-    """Take ``module`` and what lies in it out of what is imported."""
+    """Take ``module`` and what lies in it out of what is imported, and of what is registered."""
+    for registry in REGISTRIES:
+        registry.forget(module)
     for name in [name for name in sys.modules if f"{name}.".startswith(f"{module}.")]:
         del sys.modules[name]
 

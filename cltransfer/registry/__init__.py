@@ -116,6 +116,11 @@ class Registry(Generic[T]):
         """Whether a class is registered that is of ``module``, or of one in it."""
         return any(f"{cls.__module__}.".startswith(f"{module}.") for cls in self._classes.values())
 
+    def forget(self, module: str) -> None:
+        """Take out the classes that are of ``module``, or of one in it."""
+        for name in [n for n, c in self._classes.items() if f"{c.__module__}.".startswith(f"{module}.")]:
+            del self._classes[name]
+
     def build(self, name: str, options: Mapping[str, Any] | None = None) -> T:
         """Component ``name`` with ``options`` checked and converted by its own fields.
 

@@ -72,6 +72,20 @@ def test_a_package_that_failed_is_imported_whole_when_it_is_mended(package: Path
     assert LOSSES.build("mine").weight == 3
 
 
+def test_what_a_plugin_registered_before_it_failed_is_forgotten(tmp_path: Path, own_loss: str) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(f"{own_loss}\n1 / 0\n")
+    with pytest.raises(ModelError, match="failed at import: ZeroDivisionError"):
+        allow([file])
+    assert "mine" not in LOSSES.names()
+    file.write_text(own_loss)
+    allow([file])
+    assert "mine" in LOSSES.names()
+    file.write_text("")
+    allow([file])
+    assert "mine" not in LOSSES.names()
+
+
 def test_the_same_file_is_imported_once_a_process_and_again_when_it_was_edited(tmp_path: Path, own_loss: str) -> None:
     (tmp_path / "mine.py").write_text(own_loss)
     first = allow([tmp_path / "mine.py"])
