@@ -82,6 +82,15 @@ class Splats:
 
     @cached_property
     def packed(self) -> Packed:
-        """Layout of the CPU kernels, made on first use; faint Gaussians (opacity <= 1/255) are left out."""
+        """Layout of the CPU kernels, made on first use; faint Gaussians (opacity <= 1/255) are left out.
+
+        Raises:
+            ValueError: a Gaussian is not finite, which would hide others.
+        """
+        for name in ("means", "scales", "quats", "opacity", "label", "sh"):
+            finite = getattr(self, name).isfinite()
+            lost = len(self) - int((finite.flatten(1).all(1) if finite.ndim > 1 else finite).sum())
+            if lost:
+                raise ValueError(f"{name} must be finite, {lost} of {len(self)} Gaussians are not: leave them out")
         parts = (self.means, self.covariances(), self.scales, self.opacity, self.label, self.sh)
         return pack(*(p.detach().to("cpu", torch.float32).numpy().astype(np.float32, copy=False) for p in parts))

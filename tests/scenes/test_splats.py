@@ -35,6 +35,15 @@ def test_a_wrong_shape_is_named(name):
         Splats(**{**parts, name: parts[name][:, None]})
 
 
+@pytest.mark.parametrize("name", ["means", "scales", "quats", "opacity", "label", "sh"])
+def test_gaussians_that_are_not_finite_are_refused_where_they_would_hide_others(name):
+    room = synthetic_room(100)
+    parts = {n: getattr(room, n).clone() for n in ("means", "scales", "quats", "opacity", "label", "sh")}
+    parts[name][[3, 70]] = torch.nan
+    with pytest.raises(ValueError, match=f"^{name} must be finite, 2 of 100 Gaussians are not: leave them out"):
+        _ = Splats(**parts).packed
+
+
 def test_a_seed_makes_one_room():
     first, same, other = synthetic_room(300, 1), synthetic_room(300, 1), synthetic_room(300, 2)
     assert torch.equal(first.means, same.means)
