@@ -29,7 +29,8 @@ def layer_endpoint_errors(reference: Tensor, rendered: Tensor, layers: Tensor) -
         (B, 3) [px], >= 0; NaN for a layer without a pixel that has both flows. Gradients are finite: 0 of pixels that
         are not compared or whose flows are equal.
     """
-    difference = rendered - reference
+    full = torch.promote_types(rendered.dtype, torch.float32)  # in half precision squares end at 255 px
+    difference = rendered.to(full) - reference
     square = difference.square().sum(1, keepdim=True)
     counted, apart = layers & square.isfinite(), (square > 0) & square.isfinite()
     safe = difference.where(apart, 1.0).movedim(1, -1)  # a root has no slope at 0

@@ -8,7 +8,7 @@ import torch
 
 from cltransfer.features import Features
 from cltransfer.losses._affine_flow import affine_flow_residuals, fit_affine_flow
-from cltransfer.losses.camera_movement import CameraMovement, weight_note
+from cltransfer.losses.camera_movement import CameraMovement, layer_endpoint_errors, weight_note
 from cltransfer.losses.shot_size import ShotSize
 from cltransfer.testing import sample_features
 
@@ -265,3 +265,9 @@ def test_a_layer_differs_by_a_whip_pan_at_most() -> None:
     wild = moving([[3.0, 50.0, 0], [0.0, 0, 80.0]])
     assert float(CameraMovement()(moving(STILL), wild)) == pytest.approx(CameraMovement.penalty, rel=1e-6)
     assert float(CameraMovement()(moving(STILL), moving([[0.2, 0, 0], [0.0, 0, 0]]))) == pytest.approx(0.2, rel=1e-4)
+
+
+def test_half_precision_holds_a_flow_of_any_length() -> None:
+    flow, layers = torch.full((1, 2, 4, 6), 300.0), torch.ones(1, 3, 4, 6, dtype=torch.bool)
+    errors = layer_endpoint_errors(torch.zeros_like(flow).half(), flow.half(), layers)
+    torch.testing.assert_close(errors, torch.full((1, 3), 300 * 2**0.5), rtol=1e-3, atol=0.0)
