@@ -92,7 +92,7 @@ class LossCase(ComponentCase):
         """What it requires and uses is all that it reads; what it only uses may be absent."""
         reference, rendered = self._sample(1, 2), self._sample(2, 2)
         needed = frozenset(self.component.requires)
-        read = needed | frozenset(getattr(self.component, "uses", ()))
+        read = needed | reference.names() & rendered.names() & frozenset(getattr(self.component, "uses", ()))
         _same(
             self.component(reference, rendered),
             self.component(_only(reference, read), _only(rendered, read)),
