@@ -144,7 +144,7 @@ def bradley_terry(wins: Array, steps: int = 1000) -> Array:
 
     Returns:
         (M,) that add up to 1; NaN where the maximum is not finite: the methods split into two parts of which one never
-        lost to the other.
+        lost to the other; or where it is not found in ``steps``, of which twenty were enough for odds of a million.
     """
     count = len(wins)
     parts, _ = connected_components(wins > 0, directed=True, connection="strong")
@@ -158,8 +158,8 @@ def bradley_terry(wins: Array, steps: int = 1000) -> Array:
         step = np.linalg.solve(curvature, wins.sum(1) - (games * chance).sum(1))
         logs = logs + step * min(1.0, LONGEST_STEP / max(np.abs(step).max(), LONGEST_STEP))
         if np.abs(step).max() < 1e-10:
-            break
-    return softmax(logs)
+            return softmax(logs)
+    return np.full(count, np.nan)
 
 
 def _wins_by_person(asked: Sequence[Choice], methods: Sequence[str]) -> Array:
