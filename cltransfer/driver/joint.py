@@ -7,6 +7,7 @@ the path bends by them: no loss sees that it shakes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -18,9 +19,12 @@ from .spline import Local, bending, moved
 from .whole_clip import WholeClip
 
 WIDE = 0.1  # step of the differences, in the units of x: depths jump, and narrow ones only tell how they creep
+ONCE = 0.05  # the same where there is one round, which has to tell of both
+NARROWER, FAR_NARROWER = 0.5, 0.25  # what it is multiplied by for the next round: after a gain, and without one
+MISSED = 2  # rounds without a gain, one after the other, that end it
 SHARED = 7  # frames that measure all directions together: moves are smooth, and so is what they need
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
-SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
+SOFTER, HARDER = 0.3, 30.0  # what the damping is multiplied by after a step that was taken, or was not
 PROMISE = 0.002  # total, and bends, that the linear model has to promise
 BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by it
 
@@ -30,12 +34,17 @@ class Effort:
     """How far a path is refined.
 
     Args:
-        rounds: of differences, half as wide each time; 0 refines nothing.
+        rounds: of differences, narrower each time; 0 refines nothing.
         steps: paths evaluated in a round, at most.
     """
 
     rounds: int
     steps: int
+
+    @property
+    def width(self) -> float:
+        """Step of the first differences, in the units of x."""
+        return WIDE if self.rounds > 1 else ONCE
 
 
 @dataclass(frozen=True)
@@ -47,12 +56,14 @@ class Moves:
         fixed: direction (D,) of x along which nothing changes but for all frames alike; None leaves all free.
         fade: whether a move may fade out towards frames that lose by it; a static or linear path would not stay one.
         about: path (N, D) whose own bends cost nothing, because the reference makes them; None is a straight one.
+        enough: mean total from which on a round that gains nothing is the last one.
     """
 
     knots: int
     fixed: Tensor | None
     fade: bool
     about: Tensor | None = None
+    enough: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,8 @@ class _At:
 def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, effort: Effort) -> tuple[Tensor, Tensor]:
     """The path moved to where it costs less, and its residuals.
 
-    The differences of a round take D / :data:`SHARED` evaluations a frame, each of its steps one more.
+    The differences of a round take D / :data:`SHARED` evaluations a frame, each of its steps one more. What wide ones
+    do not find downhill, because they reach across a bend, narrower ones may.
 
     Args:
         clip: what it is a path for; every loss has residuals.
@@ -87,12 +99,15 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
         moves: that may be made.
         effort: rounds and steps.
     """
+    width, missed = effort.width, 0
     for i in range(effort.rounds):
-        begun = _At(x, clip.local(x, residuals, WIDE / 2**i, SHARED, i), moves.about)
+        begun = _At(x, clip.local(x, residuals, width, SHARED, i), moves.about)
         at = _round(clip, begun, moves, effort.steps)
         x, residuals = at.x, at.local.residuals
-        if at.cost > begun.cost - PROMISE:
+        missed = 0 if at.cost <= begun.cost - PROMISE else missed + 1
+        if missed and (missed == MISSED or at.local.total <= moves.enough):
             break
+        width *= FAR_NARROWER if missed else NARROWER
     return x, residuals
 
 

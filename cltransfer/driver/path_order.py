@@ -170,7 +170,7 @@ def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
         return path
     way = clip.lens(path.x.shape[1]) if path.lens_kept else None
     knots = path.knots if path.steady and path.knots is not None else len(path.x)
-    moves = Moves(knots, way, fade=not path.steady, about=path.about)
+    moves = Moves(knots, way, fade=not path.steady, about=path.about, enough=path.free)
     x, residuals = refine_path(clip, path.x, path.residuals, moves, effort)
     if x is path.x:
         return path

@@ -1,6 +1,8 @@
 """Paths refined as a whole: they cost less, move smoothly, and a static one stays static."""
 
+import math
 from dataclasses import replace
+from functools import cached_property
 
 import pytest
 import torch
@@ -8,6 +10,7 @@ from torch import Tensor
 
 from cltransfer.config import load_config
 from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path
+from cltransfer.driver.refine import STEP
 from cltransfer.driver.spline import Local
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip, between
@@ -37,6 +40,18 @@ def refined(clip: WholeClip, x: Tensor, moves: Moves, rounds: int) -> tuple[Tens
     return x, clip.mean_total(residuals)
 
 
+class Watched(WholeClip):
+    """A clip that remembers how wide its differences were."""
+
+    @cached_property
+    def widths(self) -> list[float]:
+        return []
+
+    def local(self, x: Tensor, residuals: Tensor, step: float = STEP, shared: int = 1, first: int = 0) -> Local:
+        self.widths.append(step)
+        return super().local(x, residuals, step, shared, first)
+
+
 def shake(x: Tensor) -> float:
     """Mean third difference of a path (N, D)."""
     return float(x.diff(n=3, dim=0).abs().mean())
@@ -49,6 +64,25 @@ def test_a_path_beside_the_true_one_comes_back_without_shaking() -> None:
     assert total < 0.3 * clip.total(bent)
     assert total == pytest.approx(clip.total(x), abs=1e-9)
     assert shake(x) < shake(bent) + 0.01
+
+
+@pytest.mark.parametrize(
+    ("off", "enough", "rounds", "widths"),
+    [
+        (0.0, math.inf, 4, [0.1]),
+        (0.0, -1.0, 4, [0.1, 0.025]),
+        (0.0, -1.0, 1, [0.05]),
+        (0.1, math.inf, 2, [0.1, 0.05]),
+    ],
+    ids=["nothing to gain, and good enough", "nothing to gain, and not good enough", "one round", "a gain"],
+)
+def test_differences_get_narrower_until_the_path_is_good_enough(
+    off: float, enough: float, rounds: int, widths: list[float]
+) -> None:
+    found, true = clip_of("static", 4)
+    clip = Watched(found.stage, found.search, found.reference, found.home)
+    refined(clip, true + off, Moves(4, None, fade=True, enough=enough), rounds)
+    assert clip.widths == widths
 
 
 @pytest.mark.parametrize("knots", [1, 2])
