@@ -76,12 +76,11 @@ def test_of_too_few_frames_no_bias_is_known_and_every_look_is_counted(transferre
 
 
 def test_the_round_that_reads_best_is_kept_whichever_it_is(transferred: Transfer) -> None:
-    """Each frame's own bias needs no neighbours, and of a zoom it is too rough to be aimed off twice."""
-    result = transferred(3, "preset=fast", "extract.corrections=2", "extract.bias=frame", shot="zoom")
+    """Each frame's own bias needs no neighbours, and of a pan it is too rough to be aimed off."""
+    result = transferred(3, "preset=fast", "extract.corrections=2", "extract.bias=frame", shot="pan")
     first, second, third = means(result)
-    assert second < first
-    assert second < third
-    assert (result.best, result.note) == (1, "")
+    assert first < min(second, third)
+    assert (result.best, result.note) == (0, "")
     assert result.verified is result.attempts[result.best].shown.scores
     assert result.spent.network_passes == 3 * 3 * PASSES + 2 * PASSES
 
