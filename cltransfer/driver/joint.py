@@ -24,7 +24,7 @@ NARROWER, FAR_NARROWER = 0.5, 0.25  # what it is multiplied by for the next roun
 MISSED = 2  # rounds without a gain, one after the other, that end it
 SHARED = 7  # frames that measure all directions together: moves are smooth, and so is what they need
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
-SOFTER, HARDER = 0.3, 30.0  # what the damping is multiplied by after a step that was taken, or was not
+SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
 PROMISE = 0.002  # total, and bends, that the linear model has to promise
 BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by it
 
