@@ -56,7 +56,7 @@ class Moves:
         fixed: direction (D,) of x along which nothing changes but for all frames alike; None leaves all free.
         fade: whether a move may fade out towards frames that lose by it; a static or linear path would not stay one.
         about: path (N, D) whose own bends cost nothing, because the reference makes them; None is a straight one.
-        enough: mean total from which on a round that gains nothing is the last one.
+        enough: mean total up to which a round that gains nothing is the last one.
     """
 
     knots: int
