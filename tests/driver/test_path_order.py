@@ -236,3 +236,16 @@ def test_the_next_filter_is_tried_where_refining_does_not_help(
     path = path_order._filtered(Priced(totals), free, None, 0.34, Effort(4, 6))  # type: ignore[arg-type]
     assert path.filtered == (0.0 if filtered is None else path_order.FILTERS[filtered])
     assert path.total == (0.2 if filtered is None else 0.3)
+
+
+def test_a_path_is_refined_until_it_costs_no_more_than_its_frames_did(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    def refine_path(clip: Any, x: torch.Tensor, residuals: torch.Tensor, moves: Any, effort: Effort) -> Any:
+        asked.append(moves.enough)
+        return x, residuals
+
+    monkeypatch.setattr(path_order, "refine_path", refine_path)
+    free = LeastPath(torch.zeros(6, 7), None, 0.0, False, 0.2, 0.2, 0.14)
+    path_order._filtered(Priced([0.3]), free, None, 0.34, Effort(4, 6))  # type: ignore[arg-type]
+    assert asked == [0.2]
