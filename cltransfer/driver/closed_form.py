@@ -41,7 +41,7 @@ def closed_form(
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
     Evaluates about half of ``samples`` times :data:`DISTANCES` candidates, for a clip of any length; all of them for a
-    frame that none of that half suits, or far less than the others.
+    frame that none of that half suits, or far less than the others, and for a single sample.
 
     Args:
         stage: renders and scores.
@@ -141,15 +141,21 @@ def _looked_up(look_up: Callable[[int, NDArray], NDArray], samples: int, values:
     """Which of K values each sample takes, (S,), see :func:`_cheapest`; ``look_up(k, tried)`` costs evaluations.
 
     First some for every sample, then those about the cheapest path, all where that is poor, and in the end what its
-    neighbours take: a narrow gap that one has found would be left again where the next one has not looked.
+    neighbours take: a narrow gap that one has found would be left again where the next one has not looked. A single
+    sample, for which all frames are to stand still, takes the cheapest of all: no other would tell of a narrow gap.
     """
     costs, chosen = np.full((samples, len(values)), np.inf), np.zeros(samples, int)
-    for wanted in (_coarse, _beside, _rest, *[_likewise] * samples):
+    for wanted in (_all,) if samples == 1 else (_coarse, _beside, _rest, *[_likewise] * samples):
         for k, tried in enumerate(wanted(costs, chosen) & np.isinf(costs)):
             if tried.any():
                 costs[k, tried] = look_up(k, tried)
         chosen = _cheapest(costs, values, rate)
     return chosen
+
+
+def _all(costs: NDArray, chosen: NDArray) -> NDArray:
+    """All of (S, K), bool, whatever was ``chosen`` (S,)."""
+    return np.ones(costs.shape, bool)
 
 
 def _coarse(costs: NDArray, chosen: NDArray) -> NDArray:
