@@ -29,8 +29,10 @@ def text(browser: Any, name: str) -> str:
     return browser.find_element(By.ID, name).text
 
 
-def join(browser: Any, folder: Path, participant: str) -> None:
+def join(browser: Any, folder: Path, participant: str, first: str = "") -> None:
+    """Open the page, run the script ``first`` there, and give a name."""
     browser.get((folder / "index.html").as_uri())
+    browser.execute_script(first)
     browser.find_element(By.ID, "participant").send_keys(participant + Keys.ENTER)
     until(lambda: text(browser, "where"))
 
@@ -104,13 +106,13 @@ def test_sides_and_order_differ_between_participants_and_stay_for_one(browser: A
 
 
 def test_nobody_can_answer_before_all_three_were_shown_to_the_end(browser: Any, page: tuple[Path, Path]) -> None:
-    join(browser, page[0], "a")
-    stop = "document.querySelectorAll('video').forEach(v => { v.pause(); v.currentTime = 0; })"
-    browser.execute_script(stop)
+    held = "const video = HTMLMediaElement.prototype; window.play = video.play; video.play = async () => {}"
+    join(browser, page[0], "a", held)
     assert "shown to the end" in text(browser, "wait")
     assert not browser.find_element(By.ID, "choose-left").is_enabled()
     browser.find_element(By.TAG_NAME, "body").send_keys(Keys.ARROW_LEFT)
     assert text(browser, "count") == "Question 1 of 3"
+    browser.execute_script("HTMLMediaElement.prototype.play = window.play")
     browser.find_element(By.TAG_NAME, "body").send_keys(" ")
     press(browser, Keys.ARROW_LEFT)
     assert text(browser, "count") == "Question 2 of 3"
