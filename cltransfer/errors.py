@@ -29,6 +29,9 @@ class CltransferError(Exception):
         line = ": ".join(part for part in (self.where, self.field, self.reason) if part)
         super().__init__(f"{line} ({self.hint})" if self.hint else line)
 
+    def __reduce__(self) -> tuple[type[CltransferError], tuple[str, str, str, str]]:
+        return type(self), (self.where, self.field, self.reason, self.hint)  # to be raised in another process
+
 
 class UsageError(CltransferError):
     """A command or a config that cannot be meant: unknown key, wrong type, value out of range."""
@@ -77,6 +80,6 @@ def named(who: str, expected: str) -> Iterator[None]:
         yield
     except (CltransferError, MemoryError):
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # nobody's component ends the program
         came = f"it raised {type(error).__name__}: {' '.join(str(error).split())}"
         raise ModelError("", who, f"{expected}, {came}", "CLTRANSFER_DEBUG=1 shows where") from error

@@ -28,6 +28,12 @@ def parts_content(config: RunConfig) -> list[list[Any]]:
     return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
 
 
+def codes_of(*configs: RunConfig) -> tuple[str, ...]:
+    """Code of the plugins that configs name, as it was imported here."""
+    parts = [part for config in configs for section in SECTIONS for part in config.build(section).values()]
+    return tuple(sorted({code_of(part) for part in parts} - {""}))
+
+
 def plugin_codes() -> tuple[str, ...]:
     """The code of every component of a plugin that is registered here, as it was imported."""
     classes = [cls for known in (RENDERERS, EXTRACTORS, LOSSES, SEARCHES) for cls in known.registered().values()]

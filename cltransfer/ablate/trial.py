@@ -17,9 +17,9 @@ from torch import Tensor
 
 from .. import __version__
 from ..config.options import RunConfig
-from ..errors import CltransferError, UsageError
+from ..errors import CltransferError, ModelError, UsageError
 from ..reading.scene_source import split_scene
-from .content import Digest, digests, parts_content
+from .content import Digest, codes_of, digests, parts_content
 from .sweep import SceneConfig, Sweep
 
 MOST = 1e15  # that a count or a value on disk may be
@@ -46,6 +46,7 @@ class Trial:
         reference: the same, to be read.
         config: of the run, with its seed.
         metrics: config by which the result is measured.
+        codes: of the plugins that both name, which ``key`` is made of too.
     """
 
     key: str
@@ -55,6 +56,7 @@ class Trial:
     reference: str
     config: RunConfig
     metrics: RunConfig
+    codes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -158,11 +160,11 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
         UsageError: a scene and a reference come to the same as others that are named.
     """
     found, digest, cases = list[Trial](), digest or digests(), dict[tuple[str, str], Case]()
-    parts = [parts_content(row.config) for row in sweep.rows]
+    parts = [(parts_content(row.config), codes_of(row.config, sweep.metrics)) for row in sweep.rows]
     measures = parts_content(sweep.metrics)
     for scene, reference, case in _cases(sweep):
         source = drawn.get((reference, case.seed), reference)
-        for row, own in zip(sweep.rows, parts):
+        for row, (own, codes) in zip(sweep.rows, parts):
             used = row.scene or scene
             config = replace(row.config, seed=case.seed)
             content = [digest(used.scene), digest(used.init), digest(used.subject), used.up, digest(source)]
@@ -172,7 +174,7 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
             if twin != case:  # as one more value it would make an interval narrow
                 told = f"{case.reference} in {case.scene} is the same as {twin.reference} in {twin.scene}"
                 raise UsageError("", "references", told, "name each scene and reference once")
-            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics))
+            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics, codes))
     return found
 
 
@@ -205,14 +207,22 @@ def _shown(sources: Sequence[str]) -> list[str]:
 
 
 def run_trial(trial: Trial, job: Job) -> Outcome:
-    """Run and measure ``trial``; a failure is an outcome too, so that the sweep goes on."""
+    """Run and measure ``trial``; a failure is an outcome too, so that the sweep goes on.
+
+    Raises:
+        ModelError: a plugin's code is not what the trials were told apart by, so that the outcome would be another's.
+    """
     start = time.perf_counter()
     try:
-        outcome = _run(trial, job)
+        _allow(job.plugins, job.codes)
+        outcome = _run(trial, job) if codes_of(trial.config, trial.metrics) == trial.codes else None
     except CltransferError as error:
         outcome = Outcome(trial.key, trial.row, trial.case, failed=str(error))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         outcome = Outcome(trial.key, trial.row, trial.case, failed=f"{type(error).__name__}: {error}")
+    if outcome is None:
+        told = "the code of a plugin is not what it was when the ablation began"
+        raise ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
     return replace(outcome, seconds=round(time.perf_counter() - start, 3))
 
 
@@ -221,7 +231,6 @@ def _run(trial: Trial, job: Job) -> Outcome:
     from ..transfer import Inputs, transfer
     from .measure import measured
 
-    _allow(job.plugins, job.codes)
     scene = trial.scene
     up = None if scene.up is None else (scene.up[0], scene.up[1], scene.up[2])
     subject = None if scene.subject is None else Path(scene.subject)

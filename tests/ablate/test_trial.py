@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.sweep import Sweep
 from cltransfer.ablate.tables import failure_lines
 from cltransfer.ablate.trial import Case, Job, Metric, Outcome, Trial, run_trial, trials
-from cltransfer.errors import UsageError
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
@@ -141,6 +142,24 @@ def test_a_worker_takes_a_plugin_anew_for_a_sweep_of_other_code_and_never_within
         seen.append(LOSSES.get("rule_of_thirds"))
     assert seen[0] is not seen[1]
     assert seen[1] is seen[2]
+
+
+def test_a_plugin_that_was_edited_since_the_ablation_began_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By its key the outcome would be that of the code before."""
+    monkeypatch.setitem(LOSSES._classes, "rule_of_thirds", object)  # to be as it was, and nothing else with it
+    del LOSSES._classes["rule_of_thirds"]
+    file, rows = tmp_path / "rule_of_thirds.py", "{thirds: {losses: {rule_of_thirds: {}}}}"
+    (tmp_path / "sweep.yaml").write_text(f"references: [none.mp4]\nscenes: ['builtin:courtyard']\nrows: {rows}\n")
+    file.write_text(PLUGIN.read_text())
+    allow([file])
+    (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml")), {}, str)
+    assert "none.mp4" in run_trial(trial, Job((str(file),), codes=("as it began",))).failed
+    file.write_text(PLUGIN.read_text() + "# edited")
+    with pytest.raises(ModelError, match="not what it was when the ablation began") as caught:
+        run_trial(trial, Job((str(file),), codes=("in another worker",)))
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # it is raised in a worker
 
 
 def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

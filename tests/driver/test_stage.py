@@ -58,14 +58,15 @@ def test_a_replayed_answer_counts_its_renders_and_network_passes_like_a_computed
     assert torch.equal(terms[0].view(torch.int64), terms[1].view(torch.int64))
 
 
-def test_a_renderer_that_fails_is_named() -> None:
+@pytest.mark.parametrize("error", [RuntimeError("no paint"), SystemExit("no paint")])
+def test_a_renderer_that_fails_or_ends_the_program_is_named(error: BaseException) -> None:
     @dataclass(frozen=True)
     class Brush:
         def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
-            raise RuntimeError("no paint")
+            raise error
 
     scene, parts = builtin_scene("courtyard"), Components.build(load_config())
     assert scene.subject is not None
     stage = Stage(scene, Brush(), parts.plan("scene"), Objective(parts.losses), SIZE)
-    with pytest.raises(ModelError, match="renderer Brush: expected depth, label, it raised RuntimeError: no paint"):
+    with pytest.raises(ModelError, match=r"renderer Brush: expected depth, label, it raised \w+: no paint"):
         stage.features(shot("static", scene.subject, SIZE, 1).camera, None)
