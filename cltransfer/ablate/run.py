@@ -197,22 +197,23 @@ def _commits(ablation: Ablation) -> list[str]:
 def _notes(ablation: Ablation) -> list[str]:
     """What the searches of a row have to say, losses of a row that nothing measures, and rows that do not differ."""
     said = Counter((outcome.row, outcome.note) for outcome in ablation.outcomes if outcome.note)
-    notes = [f"- {row}: {note} ({count} trials)" for (row, note), count in said.items()]
+    notes = [f"{escape(row)}: {escape(note)} ({count} trials)" for (row, note), count in said.items()]
     measures = [item for outcome in ablation.outcomes for item in (outcome.metrics or {}).items()]
-    lacking = Counter((name, metric.reason) for name, metric in measures if metric.reason)
-    notes += [f"- {name} has no value: {reason} ({count} trials)" for (name, reason), count in lacking.items()]
+    lacking = Counter((name, metric.mean is None, metric.reason) for name, metric in measures if metric.reason)
+    for (name, empty, reason), count in lacking.items():
+        told = "has no value" if empty else "pays its penalty"
+        notes.append(f"{escape(name)} {told}: {escape(reason)} ({count} trials)")
     for row in ablation.sweep.rows:
         for name in row.config.losses.keys() - ablation.sweep.metrics.losses.keys():
             hint = f"`metrics: {{losses: {{{name}: {{}}}}}}` measures it in every row, and adds it to the total"
-            notes.append(f"- {row.name}: {name} is not measured; {hint}")
+            notes.append(f"{escape(row.name)}: {escape(name)} is not measured; {hint}")
     if len(frames := {row.config.frames for row in ablation.sweep.rows}) > 1:
         counts = ", ".join(str(count or "all") for count in sorted(frames, key=lambda count: (count is None, count)))
-        notes.append(f"- rows differ in frames ({counts}): so does what moves from one frame to the next")
+        notes.append(f"rows differ in frames ({counts}): so does what moves from one frame to the next")
     for one, other in alike(ablation.outcomes):
-        notes.append(
-            f"- rows {one} and {other} came out the same in every value: what sets them apart has no effect here"
-        )
-    return [*sorted(f"- {escape(note.removeprefix('- '))}" for note in notes), ""] if notes else []
+        told = "came out the same in every value: what sets them apart has no effect here"
+        notes.append(f"rows {escape(one)} and {escape(other)} {told}")
+    return [*sorted(f"- {note}" for note in notes), ""] if notes else []
 
 
 def summary_values(ablation: Ablation) -> dict[str, Any]:

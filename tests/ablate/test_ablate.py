@@ -164,6 +164,7 @@ def test_the_page_says_why_a_term_has_no_value(sweep_file: SweepFile, tmp_path: 
     lacking = {
         "camera_angle": Metric(None, "rad", 0, "the reference has no 'orientation'"),
         "framing": Metric(0.1, "", 2, ""),
+        "shot_size": Metric(1.0, "frame", 0, "undefined on every frame of the render"),
     }
     found = [
         Outcome(t.key, t.row, t.case, metrics=lacking, frames=2)
@@ -171,7 +172,14 @@ def test_the_page_says_why_a_term_has_no_value(sweep_file: SweepFile, tmp_path: 
     ]
     text = markdown(Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), tuple(found)))
     assert f"- camera_angle has no value: the reference has no 'orientation' ({len(found)} trials)" in text
-    assert not any(line.startswith("- framing has no value") for line in text)
+    assert f"- shot_size pays its penalty: undefined on every frame of the render ({len(found)} trials)" in text
+    assert not any(line.startswith("- framing") for line in text)
+
+
+def test_what_measures_a_loss_of_a_row_is_told_to_be_copied(sweep_file: SweepFile) -> None:
+    sweep = read_sweep(str(sweep_file("{pose: {losses: {jaws_pose: {}}}}")))
+    text = markdown(Ablation(sweep, tuple(summarise(["pose"], [])), ()))
+    assert any("jaws_pose is not measured; `metrics: {losses: {jaws_pose: {}}}` measures it" in line for line in text)
 
 
 def test_no_row_is_measured_in_what_its_own_renderer_draws(
