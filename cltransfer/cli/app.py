@@ -12,7 +12,8 @@ import typer
 
 from .. import __version__
 from ..bench.verbs import app as bench_app
-from ..errors import CltransferError, UsageError, shortened
+from ..errors import CltransferError, ModelError, UsageError, shortened
+from ..registry.plugin_code import raised_in
 from .ablate import ablate
 from .describe import describe, inspect
 from .evaluate import evaluate
@@ -84,7 +85,10 @@ def main() -> NoReturn:
             fail(line, error.exit_code)
         if _debugging():
             raise
-        fail(f"{type(error).__name__}: {shortened(error)} (a fault of cltransfer; CLTRANSFER_DEBUG=1 shows where)", 1)
+        plugin = raised_in(error)
+        whose = "cltransfer" if plugin is None else f"the plugin {plugin.name}"
+        told_by = f"{type(error).__name__}: {shortened(error)} (a fault of {whose}; CLTRANSFER_DEBUG=1 shows where)"
+        fail(told_by, 1 if plugin is None else ModelError.exit_code)
     sys.exit(code if isinstance(code, int) else 0)
 
 

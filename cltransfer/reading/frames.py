@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,10 +13,10 @@ from ..camera import Camera
 from ..clips.join_persons import join
 from ..clips.persons import Who
 from ..computer.memory import require_free
-from ..errors import UsageError
+from ..errors import ModelError, UsageError
 from ..features import Features
 from ..pipeline.graph import CHUNK, run_clip
-from ..pipeline.plan import Plan
+from ..pipeline.plan import Plan, Step
 from ..progress import Progress, silent
 from ..scenes.person.find_people import Found, boxes_of
 from ..subject import Subject
@@ -101,14 +100,32 @@ def read_frames(
         ResourceError: see :func:`check_maps`.
     """
     if _detector(plan) is None and who not in (None, 0):
-        raise UsageError("", "#person", "no extractor tells persons apart", "add extractors.detect_yolox={}")
+        hint = "add extractors.detect_yolox={}, and a loss that asks for what is read off a person"
+        raise UsageError("", "#person", "no extractor in use tells persons apart", hint)
     shown = None if times is None else times.double().cpu().numpy()
     return _read(image, plan, lambda boxes: join(boxes, shown).follow(who), progress)
 
 
-def _detector(plan: Plan) -> Any:
+def _detector(plan: Plan) -> Step | None:
     """The extractor that sees all persons, None where there is none."""
-    return next((step.extractor for step in plan.steps if hasattr(step.extractor, "persons")), None)
+    return next((step for step in plan.steps if hasattr(step.extractor, "persons")), None)
+
+
+def _persons(detector: Step, frames: Features) -> list[np.ndarray]:
+    """Boxes (P, 5) of all persons in each of the frames.
+
+    Raises:
+        ModelError: a plugin gives something else.
+    """
+    with detector.named, torch.no_grad():
+        found = detector.extractor.persons(frames)
+    boxes = list(found) if isinstance(found, list | tuple) else []
+    if len(boxes) != len(frames) or not all(isinstance(b, np.ndarray) and b.shape[1:] == (5,) for b in boxes):
+        came = f"{len(found)} of them" if isinstance(found, list | tuple) else f"a {type(found).__name__}"
+        kinds = ", ".join(sorted({f"{type(b).__name__} {tuple(getattr(b, 'shape', ()))}" for b in boxes}))
+        reason = f"expected an array (P, 5) of persons for each of {len(frames)} frames, got {came}"
+        raise ModelError("", f"extractor {detector.name}", reason + f": {kinds}" * bool(kinds))
+    return boxes
 
 
 def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
@@ -117,13 +134,13 @@ def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tupl
     load = partial(_loaded, image, None)
     flags: tuple[str, ...] = ()
     if detector is not None:
-        found = []
+        found = list[np.ndarray]()
         for start in range(0, count, CHUNK):
-            found += detector.persons(load(start, start + CHUNK))
+            found += _persons(detector, load(start, start + CHUNK))
             progress("finding persons", min(start + CHUNK, count), count)
         box, flags = follow(found)
         load = partial(_loaded, image, torch.from_numpy(box).float())
-        plan = plan.without(detector)
+        plan = plan.without(detector.extractor)
     features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
     return features, flags
 

@@ -39,6 +39,16 @@ def remember(cls: type[Any]) -> None:
         _IMPORTED[place] = _code_at(place)
 
 
+def raised_in(error: BaseException) -> Path | None:
+    """The plugin's file or package whose code ``error`` was raised in, or called what raised it; None of ours alone."""
+    traceback, found = error.__traceback__, None
+    while traceback is not None:
+        file = Path(traceback.tb_frame.f_code.co_filename)
+        found = next((place for place in _IMPORTED if file == place or place in file.parents), found)
+        traceback = traceback.tb_next
+    return found
+
+
 def code_in(package: Path) -> str:
     """SHA-256 of the names and contents of every Python file in a folder that is not hidden."""
     digest = hashlib.sha256()

@@ -1,5 +1,8 @@
 """Persons along a clip: one id through gaps and crossings, and doubts are said."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -7,9 +10,11 @@ import torch
 from cltransfer.clips.join_persons import join
 from cltransfer.clips.persons import Spot, overlap
 from cltransfer.config import load_config
-from cltransfer.errors import UsageError
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.extractors.detect_yolox import all_boxes
+from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.plan import Plan, Step
 from cltransfer.reading.frames import read_frames
 
 
@@ -153,5 +158,34 @@ def test_one_person_seen_by_several_cells_is_one_box() -> None:
 def test_whom_to_follow_is_no_question_where_nobody_is_told_apart(who: int | Spot) -> None:
     parts = Components.build(load_config())
     plan = parts.plan("image").without(parts.extractors["detect_yolox"])
-    with pytest.raises(UsageError, match="#person: no extractor tells persons apart"):
+    with pytest.raises(UsageError, match=r"#person: no extractor in use tells persons apart .*and a loss that asks"):
         read_frames(torch.zeros(2, 3, 18, 32, dtype=torch.uint8), plan, who)
+
+
+@dataclass(frozen=True)
+class Detects:
+    """Gives whatever it is told to for all frames."""
+
+    found: Any
+    requires, provides, family = ("image",), ("box",), "image"
+
+    def persons(self, now: Features) -> Any:
+        if isinstance(self.found, Exception):
+            raise self.found
+        return self.found
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        (IndexError("none"), "expected box, it raised IndexError: none"),
+        (None, r"expected an array \(P, 5\) of persons for each of 2 frames, got a NoneType$"),
+        ([np.zeros((1, 5))], r"got 1 of them: ndarray \(1, 5\)$"),
+        ([np.zeros((1, 5)), np.zeros((1, 4))], r"got 2 of them: ndarray \(1, 4\), ndarray \(1, 5\)$"),
+        ([torch.zeros(1, 5)] * 2, r"got 2 of them: Tensor \(1, 5\)$"),
+    ],
+)
+def test_a_detector_that_gives_something_else_is_named(found: Any, told: str) -> None:
+    plan = Plan((Step("mine", Detects(found)),), frozenset({"image"}), frozenset({"box"}), {})
+    with pytest.raises(ModelError, match=f"extractor mine: .*{told}"):
+        read_frames(torch.zeros(2, 3, 18, 32, dtype=torch.uint8), plan, None)

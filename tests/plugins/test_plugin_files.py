@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltransfer.errors import ModelError
 from cltransfer.plugins import allow
-from cltransfer.registry import LOSSES
+from cltransfer.registry import LOSSES, SEARCHES
 from cltransfer.registry.plugin_code import code_of
 
 
@@ -117,3 +118,30 @@ def test_nothing_runs_where_nothing_that_is_there_is_named(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ModelError, match=r"expected a plugin's name|^none\.py: "):
         allow(names)
+
+
+SEARCH = """
+from dataclasses import dataclass
+from cltransfer.registry import SEARCHES
+from cltransfer.search.subject_orbit import SubjectOrbit
+
+@SEARCHES.register("mine")
+@dataclass(frozen=True)
+class Mine(SubjectOrbit):
+    def cameras(self, x, home, subject):
+        raise KeyError("x")
+"""
+
+
+def test_a_search_of_a_plugin_that_fails_is_not_our_fault(command: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(SEARCH)
+    small = ["frames=2", "search_side=32", "output_side=48", "preset=fast", "search.mine={}"]
+    plugin = ["--allow-plugin", tmp_path / "mine.py", "--out", tmp_path / "run", "-q"]
+    try:
+        answer = command("transfer", "builtin:courtyard", "builtin:orbit", *small, *plugin)
+    finally:
+        SEARCHES._classes.pop("mine", None)
+    assert (answer.code, answer.err.strip()) == (
+        4,
+        "error: KeyError: 'x' (a fault of the plugin mine.py; CLTRANSFER_DEBUG=1 shows where)",
+    )
