@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..clips.source import ClipSource
 from ..config.options import SECTIONS, RunConfig
-from ..errors import InputError
+from ..errors import InputError, UsageError
 from ..models.content import files_content, model_content, own_model
 from ..reading.scene_source import split_scene
 from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
 from ..registry.plugin_code import code_of
+from ..scenes.builtin import read_name
 from ..scenes.foreign import reader_code
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import LABELS, SUBJECT
@@ -74,12 +77,24 @@ def _of_one(source: str, content: Callable[[Path], str]) -> str:
     if path.exists():
         return content(path)
     if source.startswith("builtin:"):
-        return source
-    for mark in "#:":  # CLIP#PART, SET:INDEX
-        file, there, part = source.rpartition(mark)
-        if there and Path(file).exists():
-            return f"{content(Path(file))}{mark}{part}"
+        return _builtin(source.removeprefix("builtin:"))
+    clip = ClipSource.parse(source)  # CLIP#PART
+    if clip.path.exists():
+        part = replace(clip, path=Path())
+        return content(clip.path) + f"#{part}" * (part != ClipSource(Path()))
+    file, there, index = source.rpartition(":")  # SET:INDEX
+    if there and Path(file).exists():
+        return f"{content(Path(file))}:{index}"
     raise InputError(path, "", "no such file")
+
+
+def _builtin(name: str) -> str:
+    """A built-in scene by all that its name may leave out, any other name as it is."""
+    try:
+        scene, seed, form = read_name(name)
+    except UsageError:
+        return f"builtin:{name}"
+    return f"builtin:{scene}-{seed}-{form}"
 
 
 def digests() -> Digest:

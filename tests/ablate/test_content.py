@@ -16,3 +16,19 @@ def test_other_labels_are_another_person(tmp_path: Path) -> None:
             (tmp_path / LABELS).write_bytes(labels)
         seen.append(digest(str(tmp_path / SUBJECT)))
     assert len(set(seen)) == 3
+
+
+def test_a_built_in_scene_is_the_same_by_whatever_its_name_leaves_out() -> None:
+    names = ("courtyard", "courtyard-0", "courtyard-0-splats", "courtyard-00")
+    assert len({digest(f"builtin:{name}") for name in names}) == 1
+    others = ("courtyard-1", "courtyard-0-mesh", "plaza", "orbit")
+    assert len({digest(f"builtin:{name}") for name in (*others, "courtyard")}) == 5
+
+
+def test_a_part_of_a_clip_is_the_same_however_it_is_written(tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(b"frames")
+    assert digest(f"{clip}#t=0") == digest(str(clip))
+    assert digest(f"{clip}#person=1&t=1.5,4") == digest(f"{clip}#t=1.50,4.0&person=1")
+    parts = ("t=1", "t=1,2", "person=1", "person=0.5,0.5", "cuts=keep", "fps=30")
+    assert len({digest(str(clip)), *(digest(f"{clip}#{part}") for part in parts)}) == 7
