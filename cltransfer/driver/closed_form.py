@@ -49,7 +49,8 @@ def closed_form(
         reference: N frames.
         home: any view of the right size; it lends its lens where that is kept, and nothing else.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
-        samples: frames along the clip for which distances are looked up, at least 1.
+        samples: frames along the clip for which distances are looked up, at least 1; one of them is the first
+            that shows joints.
     """
     if not aimable(search, reference, stage.scene.subject) or not reference.has("orientation"):
         return None
@@ -119,6 +120,8 @@ def _distances(
 ) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
     frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
+    if samples == 1:  # one that tells
+        frames = aimed_at(reference, stage.scene.subject).nonzero()[:1, 0].numpy()
     logs, seen = DISTANCES.log(), False
 
     def look_up(k: int, tried: NDArray) -> NDArray:

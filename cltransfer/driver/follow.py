@@ -90,7 +90,9 @@ def follow(
     for i in range(len(reference)):
         problem = Problem(stage, search, home, reference[i], before, defined[i], schedule.free_lens)
         starts = at_home
-        if schedule.warm and i > 0 and memory.placed(stage.objective, schedule):
+        if guide is not None and schedule.warm and hidden[: max(1, i)].all():  # nothing known yet tells where to stand
+            starts = torch.cat([guide[i][None], at_home])
+        elif schedule.warm and i > 0 and memory.placed(stage.objective, schedule):
             if guide is None or hidden[i]:
                 starts = predictions([solved.x for solved in found])
                 starts = torch.cat([starts, problem.aimed(starts[-1:])])

@@ -115,6 +115,17 @@ def test_distances_are_looked_up_once_where_nothing_moves(prepared: Any) -> None
     torch.testing.assert_close(job.starts.guide, found(job), rtol=0, atol=1e-9)
 
 
+def test_a_single_frame_is_one_that_shows_somebody(prepared: Any) -> None:
+    job, _ = prepared("static", "guide=5")
+    keypoints, subject = job.wanted.keypoints.clone(), job.wanted.subject.clone()
+    keypoints[:2], subject[:2] = torch.nan, False
+    layers = job.wanted.layers.clone()
+    layers[:2] = False
+    late = replace(job.wanted, keypoints=keypoints, subject=subject, layers=layers)
+    guide = closed_form(job.stage, job.search, late, job.starts.homes[0], job.schedule.free_lens, 1)
+    torch.testing.assert_close(guide, job.starts.guide, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["push_in", "orbit", "dolly_zoom"])
 def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
     prepared: Any, name: str, monkeypatch: pytest.MonkeyPatch

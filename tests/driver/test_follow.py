@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import torch
+from torch import Tensor
 
+from cltransfer.camera import Camera, concatenate
 from cltransfer.config import load_config
+from cltransfer.driver.closed_form import closed_form
 from cltransfer.driver.follow import follow
 from cltransfer.driver.initial_view import any_view
-from cltransfer.driver.schedule import make_schedule
+from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
+from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
-from cltransfer.shots import builtin_reference
+from cltransfer.shots import builtin_reference, shot
 from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import Inputs, transfer
 
 PLACED = ("preset=fast", "losses.filmic_space=null", "losses.camera_movement=null")
 MOTION = tuple(f"losses.{name}=null" for name in ("shot_size", "framing", "filmic_space", "camera_angle"))
 SIZE = (96, 54)
+PERSON, BACKGROUND = 1, 2  # of layers
+
+
+class Job(NamedTuple):
+    stage: Stage
+    search: SubjectOrbit
+    schedule: Schedule
 
 
 def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:
@@ -43,14 +57,59 @@ def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:
     assert float((found.x[:, 0] - wanted[:, 0]).abs().max()) < 0.05
 
 
-@pytest.mark.parametrize(("shot", "most"), [("pan", 0.2), ("orbit", 0.8)])  # metres
+@pytest.mark.parametrize(("name", "most"), [("pan", 0.2), ("orbit", 0.8)])  # metres
 def test_where_only_motion_is_known_each_frame_goes_on_from_the_one_before(
-    shot: str, most: float, tmp_path: Path
+    name: str, most: float, tmp_path: Path
 ) -> None:
-    true = builtin_reference(shot, SIZE, 8)[1]
+    true = builtin_reference(name, SIZE, 8)[1]
     Trajectory(true.camera[:1], true.times[:1]).save(tmp_path / "view.json")
     small = ("preset=fast", "frames=8", "search_side=96", "output_side=96", "threads=1", "extract.verify=false")
-    given = Inputs("builtin:plaza", f"builtin:{shot}", str(tmp_path / "view.json"))
+    given = Inputs("builtin:plaza", f"builtin:{name}", str(tmp_path / "view.json"))
     found = transfer(given, load_config(overrides=[*small, *MOTION]))
     away = (found.trajectory.camera.center - true.camera.center).norm(dim=1)
     assert float(away.max()) < most  # each from the view that was given they are 1.4 and more away
+
+
+@pytest.fixture
+def late() -> Callable[..., tuple[Job, Features, Tensor]]:
+    """A shot of the plaza, taught to the plaza, whose first frames show nobody; its reference and true vectors."""
+
+    def run(name: str, frames: int, unseen: int) -> tuple[Job, Features, Tensor]:
+        scene = load_scene("builtin:plaza")
+        assert scene.subject is not None
+        config, true = load_config(overrides=["preset=fast"]), shot(name, scene.subject, SIZE, frames)
+        parts, search = Components.build(config), SubjectOrbit()
+        stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), SIZE)
+        read = read_path(stage, true.camera)
+        keypoints, orientation = read.require("keypoints").clone(), read.require("orientation").clone()
+        subject, layers = read.require("subject").clone(), read.require("layers").clone()
+        keypoints[:unseen] = orientation[:unseen] = torch.nan
+        subject[:unseen] = False
+        layers[:unseen, BACKGROUND] |= layers[:unseen, PERSON]
+        layers[:unseen, PERSON] = False
+        gone = {"keypoints": keypoints, "orientation": orientation, "subject": subject, "layers": layers}
+        job = Job(stage, search, make_schedule(config, search, stage.objective, read))
+        return job, replace(read, **gone), search.vector(true.camera, true.camera[0], scene.subject)
+
+    return run
+
+
+@pytest.mark.parametrize(("name", "view"), [("orbit", "behind"), ("tilt", "guide")])
+def test_before_anybody_is_seen_the_guide_leads_and_not_the_view_that_was_given(
+    late: Callable[..., tuple[Job, Features, Tensor]], name: str, view: str
+) -> None:
+    job, reference, true = late(name, 12, 4)
+    subject = job.stage.scene.subject
+    assert subject is not None
+    home = any_view(subject, SIZE)
+    guide = closed_form(job.stage, job.search, reference, home, True, 4)
+    assert guide is not None
+    homes = job.search.cameras(guide[:1], home, subject)
+    if view == "behind":
+        eye = subject.anchor - 3 * subject.facing
+        behind = Camera.look_at(eye[None], subject.anchor[None], subject.up, 0.7, SIZE)
+        homes = concatenate([behind, homes])
+    found = follow(job.stage, job.search, reference, homes, job.schedule, guide=guide)
+    assert float((found.x[4:, :3] - true[4:, :3]).abs().max()) < 0.1
+    assert float((found.x[4:, 4:6] - true[4:, 4:6]).abs().max()) < 0.05
+    assert float(found.x[1:, 0].sub(found.x[:-1, 0]).abs().max()) < 0.2  # rad
