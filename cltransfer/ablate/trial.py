@@ -221,6 +221,7 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
     except (Exception, SystemExit) as error:
         outcome = Outcome(trial.key, trial.row, trial.case, failed=f"{type(error).__name__}: {error}")
     if outcome is None:
+        _allow.cache_clear()  # a worker that lives on imports them anew
         told = "the code of a plugin is not what it was when the ablation began"
         raise ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
     return replace(outcome, seconds=round(time.perf_counter() - start, 3))

@@ -49,7 +49,7 @@ def closed_form(
         reference: N frames.
         home: any view of the right size; it lends its lens where that is kept, and nothing else.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
-        samples: frames along the clip for which distances are looked up, at least 1; one of them is the first
+        samples: frames along the clip for which distances are looked up, at least 1; where it is 1 the first
             that shows joints.
     """
     if not aimable(search, reference, stage.scene.subject) or not reference.has("orientation"):

@@ -160,6 +160,8 @@ def test_a_plugin_that_was_edited_since_the_ablation_began_ends_it(
     with pytest.raises(ModelError, match="not what it was when the ablation began") as caught:
         run_trial(trial, Job((str(file),), codes=("in another worker",)))
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # it is raised in a worker
+    file.write_text(PLUGIN.read_text())
+    assert "none.mp4" in run_trial(trial, Job((str(file),), codes=("in another worker",))).failed  # taken back
 
 
 def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
