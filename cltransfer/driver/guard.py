@@ -12,7 +12,7 @@ from ..skeleton import VISIBLE
 from ..subject import Subject
 
 BODY = 0.12  # subject heights; a camera nearer to the middle line of the body is inside it
-NEAR = 0.15  # subject heights; what is nearer stands right before the lens
+NEAR, NEAR_PERSON = 0.3, 0.15  # subject heights; things, and the person, that are nearer stand right before the lens
 CLOSE = 0.4  # of the frame that may be so near
 COVERAGE = 0.05  # of the frame that must show something; a scene may be a person before nothing
 SHOWN = 0.03  # of the joints' box that must show the person
@@ -42,8 +42,8 @@ class Guard:
         depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth").flatten(1)  # (B, H W)
         wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
         if self.height is not None:
-            close = (depth < NEAR * self.height).double().mean(1)
-            wrong["the camera stands inside something"] = close > CLOSE
+            nearest = torch.where(_person(features), NEAR_PERSON, NEAR) * self.height
+            wrong["the camera stands inside something"] = (depth < nearest).double().mean(1) > CLOSE
         if features.person is not None and features.camera is not None:
             inside = _from_body(features.camera.center, features.person) < BODY * features.person.height
             wrong["the camera stands inside the person"] = inside
@@ -56,6 +56,11 @@ class Guard:
     def blocked(self, features: Features, reference: Features | None = None) -> Tensor:
         """Views that may not be taken, (B,) bool; see :meth:`reasons`."""
         return torch.stack(list(self.reasons(features, reference).values())).any(0)
+
+
+def _person(features: Features) -> Tensor:
+    """Pixels that show the person, bool that broadcasts to (B, H W); none where nobody told."""
+    return features.require("subject").flatten(1) if features.has("subject") else torch.zeros(1, dtype=torch.bool)
 
 
 def _from_body(points: Tensor, person: Subject) -> Tensor:

@@ -24,6 +24,7 @@ from cltransfer.run.preparation import Clock, Inputs, prepare
 from cltransfer.run.readback import read_path
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.splats import Splats
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import SHOTS, Setup, shot
@@ -54,6 +55,14 @@ def view(depth: float = 3.0, seen: float = 1.0, person: bool = True) -> Features
 def test_a_view_is_refused_for_one_reason(features: Features, reason: str) -> None:
     reasons = Guard(1.8).reasons(features)
     assert [name for name, wrong in reasons.items() if bool(wrong[0])] == [reason]
+
+
+def test_a_person_may_fill_the_frame_from_nearer_than_a_thing() -> None:
+    near = view(depth=0.4)  # 0.22 of the height
+    assert near.subject is not None
+    assert bool(Guard(1.8).blocked(near))
+    near.subject[:] = True
+    assert not bool(Guard(1.8).blocked(near))
 
 
 @pytest.mark.parametrize("shown", [True, False])
@@ -91,6 +100,16 @@ def test_a_camera_in_the_chest_may_not() -> None:
     seen = GaussianSplats().render(scene, inside, frozenset({"depth"}))
     reasons = Guard(scene.subject.height).reasons(seen)
     assert bool(reasons["the camera stands inside the person"])
+
+
+def test_a_camera_in_a_lamp_may_not_though_the_near_plane_leaves_only_a_fog_of_it() -> None:
+    scene = load_scene("builtin:path-4005")
+    assert scene.subject is not None
+    in_lamp = torch.tensor([[-0.520, 0.376, 0.002, 1.225, -0.102, 1.138, 0.661]], dtype=torch.float64)
+    home = shot("static", scene.subject, (W * 6, H * 6), 1).camera
+    camera = SubjectOrbit().cameras(in_lamp, home, scene.subject)
+    seen = GaussianSplats().render(scene, camera, frozenset({"depth"}))
+    assert bool(Guard(scene.subject.height).reasons(seen)["the camera stands inside something"])
 
 
 def test_what_a_network_takes_for_depth_is_not_what_stands_before_the_lens() -> None:
