@@ -37,12 +37,13 @@ class Guard:
     def reasons(self, features: Features, reference: Features | None = None) -> dict[str, Tensor]:
         """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it.
 
-        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden.
+        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden; where as much of it lies before
+        the person as may not be near, a thing may come as near as the person.
         """
         depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth").flatten(1)  # (B, H W)
         wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
         if self.height is not None:
-            nearest = torch.where(_person(features), NEAR_PERSON, NEAR) * self.height
+            nearest = torch.where(_person(features) | _filled(reference), NEAR_PERSON, NEAR) * self.height
             wrong["the camera stands inside something"] = (depth < nearest).double().mean(1) > CLOSE
         if features.person is not None and features.camera is not None:
             inside = _from_body(features.camera.center, features.person) < BODY * features.person.height
@@ -59,8 +60,15 @@ class Guard:
 
 
 def _person(features: Features) -> Tensor:
-    """Pixels that show the person, bool that broadcasts to (B, H W); none where nobody told."""
-    return features.require("subject").flatten(1) if features.has("subject") else torch.zeros(1, dtype=torch.bool)
+    """Pixels that may show the person, bool that broadcasts to (B, H W); all of them where nobody told."""
+    return features.require("subject").flatten(1) if features.has("subject") else torch.ones(1, 1, dtype=torch.bool)
+
+
+def _filled(reference: Features | None) -> Tensor:
+    """Frames of the reference that what is before the person fills, (R, 1) bool; none where nobody told."""
+    if reference is None or not reference.has("layers"):
+        return torch.zeros(1, 1, dtype=torch.bool)
+    return reference.require("layers")[:, :1].flatten(1).double().mean(1, keepdim=True) > CLOSE
 
 
 def _from_body(points: Tensor, person: Subject) -> Tensor:

@@ -63,6 +63,16 @@ def test_a_person_may_fill_the_frame_from_nearer_than_a_thing() -> None:
     assert bool(Guard(1.8).blocked(near))
     near.subject[:] = True
     assert not bool(Guard(1.8).blocked(near))
+    assert not bool(Guard(1.8).blocked(replace(view(depth=0.4), subject=None)))  # nobody tells: it may be the person
+
+
+@pytest.mark.parametrize(("before", "blocked"), [(0.3, True), (0.5, False)])
+def test_a_thing_may_come_nearer_where_one_fills_the_reference(before: float, blocked: bool) -> None:
+    layers = torch.zeros(1, 3, H, W, dtype=torch.bool)
+    layers[:, 0, :, : round(before * W)] = True
+    reference = replace(view(), layers=layers)
+    assert bool(Guard(1.8).blocked(view(depth=0.4), reference)) == blocked
+    assert bool(Guard(1.8).blocked(view(depth=0.2), reference))
 
 
 @pytest.mark.parametrize("shown", [True, False])
@@ -108,7 +118,8 @@ def test_a_camera_in_a_lamp_may_not_though_the_near_plane_leaves_only_a_fog_of_i
     in_lamp = torch.tensor([[-0.520, 0.376, 0.002, 1.225, -0.102, 1.138, 0.661]], dtype=torch.float64)
     home = shot("static", scene.subject, (W * 6, H * 6), 1).camera
     camera = SubjectOrbit().cameras(in_lamp, home, scene.subject)
-    seen = GaussianSplats().render(scene, camera, frozenset({"depth"}))
+    drawn = GaussianSplats().render(scene, camera, frozenset({"depth", "label"}))
+    seen = replace(drawn, subject=drawn.require("label") > 0.5)
     assert bool(Guard(scene.subject.height).reasons(seen)["the camera stands inside something"])
 
 
