@@ -65,8 +65,9 @@ def config_of(name: str, pupil: str, seed: int, options: tuple[str, ...] = ()) -
 
 @cache
 def config_text(name: str, pupil: str, seed: int, options: tuple[str, ...]) -> str:
-    """:func:`config_of` as YAML, kept: the trials of a bench share it, and composing it takes a tenth of a second."""
-    return to_yaml(config_of(name, pupil, seed, options))
+    """:func:`config_of` as YAML and the drift; kept: trials share it, and composing it takes a tenth of a second."""
+    drift = method(name).drift
+    return to_yaml(config_of(name, pupil, seed, options)) + ("" if drift is None else f"drift: {drift}\n")
 
 
 def judge_config(scene: str, overrides: tuple[str, ...] = ()) -> RunConfig:

@@ -2,12 +2,13 @@
 
 import hashlib
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
 from cltransfer.bench.chart import CHART_TIERS
 from cltransfer.bench.measures import is_self
-from cltransfer.bench.methods import METHODS, config_of, renderer_override
+from cltransfer.bench.methods import METHODS, config_of, config_text, renderer_override
 from cltransfer.bench.protocol import CROSS, FIRST_SEED, SELF, STARTS, TIERS, Trial, drawn_start
 from cltransfer.errors import UsageError
 from cltransfer.shots import SHOTS
@@ -88,6 +89,15 @@ def test_a_key_tells_trials_and_configs_apart():
     assert len({TRIAL.key(), *(trial.key() for trial in others)}) == 5
     assert TRIAL.key() == Trial("fast", *TRIAL.clip[:4]).key()
     assert TRIAL.key(networks=True) != TRIAL.key()
+
+
+def test_a_key_tells_how_far_a_replay_drifts(monkeypatch):
+    trial = Trial("replay_drift", *TRIAL.clip[:4])
+    before = trial.key()
+    monkeypatch.setitem(METHODS, "replay_drift", replace(METHODS["replay_drift"], drift=3.0))
+    config_text.cache_clear()
+    assert trial.key() != before
+    config_text.cache_clear()
 
 
 @pytest.mark.parametrize("name", METHODS)
