@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...storage.files import write_text
@@ -41,6 +41,11 @@ class StressBench:
     seeds: tuple[int, ...] = (FIRST_SEED,)
     frames: int = 6
     options: tuple[str, ...] = ()
+
+    def under(self, options: tuple[str, ...]) -> StressBench:
+        """The same with ``options`` over it; of a key that is set twice the last value holds, and is told."""
+        last = {option.partition("=")[0]: option for option in (*self.options, *options)}
+        return replace(self, options=tuple(last.values()))
 
     def trials(self) -> list[StressTrial]:
         """Every method on every clip, without stress and at every level of every stressor; one clip a seed.

@@ -7,7 +7,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from ..arguments import Jobs, Out
+from ..arguments import Jobs, Out, folder
+
+FIXED = {  # what no override may say: expected, and what to do
+    "frames": ("the tier and the stressor say how many frames a clip has", "leave it out"),
+    "seed": ("a clip's seed is the method's too", "use --seed"),
+}
 
 
 def bench_stress(
@@ -28,7 +33,7 @@ def bench_stress(
         list[int] | None, typer.Option("--seed", "--seeds", min=0, help="Seeds (repeatable) instead of the tier's.")
     ] = None,
     jobs: Jobs = 1,
-    rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
+    rows: Annotated[Path, typer.Option(callback=folder, help="Folder of rows; what is there is not run again.")] = Path(
         "outputs/stress"
     ),
     out: Out = None,
@@ -43,15 +48,15 @@ def bench_stress(
     from .bench import TIERS, run_bench, write_stress
     from .verdicts import HEADER, summary, verdicts
 
-    if named := [text for text in overrides or () if text.partition("=")[0] == "frames"]:
-        raise UsageError("", named[0], "the tier and the stressor say how many frames a clip has", "leave it out")
-    bench = TIERS[tier]
+    for text in overrides or ():
+        if text.partition("=")[0] in FIXED:
+            raise UsageError("", text, *FIXED[text.partition("=")[0]])
+    bench = TIERS[tier].under(tuple(overrides or ()))
     bench = replace(
         bench,
         methods=tuple(method or bench.methods),
         stressors=tuple(stressor or bench.stressors),
         seeds=tuple(dict.fromkeys(seed or bench.seeds)),
-        options=(*bench.options, *(overrides or ())),
     )
     measured = run_bench(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
     print("\n".join(table(HEADER, summary(verdicts(measured)))))

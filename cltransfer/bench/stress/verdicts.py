@@ -175,4 +175,4 @@ def _told(verdict: StressVerdict) -> str:
         return f"{verdict.breakdown:.1f}, before {stressor.levels[0]:g} {stressor.unit}"
     low = int(verdict.breakdown)
     below, above = stressor.levels[low - 1], stressor.levels[min(low, len(stressor.levels) - 1)]
-    return f"{verdict.breakdown:.1f}, {below + (verdict.breakdown - low) * (above - below):.2g} {stressor.unit}"
+    return f"{verdict.breakdown:.1f}, {below + (verdict.breakdown - low) * (above - below):.3g} {stressor.unit}"

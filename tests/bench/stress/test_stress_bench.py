@@ -195,6 +195,19 @@ def test_tiers_say_what_they_run() -> None:
     assert len({trial.key for trial in standard[:9]}) == 9
 
 
+def test_of_an_option_that_is_set_twice_the_last_holds() -> None:
+    tier = TIERS["standard"]
+    assert tier.options == ("adam.iterations=10", "adam.rate=0.1")
+    own = tier.under(("adam.iterations=40", "adam.rate=0.025", "floaters=keep"))
+    assert own.options == ("adam.iterations=40", "adam.rate=0.025", "floaters=keep")
+
+
+def test_a_breakdown_is_told_in_whole_units() -> None:
+    rows = [row(level, failed=level > 3 and i > 0, total=1.0) for level in range(6) for i in range(3)]
+    (verdict,) = verdicts(rows)
+    assert dict(zip(HEADER, summary([verdict])[0]))["breakdown"] == "3.8, 124 degrees"
+
+
 def test_an_unknown_stressor_is_one_line() -> None:
     with pytest.raises(UsageError, match="no such stressor"):
         StressTrial("replay", "rain", 1, *CLIP, 2)
