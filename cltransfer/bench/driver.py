@@ -30,6 +30,7 @@ from ..subject import Subject
 from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .judge import Reader, judge
+from .methods import judge_config
 from .rows import kept_rows
 from .trial import Row
 from .warm_up import warm_up
@@ -65,8 +66,10 @@ class Run:
 
     @property
     def key(self) -> str:
-        """Digest of the run and of the config it comes to."""
-        text = json.dumps([VERSION, asdict(self), to_yaml(settings(self.preset, self.seed))], sort_keys=True)
+        """Digest of the run, the config it comes to, and what the judge reads and scores by."""
+        judge = judge_config(TARGETS[self.target])
+        config = to_yaml(settings(self.preset, self.seed))
+        text = json.dumps([VERSION, asdict(self), config, judge.extractors, judge.losses], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -132,7 +135,7 @@ class Bench:
     def runs(self) -> list[Run]:
         """Every preset on every shot, seed and target."""
         runs = []
-        for number, seed in enumerate(self.seeds):
+        for number, seed in enumerate(dict.fromkeys(self.seeds)):
             turn = {(number * self.paper_shots + k) % len(self.shots) for k in range(self.paper_shots)}
             for at, name in enumerate(self.shots):
                 for target in TARGETS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44")
+COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44", "#66ccee", "#bbbbbb")
 COSTS = (("evaluations", "evaluations a frame"), ("seconds", "seconds a clip, search"))
 COLUMNS = ("preset", "target", "shot", "seed", "total", "judged", "evaluations", "seconds", "extra", "shaken", "smooth",
            "true")  # fmt: skip
@@ -35,7 +36,7 @@ def _cell(value: object) -> str:
 
 def _draw(figure: Figure, clips: Sequence[Clip]) -> None:
     targets = list(dict.fromkeys(clip.target for clip in clips))
-    colours = dict(zip(dict.fromkeys(clip.preset for clip in clips), COLOURS))
+    colours = dict(zip(dict.fromkeys(clip.preset for clip in clips), cycle(COLOURS)))
     grid = figure.subplots(len(targets), len(COSTS), sharey="row", squeeze=False)
     for row, target in zip(grid, targets):
         for ax, (cost, label) in zip(row, COSTS):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean, median
 
-from .driver import PAPER, Clip, clips_of
+from .driver import PAPER, Clip, clips_of, settings
 from .driver_chart import write_driver_chart
 from .judge import SIDE
 from .rows import measured_at
@@ -28,11 +28,12 @@ def summary(clips: Sequence[Clip]) -> list[list[str]]:
     for preset, target in dict.fromkeys((c.preset, c.target) for c in clips):
         mine = [c for c in clips if (c.preset, c.target) == (preset, target)]
         met = [] if preset == PAPER else [(c, paper[name]) for c in mine if (name := (target, c.shot, c.seed)) in paper]
+        alike = settings(preset, 0).losses.keys() == settings(PAPER, 0).losses.keys()  # else totals mean other things
         totals = [c.total for c in mine]
         poses = [[c.position for c in mine], [c.rotation for c in mine], [100 * c.focal for c in mine]]
         rows.append(
             [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
-            + _against([(c.total, rival.total) for c, rival in met])
+            + _against([(c.total, rival.total) for c, rival in met if alike])
             + [f"{fmean(c.judged for c in mine):.3f}"]
             + _against([(c.judged, rival.judged) for c, rival in met])
             + [f"{fmean(c.evaluations for c in mine):.1f}"]

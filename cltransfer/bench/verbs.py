@@ -134,7 +134,7 @@ def bench_driver(
     ] = 0,
     frames: Annotated[int, typer.Option(min=1, help="Frames of each clip.")] = 24,
     jobs: Jobs = 1,
-    rows: Annotated[Path, typer.Option(help="Folder of rows; what is there is not run again.")] = Path(
+    rows: Annotated[Path, typer.Option(callback=folder, help="Folder of rows; what is there is not run again.")] = Path(
         "outputs/driver"
     ),
     out: Out = None,

@@ -43,6 +43,20 @@ def test_a_folder_that_is_a_file(command, tmp_path):
     assert "expected a folder" in answer.err
 
 
+@pytest.mark.parametrize("bench", ["driver", "stress", "table1", "chart"])
+def test_rows_that_are_a_file(command, tmp_path, bench):
+    (tmp_path / "rows").write_text("mine")
+    answer = command("bench", bench, "--rows", tmp_path / "rows")
+    assert (answer.code, answer.err.count("\n")) == (2, 1), answer.err
+    assert "expected a folder" in answer.err
+
+
+def test_seeds_of_a_stressed_clip_are_an_option(command):
+    answer = command("bench", "stress", "--tier", "smoke", "seed=7")
+    assert (answer.code, answer.err.count("\n")) == (2, 1), answer.err
+    assert "seed=7: a clip's seed is the method's too (use --seed)" in answer.err
+
+
 def test_frames_of_a_stressed_clip_are_the_tiers(command):
     answer = command("bench", "stress", "--tier", "smoke", "frames=2")
     assert (answer.code, answer.err.count("\n")) == (2, 1), answer.err

@@ -3,13 +3,15 @@
 import math
 import shlex
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cltransfer.bench.driver import Bench, clips_of, drawn, run_driver, seed_range
+from cltransfer.bench.driver import Bench, Run, clips_of, drawn, run_driver, seed_range
 from cltransfer.bench.driver_table import HEADER, summary, write_driver
+from cltransfer.bench.methods import judge_config
 from cltransfer.bench.rows import FILE
 from cltransfer.bench.section import table
 from cltransfer.errors import UsageError
@@ -36,6 +38,19 @@ def test_the_paper_takes_its_turn_at_every_shot_across_scenes() -> None:
         (500, "pan"), (500, "zoom"), (501, "pan"), (501, "tilt"), (502, "zoom"), (502, "tilt")
     ]  # fmt: skip
     assert len({run.key for run in runs}) == len(runs) == 3 * 3 * 2 * 2 + 6
+
+
+def test_a_key_tells_what_the_judge_scores_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Run("fast", "cross", "pan", 0, 24)
+    before = run.key
+    stricter = partial(judge_config, overrides=("losses.framing.weight=20",))
+    monkeypatch.setattr("cltransfer.bench.driver.judge_config", stricter)
+    assert run.key != before
+
+
+def test_a_seed_that_is_named_twice_counts_once() -> None:
+    runs = Bench(seeds=(500, 500, 501), shots=("pan", "zoom", "tilt"), paper_shots=2).runs()
+    assert runs == Bench(seeds=(500, 501), shots=("pan", "zoom", "tilt"), paper_shots=2).runs()
 
 
 def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path, command: Callable[..., Any]) -> None:

@@ -27,6 +27,19 @@ def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
     assert row["jerk before / after / of the reference"] == "0.2000 / 0.0200 / 0.0100"
 
 
+def test_a_preset_of_other_losses_is_held_against_the_paper_by_the_judge_alone() -> None:
+    other = replace(CLIP, preset="jaws_clean", total=0.1)
+    row = dict(zip(HEADER, summary([other, replace(CLIP, preset="paper", judged=1.2)])[0]))
+    assert (row["at or below paper"], row["share of paper's mean"]) == ("", "")
+    assert (row["judged at or below"], row["judged share"]) == ("1 of 1", "0.50")
+
+
+def test_more_presets_than_colours_are_drawn(tmp_path: Path) -> None:
+    names = ("fast", "balanced", "max", "five_adam", "jaws_clean", "jaws_code", "paper")
+    write_driver_chart([replace(CLIP, preset=name) for name in names], tmp_path)
+    assert ">paper</text>" in (tmp_path / "driver.svg").read_text()
+
+
 def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:
     write_driver_chart([replace(CLIP, target="self"), CLIP, replace(CLIP, preset="paper")], tmp_path)
     assert ">paper</text>" in (tmp_path / "driver.svg").read_text()
