@@ -101,6 +101,7 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
     """
     if out.suffix.lower() != ".ply":
         raise UsageError(out, "--out", "expected a .ply file")
+    _refuse_source(out, source)
     unseen = options.floaters == "drop" and options.k == options.prune == 0 and not views
     cameras = None if unseen else given_views(views, options.side)
     scene = load_scene(source)
@@ -142,17 +143,25 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
     mesh: Mesh = scene.geometry
     if not surface_area(mesh) > 0:
         raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
+    file = out / f"{scene.name}{'.ply' if representation == 'gaussian_splats' else '.safetensors'}"
+    _refuse_source(file, source)
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
-        file, count, label = out / f"{scene.name}.ply", len(splats), splats.label
+        count, label = len(splats), splats.label
         write_splats(file, splats)
     else:
         grid = bake_grid(mesh, *([] if detail is None else [detail]))
-        file, count, label = out / f"{scene.name}.safetensors", len(grid), grid.label[tuple(grid.filled.T)]
+        count, label = len(grid), grid.label[tuple(grid.filled.T)]
         write_grid(file, grid)
     if scene.subject is not None:
         _write_person(out, scene.subject, label)
     return {"file": str(file), "count": count, "up": scene.up.tolist(), "subject": scene.subject is not None}
+
+
+def _refuse_source(out: Path, source: str) -> None:
+    """Refuse to write over what was read, which is lost then."""
+    if out.exists() and Path(source).exists() and out.samefile(source):
+        raise UsageError(out, "--out", "is the scene itself", "name another one")
 
 
 def _write_person(folder: Path, subject: Subject, label: Tensor) -> None:

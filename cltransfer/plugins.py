@@ -105,7 +105,7 @@ def import_settled(names: Sequence[str]) -> list[str]:
     Raises:
         ModelError: it is not here, or its code fails.
     """
-    if names and os.environ.get("CLTRANSFER_DISABLE_PLUGINS") == "1":
+    if names and os.environ.get("CLTRANSFER_DISABLE_PLUGINS", "") not in ("", "0"):
         raise ModelError("", "--allow-plugin", "plugins are switched off", "unset CLTRANSFER_DISABLE_PLUGINS")
     points = {point.name: point for point in entry_points(group=GROUP)}
     by_name = [name for name in names if not Path(name).is_absolute()]

@@ -193,6 +193,18 @@ def test_what_cannot_be_simplified_is_said(room: tuple[str, str], tmp_path: Path
         simplify_file(str(tmp_path / "box.obj"), tmp_path / "few.ply", [room[1]], Simplification())
 
 
+def test_a_scene_is_not_written_over_itself(room: tuple[str, str], tmp_path: Path) -> None:
+    before = Path(room[0]).read_bytes()
+    with pytest.raises(UsageError, match=r"--out: is the scene itself"):
+        simplify_file(room[0], Path(room[0]), [room[1]], Simplification())
+    assert Path(room[0]).read_bytes() == before
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    before = (tmp_path / "box.ply").read_bytes()
+    with pytest.raises(UsageError, match=r"box.ply: --out: is the scene itself"):
+        bake_to_folder(str(tmp_path / "box.ply"), tmp_path, "gaussian_splats", 500)
+    assert (tmp_path / "box.ply").read_bytes() == before
+
+
 @pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])
 def test_a_mesh_without_area_is_said(tmp_path: Path, representation: Any) -> None:
     (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")

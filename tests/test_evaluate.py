@@ -104,7 +104,7 @@ def test_a_run_is_scored_by_the_frames_it_has_kept(
     run = tmp_path / "run"
     write_video(run / "video" / "frames.mkv", pan(), torch.arange(10).double() / 30, lossless=True)
     write_video(run / "video" / "render.mp4", pan() // 2, torch.arange(10).double() / 30)
-    (run / "manifest.json").write_text("{}")
+    (run / "manifest.json").write_text('{"format": "cltransfer.run"}')
     pairs = ((clip, run), (run, clip), (f"{clip}#t=0,0.2", f"{run}#t=0,0.2"))
     for pair in pairs:
         killed = command("evaluate", *pair, *mean_flow, "--quiet")
@@ -356,7 +356,7 @@ def test_pairs_are_thinned_whichever_clip_is_longer(
 def test_what_a_run_has_written_is_not_replaced(command: Any, tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()
-    (run / "manifest.json").write_text("{}")
+    (run / "manifest.json").write_text('{"format": "cltransfer.run"}')
     (run / "metrics.json").write_text("the run's own")
     said = command("evaluate", tmp_path / "a.mp4", run, "--out", run)
     assert (said.code, said.err.count("\n")) == (2, 1)

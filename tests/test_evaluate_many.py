@@ -158,7 +158,7 @@ def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(
     for name in ("a", "b"):
         run = tmp_path / "runs" / name
         write_video(run / "video" / "frames.mkv", wall(0, 1), torch.arange(4).double() / 8, lossless=True)
-        (run / "manifest.json").write_text("{}")
+        (run / "manifest.json").write_text('{"format": "cltransfer.run"}')
     (tmp_path / "runs" / "a" / "DONE").touch()
     runs = {"ours": tmp_path / "runs"}
     done, killed = evaluate_many(tmp_path / "references", runs, load_config(overrides=mean_flow))

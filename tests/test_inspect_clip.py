@@ -20,6 +20,8 @@ from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.scores import score
 from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.reading.reference import Reference
+from cltransfer.report.inspection_page import MARK
+from cltransfer.storage.pages import check_page
 from cltransfer.testing import sample_features, without_person
 
 
@@ -71,6 +73,15 @@ def test_the_name_to_paste_is_one_word_for_the_shell(laid_open: Any, tmp_path: P
     shown = re.search(r'<code id="who"[^>]*>(.*?)</code>', page)
     assert shown is not None
     assert shlex.split(html.unescape(shown[1])) == ["it's $(a).mp4#t=1,2&person=X,Y,SECONDS"]
+
+
+def test_a_page_of_something_else_is_not_written_over(command: Any, laid_open: Any, tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text("mine")
+    said = command("inspect", "builtin:push_in", "frames=1", "output_side=96", "--out", tmp_path)
+    assert (said.code, "is neither empty nor a page of `inspect`" in said.err) == (2, True), said.err
+    assert (tmp_path / "index.html").read_text() == "mine"
+    write_inspection(tmp_path, laid_open("builtin:push_in"))  # one of its own may be made anew
+    check_page(tmp_path, MARK, "a page of `inspect`")
 
 
 def test_a_shot_of_a_scene_has_nobody_to_click_on(laid_open: Any, tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from .tables import differences_table, directions_table, failure_lines, to_csv, 
 from .trial import Job, Outcome, trials
 
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"
+MARK = "# made by: "  # how an ablation.yaml that was written here begins
 TABLES = ("table.csv", "table.md", "table.tex", "summary.json")
 
 
@@ -96,8 +97,8 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     digest = digests()
     check_sources(sweep, digest)
     asked = trials(sweep, draw_references(sweep, options.out), digest)
-    made_by = f"# made by: {' '.join(options.command.split())}\n" if options.command else ""
-    write_text(options.out / FILE, made_by + sweep.to_yaml())
+    made_by = " ".join(options.command.split()) or "cltransfer.ablate"
+    write_text(options.out / FILE, f"{MARK}{made_by}\n{sweep.to_yaml()}")
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     runs = options.out.resolve() / "runs"
@@ -123,9 +124,17 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
 def _check_folder(out: Path) -> None:
     check_out(out)
     there = {path.name for path in out.iterdir()} if out.is_dir() else set()
-    if not there <= {DRAWN_REFERENCES} and FILE not in there:  # what is drawn comes first
+    ours = LEDGER in there or (FILE in there and _is_marked(out / FILE))  # a file of that name may be the user's own
+    if not there <= {DRAWN_REFERENCES} and not ours:  # what is drawn comes first
         raise UsageError(out, "--out", "is neither empty nor an ablation", "name another folder")
     refuse_outside(out, out.rglob("*"), "ablation")  # somebody else may have made it; runs are written into it too
+
+
+def _is_marked(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(len(MARK)) == MARK.encode()
 
 
 def _write(out: Path, ablation: Ablation) -> None:

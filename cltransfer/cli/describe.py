@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..storage.files import check_out, write_json, write_text
+from ..storage.pages import check_page
 from .shared import Allow, Config, Json, Overrides, Quiet, settings_of, show
 
 
@@ -66,7 +67,9 @@ def inspect(
     Two networks read a clip; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
-    check_out(out)
+    from ..report.inspection_page import MARK
+
+    check_page(out, MARK, "a page of `inspect`")
     from ..computer.threads import set_threads, thread_count
     from ..inspect_clip import inspect_clip, write_inspection
     from ..progress import progress

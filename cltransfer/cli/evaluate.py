@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import InputError, UsageError
-from ..storage.files import check_out
+from ..storage.run_files import refuse_run
 from .shared import Allow, Config, Json, Quiet, settings_of, show, tell, unused_plugins
 
 
@@ -56,7 +56,7 @@ def evaluate(
     methods, overrides = methods_of(reference, render, more or [])
     settings = settings_of(config, overrides, allow_plugin)
     if out is not None:
-        _check_out(out)
+        refuse_run(out, "metrics and report", "scores")
     from ..computer.threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
@@ -65,16 +65,6 @@ def evaluate(
     else:
         evaluate_clips(reference, render, settings, out, as_json, quiet)
     tell(unused_plugins(allow_plugin, settings), as_json)
-
-
-def _check_out(folder: Path) -> None:
-    """Refuse the folder of a run: metrics and report there are the run's own, and have these names."""
-    from ..storage.run_files import is_run
-
-    check_out(folder)
-    if is_run(folder):
-        reason = "expected another folder than that of a run, whose own metrics and report have the same names"
-        raise UsageError(folder, "--out", reason, f"as in --out {folder / 'scores'}")
 
 
 def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None, as_json: bool, quiet: bool) -> None:

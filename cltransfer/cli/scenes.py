@@ -10,6 +10,7 @@ import typer
 
 from ..errors import UsageError
 from ..storage.files import check_out
+from ..storage.run_files import refuse_run
 from .shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
 
 
@@ -18,7 +19,7 @@ def lift(
     overrides: Overrides = None,
     out: Out = None,
     view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
-    views: Annotated[int, typer.Option(help="Views around the person where none are given.")] = 16,
+    views: Annotated[int, typer.Option(min=1, help="Views around the person where none are given.")] = 16,
     person: Annotated[
         int | None, typer.Option(min=0, help="Which one, where there are several; 0 is who most views see.")
     ] = None,
@@ -47,7 +48,7 @@ def lift(
 
     set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
-    check_out(folder)
+    refuse_run(folder, "subject and labels", "person")
     wanted = Lifting(scene, up_of(up), tuple(view or ()), views, person)
     with progress(quiet) as report:
         found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))

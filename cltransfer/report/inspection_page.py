@@ -11,10 +11,14 @@ from jinja2 import Environment, StrictUndefined
 from ..clips.source import unnamed
 from ..reading.reference import is_scene
 from ..storage.files import write_text
+from ..storage.pages import INDEX
 from .policy import csp_hash
 
 if TYPE_CHECKING:
     from ..inspect_clip import Inspection
+
+
+MARK = "cltransfer inspect"
 
 
 def write_page(folder: Path, shown: Inspection) -> Path:
@@ -28,6 +32,7 @@ def write_page(folder: Path, shown: Inspection) -> Path:
     template, script = (Path(__file__).with_name(f"inspection.{kind}").read_text("utf-8") for kind in ("html", "js"))
     file, rest = unnamed(shown.source)
     page = environment.from_string(template).render(
+        mark=MARK,
         name=reference.name,
         count=len(reference),
         seen=shown.seen,
@@ -42,5 +47,5 @@ def write_page(folder: Path, shown: Inspection) -> Path:
         script=script,
         script_hash=csp_hash(script),
     )
-    write_text(folder / "index.html", page)
-    return folder / "index.html"
+    write_text(folder / INDEX, page)
+    return folder / INDEX

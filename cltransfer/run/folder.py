@@ -28,7 +28,7 @@ from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
 from ..scenes.person.lifted import SUBJECT, save_labels
 from ..storage.files import write_json, write_text
-from ..storage.run_files import BESIDE, CONFIG, DONE, FRAMES, MANIFEST, STRIP, VIDEO, clear
+from ..storage.run_files import BESIDE, CONFIG, DONE, FORMAT, FRAMES, MANIFEST, STRIP, VIDEO, clear
 from .flags import run_flags
 from .preparation import Inputs
 from .result import Result
@@ -127,7 +127,7 @@ def command_again(folder: Path, inputs: Inputs, plugins: Sequence[str]) -> str:
 
 def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:
     return {
-        "format": "cltransfer.run",
+        "format": FORMAT,
         "version": 1,
         "cltransfer": __version__,
         "scene": {"name": result.scene.name, "sha256": result.scene.digest, "up": result.scene.up.tolist()},

@@ -58,13 +58,18 @@ def _usual_mode(path: Path) -> int:
 
 
 def check_out(folder: Path) -> None:
-    """Refuse an output folder that cannot be one, before any work is done for it.
+    """Refuse an output folder that cannot be one or be written into, before any work is done for it.
 
     Raises:
-        UsageError: there is a file of that name.
+        UsageError: there is a file of that name, or of one it would lie in; or the folder it lies in is not ours.
     """
     if folder.exists() and not folder.is_dir():
         raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise UsageError(folder, "--out", f"cannot lie in {there}, which is a file", "name another folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise UsageError(folder, "--out", f"may not be written: {there} is not ours", "name another folder")
 
 
 def check_out_file(path: Path | None) -> None:

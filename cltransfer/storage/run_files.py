@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError, UsageError
-from .files import check_out, refuse_outside
+from .files import check_out, read_json, refuse_outside
 
+FORMAT = "cltransfer.run"  # what the manifest of a run says it is
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
 FRAMES = Path("video") / "frames.mkv"  # lossless
 VIDEO = Path("video") / "render.mp4"
@@ -19,8 +20,30 @@ RESULTS = (
 
 
 def is_run(folder: Path) -> bool:
-    """Whether ``folder`` is that of a run, finished or not."""
-    return (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
+    """Whether ``folder`` is that of a run, finished or not; other programs have a manifest.json too."""
+    return (folder / JOURNAL).is_file() or _is_manifest(folder / MANIFEST)
+
+
+def _is_manifest(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    try:
+        told = read_json(path)
+    except InputError:
+        return False
+    return isinstance(told, dict) and told.get("format") == FORMAT
+
+
+def refuse_run(folder: Path, what: str, inside: str) -> None:
+    """Refuse the folder of a run for a result whose ``what`` the run has too; ``inside`` it there would be room.
+
+    Raises:
+        UsageError: it is one, or no folder.
+    """
+    check_out(folder)
+    if is_run(folder):
+        reason = f"expected another folder than that of a run, whose own {what} have the same names"
+        raise UsageError(folder, "--out", reason, f"as in --out {folder / inside}")
 
 
 def require_done(folder: Path) -> None:

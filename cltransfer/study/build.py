@@ -27,9 +27,10 @@ from ..errors import InputError, UsageError
 from ..report.policy import csp_hash
 from ..report.side_by_side import reference_side
 from ..storage.files import content_hash, read_json, write_json, write_text
+from ..storage.pages import INDEX, check_page
 from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
-from .folder import INDEX, MARK, check_key, check_page, key_of
+from .folder import MARK, check_key, key_of
 
 METRICS = "metrics.json"  # of a run: says how many frames it has
 SIDE = 720  # largest height of a video [px]
@@ -79,7 +80,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     """
     out = out.resolve()  # its name tells the key's, "." has none
     groups, references = _groups(wanted)
-    check_page(out)
+    check_page(out, MARK, "a page of a study")
     samples = [f"sample{i + 1}" for i in range(len(groups))]
     content = [_digest(where) for shown in (*groups, references) for where in shown]
     study = design(samples, wanted.methods, content, wanted.seed)

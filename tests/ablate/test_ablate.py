@@ -290,7 +290,7 @@ def test_nothing_is_written_where_a_part_of_the_folder_leads_out_of_it(
     elsewhere, out = tmp_path / "elsewhere", tmp_path / "out"
     elsewhere.write_text("mine")
     (out / part).parent.mkdir(parents=True)
-    (out / "ablation.yaml").touch()
+    (out / "ablation.yaml").write_text("# made by: cltransfer ablate\n")
     (out / part).symlink_to(elsewhere)
     answer = command("ablate", sweep_file("{a: {}}"), "--out", out, "--keep-runs", "references=['drawn:pan']")
     assert answer.code == 3
@@ -321,6 +321,11 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     taken = command("ablate", sweep_file("{a: {}}"), "--out", tmp_path / "other")
     assert taken.code == 2
     assert "is neither empty nor an ablation" in taken.err
+    own = sweep_file("{a: {}}")
+    (own.parent / "ablation.yaml").write_text(own.read_text())
+    replaced = command("ablate", own.parent / "ablation.yaml", "--out", own.parent)
+    assert "is neither empty nor an ablation" in replaced.err
+    assert (own.parent / "ablation.yaml").read_text() == own.read_text()
     monkeypatch.setattr("cltransfer.ablate.pool.PATIENCE", 3)
     nobody = command(
         "ablate",

@@ -403,6 +403,29 @@ def test_without_plugins_nothing_is_missed(command: Callable[..., Any], monkeypa
     assert command("plugins", "list").code == 0
 
 
+@pytest.mark.parametrize("value", ["1", "true", "yes"])
+def test_plugins_are_switched_off_by_any_word(
+    command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, value: str
+) -> None:
+    (tmp_path / "mine.py").write_text("raise SystemExit('was run')")
+    monkeypatch.setenv("CLTRANSFER_DISABLE_PLUGINS", value)
+    refused = command("plugins", "list", "--allow-plugin", tmp_path / "mine.py")
+    assert (refused.code, "plugins are switched off" in refused.err) == (4, True)
+
+
+@pytest.mark.parametrize("views", ["0", "-3"])
+def test_a_lift_looks_from_somewhere(command: Callable[..., Any], views: str) -> None:
+    refused = command("lift", "builtin:courtyard", "--views", views)
+    assert (refused.code, refused.err.count("\n"), "--views" in refused.err) == (2, 1, True), refused.err
+
+
+def test_a_person_is_not_written_over_that_of_a_run(command: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text('{"format": "cltransfer.run"}')
+    refused = command("lift", "builtin:courtyard", "--out", tmp_path)
+    assert (refused.code, refused.err.count("\n")) == (2, 1), refused.err
+    assert "expected another folder than that of a run, whose own subject and labels" in refused.err
+
+
 def test_an_installed_plugin_is_listed_unseen_and_runs_only_when_allowed(
     fresh: Callable[..., Any], tmp_path: Path
 ) -> None:

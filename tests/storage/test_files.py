@@ -13,7 +13,7 @@ import yaml
 from safetensors.torch import save_file
 
 from cltransfer.errors import UsageError
-from cltransfer.storage.files import YAML_LEVELS, atomic, check_yaml, write_text
+from cltransfer.storage.files import YAML_LEVELS, atomic, check_out, check_yaml, write_text
 
 LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
@@ -47,6 +47,20 @@ def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Pa
     with pytest.raises(UnicodeEncodeError), atomic(tmp_path / "a.txt") as temporary:
         temporary.write_text("ne\udce9", encoding="utf-8")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_done(tmp_path: Path) -> None:
+    check_out(tmp_path / "a" / "b")
+    (tmp_path / "text.txt").touch()
+    with pytest.raises(UsageError, match=r"x/y: --out: cannot lie in .*text.txt, which is a file"):
+        check_out(tmp_path / "text.txt" / "x" / "y")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o555)
+    with pytest.raises(UsageError, match="--out: may not be written"):
+        check_out(tmp_path / "a")
 
 
 @pytest.mark.parametrize("loader", LOADERS)

@@ -23,6 +23,7 @@ from cltransfer.storage.run_files import (
     MANIFEST,
     RESULTS,
     clear,
+    is_run,
     kept_frames,
     open_run,
     require_done,
@@ -35,6 +36,16 @@ def killed(folder: Path) -> Path:
     for name in (MANIFEST, "trajectory.json", JOURNAL):
         (folder / name).touch()
     return folder
+
+
+def test_a_manifest_of_another_program_makes_no_run(tmp_path: Path) -> None:
+    for text in ('{"name": "an app"}', "[]", "no JSON", ""):
+        (tmp_path / MANIFEST).write_text(text)
+        assert not is_run(tmp_path)
+        with pytest.raises(UsageError, match="is neither empty nor a run"):
+            open_run(tmp_path)
+    (tmp_path / MANIFEST).write_text('{"format": "cltransfer.run"}')
+    assert is_run(tmp_path)
 
 
 def test_a_run_that_was_killed_is_no_result(tmp_path: Path) -> None:
@@ -101,6 +112,7 @@ def test_a_part_that_is_a_link_out_of_the_run_is_refused(tmp_path: Path, name: s
     run = killed(tmp_path / "run")
     (run / name).unlink(missing_ok=True)
     (run / name).symlink_to(tmp_path / "elsewhere")
+    (run / MANIFEST).write_text('{"format": "cltransfer.run"}')
     for refused in (open_run, require_done):
         with pytest.raises(InputError, match="leads out of the folder of its run"):
             refused(run)

@@ -110,7 +110,7 @@ def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, co
     refused = command("study", tiny_run, other, "--out", tmp_path / "again")
     assert refused.code == 3
     assert "is not that of" in refused.err
-    (other / "manifest.json").write_text("[]")
+    (other / "manifest.json").write_text('{"format": "cltransfer.run", "reference": "no digest"}')
     refused = command("study", tiny_run, other, "--out", tmp_path / "again")
     assert refused.code == 3
     assert "is no manifest of a run" in refused.err
@@ -257,7 +257,7 @@ def test_a_run_whose_frames_were_cut_off_is_refused(tmp_path: Path) -> None:
         run = tmp_path / name
         (run / "video").mkdir(parents=True)
         (run / "DONE").touch()
-        (run / "manifest.json").write_text('{"reference": {"sha256": "0"}}')
+        (run / "manifest.json").write_text('{"format": "cltransfer.run", "reference": {"sha256": "0"}}')
         (run / "metrics.json").write_text('{"frames": 30}')
         write_video(run / "video" / "frames.mkv", grey[:kept], torch.arange(kept) / 24, lossless=True)
         write_video(run / "video" / "side_by_side.mp4", grey, torch.arange(30) / 24)
