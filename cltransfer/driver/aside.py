@@ -57,9 +57,9 @@ def go_aside(
         lost = np.stack([_lost(clip, x[i] + ways, residuals[i], i) for i in tried], axis=1)  # (W, T)
         costs[1:, first:last] = [np.interp(range(first, last), tried, cost) for cost in lost]
     sway = SWAY * (moves[:, None] - moves).abs().sum(-1).numpy()
-    there = clip.inside(x + along(moves[torch.from_numpy(steadiest(costs, sway))], STEADY))
+    there = clip.inside(x + along(moves[torch.from_numpy(steadiest(costs, sway))], STEADY, clip.at))
     found = clip.residuals(there)
-    before, after = (clip.mean_total(r) + bending(path, about) for r, path in ((residuals, x), (found, there)))
+    before, after = (clip.mean_total(r) + bending(path, about, clip.at) for r, path in ((residuals, x), (found, there)))
     return (there, found) if after < before - PROMISE else (x, residuals)
 
 

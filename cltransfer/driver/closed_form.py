@@ -19,6 +19,7 @@ from torch import Tensor
 from ..camera import Camera
 from ..features import Features
 from ..placement import frame_joints, visible_joints
+from ..reading.places import counted
 from ..reading.tracks import along
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
@@ -36,7 +37,13 @@ BEND = 5.0  # total that the background's flow costs where the log of the distan
 
 
 def closed_form(
-    stage: Stage, search: Any, reference: Features, home: Camera, free_lens: bool, samples: int
+    stage: Stage,
+    search: Any,
+    reference: Features,
+    home: Camera,
+    free_lens: bool,
+    samples: int,
+    at: Tensor | None = None,
 ) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
@@ -51,20 +58,22 @@ def closed_form(
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
         samples: frames along the clip for which distances are looked up, at least 1; where it is 1 the first
             that shows joints.
+        at: places of the frames along the clip, (N,); None are evenly spaced.
     """
+    at = counted(len(reference), at)
     if not aimable(search, reference, stage.scene.subject) or not reference.has("orientation"):
         return None
-    stands = _stands(reference.require("orientation").double())
+    stands = _stands(reference.require("orientation").double(), at)
     if stands is None:
         return None
     x = torch.zeros(len(reference), 7 if free_lens else 6, dtype=torch.float64)  # in the middle, as high as the frame
     x[:, :3] = stands / SCALE[:3]
     if free_lens:
-        found = _distances(stage, search, reference, home, x, samples)
+        found = _distances(stage, search, reference, home, x, samples, at)
         if found is None:
             return None
         x[:, 3] = found
-    return aimed_path(search, reference, home, stage.scene.subject, x)
+    return aimed_path(search, reference, home, stage.scene.subject, x, at)
 
 
 def aimable(search: Any, reference: Features, subject: Subject | None) -> TypeGuard[SubjectOrbit]:
@@ -72,12 +81,23 @@ def aimable(search: Any, reference: Features, subject: Subject | None) -> TypeGu
     return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(aimed_at(reference, subject).any())
 
 
-def aimed_path(search: SubjectOrbit, reference: Features, home: Camera, subject: Subject | None, x: Tensor) -> Tensor:
-    """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
+def aimed_path(
+    search: SubjectOrbit,
+    reference: Features,
+    home: Camera,
+    subject: Subject | None,
+    x: Tensor,
+    at: Tensor | None = None,
+) -> Tensor:
+    """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some.
+
+    Its frames stand ``at`` (N,), or are evenly spaced.
+    """
+    at = counted(len(x), at)
     aimed = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
     known = aimed_at(reference, subject)
-    aimed[:, 3:] = _bridged(aimed[:, 3:], known)
-    aimed[:, PLACE] = _led(aimed[:, PLACE], known)
+    aimed[:, 3:] = _bridged(aimed[:, 3:], known, at)
+    aimed[:, PLACE] = _led(aimed[:, PLACE], known, at)
     return aimed
 
 
@@ -87,36 +107,42 @@ def aimed_at(reference: Features, subject: Subject | None) -> Tensor:
     return (shown if subject is None else shown & (subject.confidence > 0)).sum(1) >= AIMED_AT
 
 
-def _bridged(x: Tensor, known: Tensor) -> Tensor:
+def _bridged(x: Tensor, known: Tensor, at: Tensor) -> Tensor:
     """x (N, D) with the frames that are not ``known``, (N,) bool, taken from those around them."""
-    at, frames = known.nonzero()[:, 0].numpy(), np.arange(len(x))
-    return torch.from_numpy(np.stack([np.interp(frames, at, column) for column in x[known].numpy().T], axis=1))
+    there, stands = at[known].numpy(), at.numpy()
+    return torch.from_numpy(np.stack([np.interp(stands, there, column) for column in x[known].numpy().T], axis=1))
 
 
-def _led(x: Tensor, known: Tensor) -> Tensor:
+def _led(x: Tensor, known: Tensor, at: Tensor) -> Tensor:
     """Places x (N, D) of all frames, those before any is ``known`` led back: who enters was outside before."""
-    at = known.nonzero()[:, 0].tolist()
-    if not at or at[0] == 0 or len(at) == 1:
+    seen = known.nonzero()[:, 0].tolist()
+    if not seen or seen[0] == 0 or len(seen) == 1:
         return x
-    first, then = at[0], at[min(SLOPE, len(at) - 1)]
-    early = (torch.arange(first, dtype=x.dtype) - first).clamp_min(-LEAD)[:, None]
+    first, then = seen[0], seen[min(SLOPE, len(seen) - 1)]
+    early = (at[:first] - at[first]).clamp_min(-LEAD).to(x.dtype)[:, None]
     led = x.clone()
-    led[:first] += early * (x[then] - x[first]) / (then - first)
+    led[:first] += early * (x[then] - x[first]) / (at[then] - at[first]).to(x.dtype)
     return led
 
 
-def _stands(read: Tensor) -> Tensor | None:
+def _stands(read: Tensor, at: Tensor) -> Tensor | None:
     """Azimuth, elevation and roll (N, 3) [rad] as read, without turns; None where no frame was read."""
     known = torch.isfinite(read).all(1)
     if not bool(known.any()):
         return None
     turning = read.clone()
     turning[known] = torch.from_numpy(np.unwrap(read[known].numpy(), axis=0))
-    return _bridged(turning, known)
+    return _bridged(turning, known, at)
 
 
 def _distances(
-    stage: Stage, search: SubjectOrbit, reference: Features, home: Camera, x: Tensor, samples: int
+    stage: Stage,
+    search: SubjectOrbit,
+    reference: Features,
+    home: Camera,
+    x: Tensor,
+    samples: int,
+    at: Tensor,
 ) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
     frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
@@ -133,11 +159,11 @@ def _distances(
     chosen = _looked_up(look_up, len(frames), logs.numpy(), BEND * len(frames) / len(reference))
     if not seen:
         return None
-    between = torch.from_numpy(np.interp(np.arange(len(reference)), frames, logs.numpy()[chosen]))
+    between = torch.from_numpy(np.interp(at.numpy(), at.numpy()[frames], logs.numpy()[chosen]))
     if len(frames) == 1:
         return between / SCALE[3]
     apart = (len(reference) - 1) / (len(frames) - 1)
-    return along(between[:, None], min(BETWEEN * apart, LONGEST))[:, 0] / SCALE[3]
+    return along(between[:, None], min(BETWEEN * apart, LONGEST), at)[:, 0] / SCALE[3]
 
 
 def _looked_up(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:

@@ -71,10 +71,11 @@ class _At:
     x: Tensor  # (N, D)
     local: Local
     about: Tensor | None  # (N, D)
+    at: Tensor | None  # (N,)
 
     @property
     def cost(self) -> float:
-        return self.local.total + bending(self.x, self.about)
+        return self.local.total + bending(self.x, self.about, self.at)
 
     @property
     def totals(self) -> Tensor:
@@ -101,7 +102,7 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
     """
     width, missed = effort.width, 0
     for i in range(effort.rounds):
-        begun = _At(x, clip.local(x, residuals, width, SHARED, i), moves.about)
+        begun = _At(x, clip.local(x, residuals, width, SHARED, i), moves.about, clip.at)
         at = _round(clip, begun, moves, effort.steps)
         x, residuals = at.x, at.local.residuals
         missed = 0 if at.cost <= begun.cost - PROMISE else missed + 1
@@ -114,16 +115,16 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
 def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
     damping = DAMPING
     while left and damping <= MOST_DAMPING:
-        promised = moved(at.x, at.local, moves.knots, damping, moves.fixed, moves.about)
+        promised = moved(at.x, at.local, moves.knots, damping, moves.fixed, moves.about, clip.at)
         assert promised.predicted is not None
-        if promised.predicted + bending(promised.x, moves.about) > at.cost - PROMISE:
+        if promised.predicted + bending(promised.x, moves.about, clip.at) > at.cost - PROMISE:
             break
         x = clip.inside(promised.x)
         there = at.reached(x, clip.residuals(x))
         left -= 1
         best = there
         if moves.fade and left and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
-            share = along((there.totals < at.totals).double()[:, None], BLEND)
+            share = along((there.totals < at.totals).double()[:, None], BLEND, clip.at)
             x = clip.inside(faded(at.x, there.x, share, moves.fixed))
             part = at.reached(x, clip.residuals(x))
             left -= 1

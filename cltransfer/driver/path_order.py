@@ -146,7 +146,9 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
     accepted = max(limit, JUMPS * free.free)
     enough, best, tried = HOPE * limit if effort.rounds else accepted, None, False
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
-        x = clip.inside(along(free.x, frames) if about is None else about + along(free.x - about, frames))
+        added = free.x if about is None else free.x - about
+        steady = along(added, frames, clip.at)
+        x = clip.inside(steady if about is None else about + steady)
         total, residuals = clip.scored(x)
         path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
         best = path if best is None or path.total < best.total else best
@@ -214,7 +216,7 @@ def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float, left
 
 
 def _fitted(clip: WholeClip, x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None) -> Fitted:
-    found = fit(x, local, knots, fixed)
+    found = fit(x, local, knots, fixed, clip.at)
     return replace(found, x=clip.inside(found.x))
 
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..reading.places import counted
 from ..reading.tracks import runs
 from ..search.subject_orbit import SCALE
 from .closed_form import aimable, aimed_at, aimed_path
@@ -86,12 +87,14 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
     right = (totals <= RIGHT) & aimed_at(reference, subject)  # of a frame that hides the person little is asked
     if float(right.double().mean()) < SHARE:
         return None
-    at = right.nonzero()[:, 0].numpy()
-    told = torch.from_numpy(np.interp(np.arange(len(x)), at, x[right, 3].numpy()))
+    at = counted(len(x), clip.at)
+    told = torch.from_numpy(np.interp(at.numpy(), at[right].numpy(), x[right, 3].numpy()))
     elsewhere = (told - x[:, 3]).abs() * SCALE[3] > APART
     wrong = elsewhere & (totals > WRONG)
     if not bool(wrong.any()):
         return None
     paths = guide.repeat(3, 1, 1)
     paths[:, :, 3] = told + torch.tensor([0, NEAR, -NEAR], dtype=told.dtype)[:, None] / SCALE[3]
-    return SecondGuide(torch.stack([aimed_path(search, reference, clip.home, subject, path) for path in paths]), wrong)
+    return SecondGuide(
+        torch.stack([aimed_path(search, reference, clip.home, subject, path, at) for path in paths]), wrong
+    )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..pipeline.objective import group_norms
+from ..reading.places import counted
 from .refine import LONGEST
 
 if TYPE_CHECKING:
@@ -79,22 +80,23 @@ class Fitted:
     predicted: float | None
 
 
-def basis(frames: int, knots: int) -> NDArray:
-    """Values (frames, knots) of the B-splines of a path: constant, linear, quadratic, then cubic.
+def basis(at: Tensor, knots: int) -> NDArray:
+    """Values (N, knots) of the B-splines of a path whose frames stand ``at`` (N,): constant, linear, quadratic, cubic.
 
-    >>> basis(3, 2).round(2).tolist()
-    [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]
+    >>> basis(torch.tensor([0.0, 1.0, 4.0]), 2).round(2).tolist()
+    [[1.0, 0.0], [0.75, 0.25], [0.0, 1.0]]
     """
     from scipy.interpolate import BSpline
 
     degree = min(DEGREE, knots - 1)
     inner = np.linspace(0, 1, knots - degree + 1)
     places = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
-    times = np.linspace(0, 1, frames) if frames > 1 else np.zeros(1)
+    times = at.numpy() * (1 / at[-1].item()) if len(at) > 1 else np.zeros(1)
+    times[-1] = 1.0 if len(at) > 1 else 0.0
     return BSpline.design_matrix(times, places, degree).toarray()
 
 
-def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None) -> Fitted:
+def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None, at: Tensor | None = None) -> Fitted:
     """The spline of ``knots`` coefficients a dimension that costs least.
 
     Args:
@@ -102,11 +104,12 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
         local: what the losses make of it; None fits x itself.
         knots: at least 1, at most N.
         fixed: direction (D,) along which nothing may change, e.g. the focal length's; None leaves all free.
+        at: places of the frames along the clip, (N,); None are evenly spaced.
     """
     from scipy import sparse
     from scipy.sparse.linalg import spsolve
 
-    design, path = _design(x, knots, fixed), x.numpy().ravel()
+    design, path = _design(x, knots, fixed, counted(len(x), at)), x.numpy().ravel()
     if local is None:
         best = design @ spsolve((design.T @ design).tocsc(), design.T @ path)
         return Fitted(torch.from_numpy(best).reshape(x.shape), None)
@@ -123,9 +126,16 @@ def fit(x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None)
     return Fitted(torch.from_numpy(best).reshape(x.shape), float(norms.sum(1).mean()))
 
 
-def bending(x: Tensor, about: Tensor | None = None) -> float:
-    """Total that the bends of a path x (N, D) are worth, those of ``about`` (N, D) apart; 0 below four frames."""
-    return STIFFNESS / 2 * float((_added(x, about).diff(n=3, dim=0) ** 2).sum()) / len(x)
+def bending(x: Tensor, about: Tensor | None = None, at: Tensor | None = None) -> float:
+    """Total that the bends of a path x (N, D) are worth, those of ``about`` (N, D) apart; 0 below four frames.
+
+    Its frames stand ``at`` (N,), or are evenly spaced.
+    """
+    if at is None:
+        thirds = _added(x, about).diff(n=3, dim=0)
+    else:
+        thirds = torch.from_numpy(_thirds(at) @ _added(x, about).numpy())
+    return STIFFNESS / 2 * float((thirds**2).sum()) / len(x)
 
 
 def _added(x: Tensor, about: Tensor | None) -> Tensor:
@@ -133,7 +143,13 @@ def _added(x: Tensor, about: Tensor | None) -> Tensor:
 
 
 def moved(
-    x: Tensor, local: Local, knots: int, damping: float, fixed: Tensor | None = None, about: Tensor | None = None
+    x: Tensor,
+    local: Local,
+    knots: int,
+    damping: float,
+    fixed: Tensor | None = None,
+    about: Tensor | None = None,
+    at: Tensor | None = None,
 ) -> Fitted:
     """The path moved by the spline of ``knots`` coefficients a dimension that costs least, by the model.
 
@@ -144,13 +160,15 @@ def moved(
         damping: of the step, relative to the curvature in each coefficient (Levenberg-Marquardt).
         fixed: direction (D,) along which all frames move alike; None leaves all free.
         about: path (N, D) whose own bends cost nothing; None is a straight one.
+        at: places of the frames along the clip, (N,); None are evenly spaced.
     """
     from scipy import sparse
     from scipy.sparse.linalg import spsolve
 
-    design, r = _design(x, knots, fixed), local.residuals.numpy().ravel()
+    stands = counted(len(x), at)
+    design, r = _design(x, knots, fixed, stands), local.residuals.numpy().ravel()
     along = (local.slope @ design).tocsr()
-    bends = _third_differences(*x.shape)
+    bends = _third_differences(stands, x.shape[1])
     stiff, bent = bends @ design, bends @ _added(x, about).numpy().ravel()
     norms = group_norms(local.residuals, local.groups)
     for floor in FLOORS[1:]:
@@ -169,28 +187,40 @@ def moved(
     return Fitted(x + part * move, float(norms.sum(1).mean()))
 
 
-def _third_differences(frames: int, dimensions: int) -> sparse.csr_array:
+def _third_differences(at: Tensor, dimensions: int) -> sparse.csr_array:
     """A path laid out frame by frame to its third differences, (max(N - 3, 0) D, N D)."""
     from scipy import sparse
 
-    if frames < 4:
-        return sparse.csr_array((0, frames * dimensions))
-    across = sparse.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(frames - 3, frames))
-    return sparse.kron(across, np.eye(dimensions), format="csr")
+    return sparse.kron(_thirds(at), np.eye(dimensions), format="csr")
 
 
-def _design(x: Tensor, knots: int, fixed: Tensor | None) -> sparse.csr_array:
+def _thirds(at: Tensor) -> sparse.csr_array:
+    """Values of N frames to their third differences, (max(N - 3, 0), N): -1, 3, -3, 1 where they are evenly spaced.
+
+    Six times the divided differences.
+    """
+    from scipy import sparse
+
+    count = max(len(at) - 3, 0)
+    if not count:
+        return sparse.csr_array((0, len(at)))
+    four = at.unfold(0, 4, 1).numpy()  # (N - 3, 4)
+    apart = four[:, :, None] - four[:, None, :] + np.eye(4)  # of a place from itself: a factor of one
+    return sparse.diags_array(list((6 / apart.prod(2)).T), offsets=[0, 1, 2, 3], shape=(count, len(at)), format="csr")
+
+
+def _design(x: Tensor, knots: int, fixed: Tensor | None, at: Tensor) -> sparse.csr_array:
     """Coefficients to the path laid out frame by frame, (N D, C)."""
     from scipy import sparse
 
     frames, dimensions = x.shape
-    curve = sparse.csr_array(basis(frames, knots))
+    curve = sparse.csr_array(basis(at, knots))
     if fixed is None:
         return sparse.kron(curve, np.eye(dimensions), format="csr")
-    at = int(fixed.abs().argmax())
+    row = int(fixed.abs().argmax())
     turned = np.eye(dimensions)
-    turned[at] = fixed.numpy()  # x -> coordinates, one of them along the fixed direction
+    turned[row] = fixed.numpy()  # x -> coordinates, one of them along the fixed direction
     back = np.linalg.inv(turned)
-    moving = sparse.kron(curve, np.delete(back, at, axis=1))
-    still = sparse.kron(np.ones((frames, 1)), back[:, [at]])
+    moving = sparse.kron(curve, np.delete(back, row, axis=1))
+    still = sparse.kron(np.ones((frames, 1)), back[:, [row]])
     return sparse.hstack([moving, still], format="csr")

@@ -40,6 +40,7 @@ class Starting:
         view: that was given, at ``size``; None where none was.
         size: (W, H) of the result [px].
         by_networks: whether the reference was read by networks, which err about where a person looks.
+        at: places of the reference's frames along the clip, (N,); None are evenly spaced.
     """
 
     search: Any
@@ -48,6 +49,7 @@ class Starting:
     view: Camera | None
     size: tuple[int, int]
     by_networks: bool
+    at: Tensor | None = None  # (N,)
 
     def starts(self, stage: Stage, target: Features) -> Starts:
         """Where to start in the scene of ``stage``, for N frames of ``target``.
@@ -61,7 +63,8 @@ class Starting:
         refined = self.schedule.engine == "refine"
         if refined and self.schedule.warm and subject is not None and self.samples:
             lens = any_view(subject, self.size) if view is None else view
-            guide = closed_form(stage, self.search, target, lens, free, 1 if self.schedule.still else self.samples)
+            samples = 1 if self.schedule.still else self.samples
+            guide = closed_form(stage, self.search, target, lens, free, samples, self.at)
             if guide is not None:
                 homes.append(self.search.cameras(guide[:1], lens, subject))
         placed = stage.objective.placed(target)

@@ -32,12 +32,15 @@ class WholeClip:
         search: vectors to cameras.
         reference: N frames.
         home: the initial view.
+        at: places of the frames along the clip, (N,), see :func:`cltransfer.reading.places.places`; None are evenly
+            spaced.
     """
 
     stage: Stage
     search: Any
     reference: Features
     home: Camera
+    at: Tensor | None = None  # (N,)
 
     @cached_property
     def defined(self) -> Tensor:

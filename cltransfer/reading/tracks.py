@@ -17,6 +17,7 @@ from ..features import Features
 from ..orientation import wrap
 from ..placement import frame_joints, visible_joints
 from ..skeleton import JOINTS
+from .places import counted
 
 FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
 CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
@@ -24,7 +25,7 @@ SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, fr
 MEDIAN = 5  # frames
 
 
-def cleaned(features: Features, frames: float) -> Features:
+def cleaned(features: Features, frames: float, at: Tensor | None = None) -> Features:
     """The features of a clip with yaw flips repaired, and joints and angles filtered.
 
     Joints are filtered within stretches in which the same key joints are visible, because a joint that enters the
@@ -33,17 +34,20 @@ def cleaned(features: Features, frames: float) -> Features:
     Args:
         features: N frames in order.
         frames: standard deviation of the Gaussian along the clip [frames]; 0 leaves everything as it was read.
+        at: places of the frames, see :func:`~.places.places`; None are evenly spaced.
     """
+    at = counted(len(features), at)
     if frames <= 0 or len(features) < 3:
         return features
     new: dict[str, Any] = {}
     if features.has("orientation"):
-        new["orientation"] = _steady_angles(turned_back(features).require("orientation"), frames)
+        new["orientation"] = _steady_angles(turned_back(features).require("orientation"), frames, at)
     if features.has("keypoints"):
         stretches = _stretches(visible_joints(frame_joints(features)))
         joints = features.require("keypoints").clone()
         for first, last in stretches:
-            joints[first:last, :, :2] = along(joints[first:last, :, :2].flatten(1), frames).unflatten(1, (14, 2))
+            flat = joints[first:last, :, :2].flatten(1)
+            joints[first:last, :, :2] = along(flat, frames, at[first:last]).unflatten(1, (14, 2))
         new["keypoints"] = joints
     return replace(features, **new)
 
@@ -107,9 +111,12 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
     return repaired
 
 
-def along(x: Tensor, frames: float) -> Tensor:
-    """x (N, D) filtered along N by a Gaussian of standard deviation ``frames``; NaN rows stay and count for nothing."""
-    index = torch.arange(len(x), dtype=x.dtype)
+def along(x: Tensor, frames: float, at: Tensor | None = None) -> Tensor:
+    """x (N, D) filtered along N by a Gaussian of standard deviation ``frames``; NaN rows stay and count for nothing.
+
+    Its frames stand ``at`` (N,), see :func:`~.places.places`, or are evenly spaced.
+    """
+    index = counted(len(x), at).to(x.dtype)
     weight = torch.exp(-0.5 * ((index[:, None] - index[None]) / frames) ** 2)  # (N, N)
     there = torch.isfinite(x)
     # a line is fitted under the window, so that a steady motion and its ends stay what they are
@@ -132,7 +139,7 @@ def runs(frames: Tensor) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
-def _steady_angles(angles: Tensor, frames: float) -> Tensor:
+def _steady_angles(angles: Tensor, frames: float, at: Tensor) -> Tensor:
     """Angles (N, 3) [rad] filtered, never across frames that were not read: who comes back may stand elsewhere."""
     known = torch.isfinite(angles).all(1)
     if int(known.sum()) < 3:
@@ -140,7 +147,7 @@ def _steady_angles(angles: Tensor, frames: float) -> Tensor:
     steady = torch.full_like(angles, torch.nan)
     steady[known] = _unwrap(angles[known])
     for first, last in runs(known):
-        steady[first:last] = along(running_median(steady[first:last]), frames)
+        steady[first:last] = along(running_median(steady[first:last]), frames, at[first:last])
     return wrap(steady)
 
 

@@ -31,6 +31,7 @@ from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, needs_scene
+from ..reading.places import places
 from ..reading.reference import Reading, Reference, read_reference
 from ..reading.tracks import cleaned, turned_back
 from ..registry.plugin_code import code_of
@@ -161,7 +162,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     by_networks = reference.family == "image" and config.extract.verify
     if by_networks or family == "image":
         parts.plan("image").load_networks()
-    wanted = cleaned(reference.features, config.clean) if reference.family == "image" else reference.features
+    at = places(reference.times)
+    wanted = cleaned(reference.features, config.clean, at) if reference.family == "image" else reference.features
     clock.lap("reference")
     if family == "scene" or search.needs_subject or view is None:
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))
@@ -183,7 +185,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     noise = noise_floor(stage.objective, reference.features, wanted)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
     given, read = None if view is None else resized(view, output), reference.family == "image"
-    starting = Starting(search, schedule, config.guide, given, output, read)
+    starting = Starting(search, schedule, config.guide, given, output, read, at)
     starts = starting.starts(replace(stage, scene=solid), wanted)
     clock.lap("initial view")
     return Job(

@@ -176,7 +176,7 @@ def _total(take: Take, stage: Stage) -> float:
 
 def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
     """The frames of one round, and the path through them where one is asked for."""
-    clip = WholeClip(stage, job.search, target, starts.homes[0])
+    clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
     found = _followed(job, stage.reduced(starts.homes[0], config.lod), target, starts, report)
     return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
 
@@ -196,7 +196,7 @@ def _followed(job: Job, stage: Stage, target: Features, starts: Starts, report: 
     found = _followed_from(job, stage, target, starts, report)
     if found.local is None or starts.guide is None or stage.scene.subject is None:
         return found
-    clip = WholeClip(stage, job.search, target, starts.homes[0])
+    clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
     again = second_guide(clip, starts.guide, found.x, found.totals)
     if again is None or not again.gains(clip, found.x, clip.totals(found.local.residuals)):
         return found

@@ -165,14 +165,21 @@ def test_who_enters_late_was_on_the_way_before() -> None:
     frames = torch.arange(40, dtype=torch.float64)[:, None]
     moving, known = torch.cat([0.1 * frames, 1 + 0 * frames], dim=1), torch.zeros(40, dtype=torch.bool)
     known[8:] = True
-    torch.testing.assert_close(_led(_bridged(moving, known), known), moving)
+    torch.testing.assert_close(_led(_bridged(moving, known, frames[:, 0]), known, frames[:, 0]), moving)
     known[:30] = False
-    led = _led(_bridged(moving, known), known)
+    led = _led(_bridged(moving, known, frames[:, 0]), known, frames[:, 0])
     torch.testing.assert_close(led[30 - LEAD :], moving[30 - LEAD :])
     assert bool((led[: 30 - LEAD] == led[30 - LEAD]).all())  # what moved so for a second need not have before
     known[:] = False
     known[20] = True
-    assert bool((_led(_bridged(moving, known), known) == moving[20]).all())
+    assert bool((_led(_bridged(moving, known, frames[:, 0]), known, frames[:, 0]) == moving[20]).all())
+
+
+def test_who_enters_late_comes_at_a_steady_speed_however_frames_are_spaced() -> None:
+    at = torch.tensor([0.0, 1, 3, 4, 6, 7, 9, 10, 12], dtype=torch.float64)
+    moving, known = 0.1 * at[:, None].expand(9, 2), torch.ones(9, dtype=torch.bool)
+    known[:3] = known[5] = False
+    torch.testing.assert_close(_led(_bridged(moving, known, at), known, at), moving)
 
 
 def test_what_is_read_of_where_a_camera_stands_is_held_before_it_is_known(prepared: Any) -> None:

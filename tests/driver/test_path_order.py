@@ -219,6 +219,7 @@ class Priced:
     """A clip of which only what a filtered path costs is known: in turn as listed."""
 
     totals: list[float]
+    at: None = None  # evenly spaced
 
     def inside(self, x: torch.Tensor) -> torch.Tensor:
         return x

@@ -30,7 +30,7 @@ def ramp(frames: int) -> Tensor:
 
 @pytest.mark.parametrize("knots", [1, 2, 3, 4, 6, 12])
 def test_a_basis_sums_to_one_and_reaches_the_ends(knots: int) -> None:
-    values = basis(12, knots)
+    values = basis(torch.arange(12).double(), knots)
     assert values.sum(1) == pytest.approx(1.0)
     assert values[0, 0] == pytest.approx(1.0)
     assert values[-1, -1] == pytest.approx(1.0)
@@ -123,3 +123,24 @@ def test_bends_cost_their_mean_square_and_a_steady_path_nothing() -> None:
 def test_a_path_too_short_to_bend_is_moved_too(frames: int) -> None:
     found = moved(ramp(frames) + 0.1, local(ramp(frames) + 0.1, ramp(frames)), frames, 1e-6)
     torch.testing.assert_close(found.x, ramp(frames), atol=1e-3, rtol=0)
+
+
+THINNED = torch.tensor([0.0, 1, 3, 4, 6, 7, 9, 10, 12, 13, 15, 16], dtype=torch.float64)
+
+
+def test_a_steady_move_is_one_however_its_frames_are_spaced() -> None:
+    line = THINNED[:, None] * torch.tensor([0.1, -0.2], dtype=torch.float64)
+    assert bending(line, at=THINNED) == pytest.approx(0.0, abs=1e-20)
+    assert bending(line) > 1.0
+    assert fit(line, None, 2, at=THINNED).x == pytest.approx(line)
+    assert float((fit(line, None, 2).x - line).abs().max()) > 0.03
+    asked = local(line + 0.1, line)
+    assert moved(line + 0.1, asked, 6, 1e-6, at=THINNED).x == pytest.approx(line, abs=1e-3)
+
+
+def test_bends_of_even_frames_are_the_same_by_their_places() -> None:
+    x = torch.rand(9, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    at = torch.arange(9, dtype=torch.float64)
+    assert bending(x, at=at) == pytest.approx(bending(x))
+    assert bending(THINNED[:, None] ** 3, at=THINNED) == pytest.approx(STIFFNESS / 2 * 36 * 9 / 12)
+    assert bending(x[:3], at=at[:3]) == 0.0

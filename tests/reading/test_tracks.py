@@ -112,6 +112,17 @@ def test_angles_are_not_filtered_across_frames_without_a_person() -> None:
     torch.testing.assert_close(got, yaw, equal_nan=True)
 
 
+def test_a_steady_motion_stays_one_however_its_frames_are_spaced() -> None:
+    at = torch.tensor([0.0, 1, 3, 4, 6, 7, 9, 10, 12, 13], dtype=torch.float64)
+    keypoints = torch.ones(10, 14, 3)
+    keypoints[..., 0] = 5 + 4 * at[:, None]
+    features = Features((100, 100), keypoints=keypoints, orientation=0.05 * at[:, None].float().expand(10, 3))
+    got = cleaned(features, 1.0, at)
+    torch.testing.assert_close(got.require("keypoints"), keypoints)
+    by_number = cleaned(features, 1.0).require("keypoints")
+    assert float((by_number - keypoints).abs().max()) > 0.5  # px of steps of 4 and 8
+
+
 def test_zero_leaves_what_was_read() -> None:
     features = Features((10, 10), orientation=torch.rand(6, 3))
     assert cleaned(features, 0.0) is features

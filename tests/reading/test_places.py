@@ -1,0 +1,32 @@
+"""Where frames stand in time: even ones are counted, a pause and a burst are bounded."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from cltransfer.clips.part import evenly
+from cltransfer.reading.places import WIDEST, counted, places
+
+
+@pytest.mark.parametrize("rate", [23.976, 24.0, 30.0, 29.97])
+def test_evenly_spaced_frames_are_counted(rate: float) -> None:
+    assert places(torch.arange(240).double() / rate) is None
+    assert places(torch.arange(240).float() / rate) is None
+    assert places(torch.tensor([0.0, 1.0])) is None
+    assert counted(3).tolist() == [0, 1, 2]
+
+
+def test_a_thinned_clip_keeps_its_time() -> None:
+    times = torch.arange(60).double()[evenly(torch.arange(60).double(), 24)] / 30
+    at = places(times)
+    assert at is not None
+    assert counted(24, at) is at
+    assert float((at / at[-1] - times / times[-1]).abs().max()) < 1e-12
+    assert {round(step, 3) for step in at.diff().tolist()} == {0.667, 1.0} or at.diff().unique().numel() > 1
+
+
+def test_a_pause_and_a_burst_weigh_no_more_than_a_few_frames() -> None:
+    at = places(torch.tensor([0.0, 1.0, 2.0, 2.001, 100.0, 101.0, 102.0]))
+    assert at is not None
+    assert at.diff().tolist() == [1.0, 1.0, 1 / WIDEST, WIDEST, 1.0, 1.0]
