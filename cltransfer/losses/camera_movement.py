@@ -55,7 +55,7 @@ def movement_residuals(
         min_share: so does one of the render with flow on a smaller share of the reference layer's area.
 
     Returns:
-        (B, 18) [frame widths]; NaN where the reference has no layer or the render no flow in any.
+        (B, 18) [frame widths]; NaN where the reference has no layer or the render none of those.
     """
     wanted = reference.area >= min_area  # (R, 3)
     there = rendered.area >= (min_share * reference.area).clamp_min(min_area)  # (B, 3)
@@ -65,7 +65,7 @@ def movement_residuals(
     lacking[0] = mismatch
     residuals = torch.where(there[..., None], residuals, lacking)
     residuals = residuals.masked_fill(~wanted[..., None], 0.0) / wanted.sum(-1)[:, None, None]
-    return residuals.flatten(1).masked_fill(~there.any(-1, keepdim=True), float("nan"))
+    return residuals.flatten(1).masked_fill(~(there & wanted).any(-1, keepdim=True), float("nan"))
 
 
 def weight_note(losses: Mapping[str, object], width: int) -> str:

@@ -134,6 +134,13 @@ def test_layer_missing_in_the_render_costs_the_mismatch_row_7() -> None:
     assert float(CameraMovement(mismatch=0.3)(reference, rendered)) == pytest.approx(0.1)
 
 
+def test_to_lose_all_layers_that_the_reference_has_is_undefined_whatever_else_is_shown() -> None:
+    reference, rendered = moving(PAN), moving(PAN)
+    reference.layers[:, 0] = False
+    rendered.layers[:, 1:] = False  # it fills the frame with what the reference does not have
+    assert CameraMovement()(reference, rendered).isnan().all()
+
+
 def test_a_layer_seen_through_a_keyhole_counts_as_missing() -> None:
     reference, rendered = moving(PAN), moving(PUSH)
     rendered.flow[:, :, :12, 6:] = NAN  # a tenth of the first layer is left, too little to tell its field
