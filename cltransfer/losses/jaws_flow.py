@@ -80,8 +80,10 @@ class JawsFlow:
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,) [px^2 at 224, and half turns]; NaN where undefined."""
         check_pair(reference, rendered)
-        found = self._vectors(rendered)
-        wanted = interpolate(self._vectors(reference), tuple(found.shape[-2:]), mode="nearest-exact")
+        found, wanted = self._vectors(rendered), self._vectors(reference)
+        dtype = torch.promote_types(torch.promote_types(found.dtype, wanted.dtype), torch.float32)
+        found = found.to(dtype)
+        wanted = interpolate(wanted.to(dtype), tuple(found.shape[-2:]), mode="nearest-exact")
         error = flow_error(wanted, found)
         return error + self.angular * flow_angle(wanted, found) if self.angular else error
 

@@ -177,6 +177,14 @@ def test_pixels_without_a_flow_are_left_out() -> None:
     assert flow_error(a, torch.full_like(b, torch.nan)).isnan().all()
 
 
+@pytest.mark.parametrize("dtypes", [(torch.float64, torch.float32), (torch.float32, torch.float16)])
+def test_flows_of_two_types_are_compared(dtypes: tuple[torch.dtype, torch.dtype]) -> None:
+    features = (sample_features(3, 2), sample_features(1, 2))
+    sides = [replace(f, flow=f.require("flow").to(dtype)) for f, dtype in zip(features, dtypes)]
+    same = [replace(side, flow=side.require("flow").double()) for side in sides]
+    torch.testing.assert_close(JawsFlow()(*sides).double(), JawsFlow()(*same), rtol=1e-3, atol=0.0, equal_nan=True)
+
+
 def test_a_first_frame_is_undefined() -> None:
     first = sample_features(1, 2)
     first = replace(first, flow=torch.full_like(first.flow, torch.nan))
