@@ -30,6 +30,11 @@ def visible_joints(joints: Tensor) -> Tensor:
     return (joints[..., 2] > VISIBLE) & joints[..., :2].isfinite().all(-1)
 
 
+def shows_person(joints: Tensor) -> Tensor:
+    """Which of B frames know where a person is, (B,) bool, in the frame or not: some of the joints (B, J, 3) is."""
+    return joints[..., :2].isfinite().all(-1).any(-1)
+
+
 def hide_unknown(reference: Tensor, rendered: Tensor) -> Tensor:
     """``reference`` joints (B, J, 3) with confidence 0 where the render does not know the joint.
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..features import Features, check_pair
-from ..placement import frame_joints, hide_unknown, mask_centroid, visible_joints
+from ..placement import frame_joints, hide_unknown, mask_centroid, shows_person, visible_joints
 from ..registry import LOSSES
 
 
@@ -83,7 +83,7 @@ class Framing:
             return centroid_difference(shown, joints)
         shown = hide_unknown(shown, joints)
         by_joints = centroid_difference(shown, joints)
-        person = joints[..., :2].isfinite().all(-1).any(-1)
+        person = shows_person(shown) & shows_person(joints)
         none = ~visible_joints(shown).any(-1) & person
         if not bool(none.any()):  # masks take longer than all the rest
             return by_joints

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..features import Features, check_pair
-from ..placement import frame_joints, hide_unknown, mask_extent, visible_joints
+from ..placement import frame_joints, hide_unknown, mask_extent, shows_person, visible_joints
 from ..registry import LOSSES
 
 
@@ -115,7 +115,7 @@ class ShotSize:
             return key_joint_difference(shown, joints)[:, None]
         shown = hide_unknown(shown, joints)
         by_joints = key_joint_difference(shown, joints)
-        person = joints[..., :2].isfinite().all(-1).any(-1)
+        person = shows_person(shown) & shows_person(joints)
         few = (visible_joints(shown).sum(-1) < 2) & person
         if not bool(few.any()):  # masks take longer than all the rest
             return by_joints[:, None]

@@ -61,6 +61,13 @@ def test_no_joint_compares_the_masks_row_3() -> None:
     assert Framing()(first, replace(reference, subject=torch.zeros_like(masks[0]))).isnan().all()
 
 
+def test_a_reference_without_a_person_is_undefined_though_a_mask_is_there() -> None:
+    features = sample_features(0, 1)
+    nobody = replace(features, keypoints=torch.full_like(features.keypoints, torch.nan))
+    for rendered in (features, nobody):  # as a frame that does not score itself is
+        assert Framing()(nobody, rendered).isnan().all()
+
+
 def test_joint_the_scene_does_not_know_is_left_out_row_4() -> None:
     reference, rendered = sample_features(1, 2), sample_features(2, 2)
     rendered.keypoints[:, 12] = torch.nan

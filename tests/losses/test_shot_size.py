@@ -76,6 +76,13 @@ def test_too_few_joints_compare_the_masks_row_3() -> None:
     torch.testing.assert_close(value, torch.tensor([0.25]).to(value))
 
 
+def test_a_reference_without_a_person_is_undefined_though_a_mask_is_there() -> None:
+    features = sample_features(0, 1)
+    nobody = replace(features, keypoints=torch.full_like(features.keypoints, torch.nan))
+    for rendered in (features, nobody):  # as a frame that does not score itself is
+        assert ShotSize()(nobody, rendered).isnan().all()
+
+
 def test_extent_of_a_mask_counts_its_first_and_last_pixel() -> None:
     mask = torch.zeros(1, 10, 20, dtype=torch.bool)
     mask[:, 2, 3], mask[:, 6, 12] = True, True
