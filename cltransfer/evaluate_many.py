@@ -14,7 +14,7 @@ from .errors import CltransferError, InputError
 from .evaluate import evaluate
 from .pipeline.components import Components
 from .progress import Progress, silent
-from .report.metrics import finite
+from .report.metrics import rows as rows_of
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
@@ -123,10 +123,9 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
         report = evaluate(str(reference), str(render), config)
     except (CltransferError, OSError, MemoryError) as error:
         return ClipScore(method, name, reason=str(error) or "out of memory")
-    terms = report.scores.terms
-    means = {**{term.name: term.mean for term in terms}, "total": finite(report.scores.total)}
-    defined = {term.name: term.defined for term in terms} | {"total": int(report.scores.totals.isfinite().sum())}
-    lacking = {term.name: term.reason for term in terms if term.reason}
+    found = rows_of(report)
+    means, defined = {row.name: row.mean for row in found}, {row.name: row.defined for row in found}
+    lacking = {row.name: row.reason for row in found if row.reason}
     return ClipScore(method, name, means, defined, len(report.times), notes=report.notes, lacking=lacking)
 
 

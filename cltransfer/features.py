@@ -14,6 +14,7 @@ from .feature_shapes import SHAPES, check_shapes
 from .subject import Subject
 
 T = TypeVar("T")
+NOTHING = "nothing"  # of zero width, (N, 0): frames of which no feature could be read are counted by it
 
 
 class OfThisRun(str):
@@ -144,10 +145,13 @@ class Features:
         return replace(self, extras=others if value is None else {**others, name: value})
 
     def only(self, names: Iterable[str]) -> Features:
-        """The same without any feature but ``names``."""
+        """The same without any feature but ``names``; where none of them is there, still of as many frames."""
         keep = set(names)
         blank: dict[str, Any] = {n: None for n in self.names() - keep if n not in self.extras}
-        return replace(self, **blank, extras={n: v for n, v in self.extras.items() if n in keep})
+        extras = {n: v for n, v in self.extras.items() if n in keep}
+        if not self.names() & keep:
+            extras = {NOTHING: torch.zeros(len(self), 0)}
+        return replace(self, **blank, extras=extras)
 
     def to(self, device: torch.device | str, non_blocking: bool = False) -> Features:
         """The same on ``device``; cameras and the person stay on the CPU, where they are reckoned with in float64.

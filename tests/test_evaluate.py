@@ -353,6 +353,17 @@ def test_pairs_are_thinned_whichever_clip_is_longer(
         evaluate(str(clip), str(clip), config)
 
 
+def test_where_no_loss_can_be_read_every_frame_is_undefined_and_the_note_tells_why(command: Any, clip: Path) -> None:
+    others = [f"losses.{name}=null" for name in ("shot_size", "framing", "filmic_space", "camera_angle")]
+    words = (*others, "losses.camera_movement.layered=false", "extractors.flow_dis=null", "--quiet", "--json")
+    answer = command("evaluate", clip, clip, *words)
+    assert answer.code == 0, answer.err
+    said = json.loads(answer.out)["metrics"]
+    assert said["camera_movement"]["mean"] is None
+    assert said["total"]["mean"] is None
+    assert "no image extractor provides" in said["camera_movement"]["reason"]
+
+
 def test_what_a_run_has_written_is_not_replaced(command: Any, tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()

@@ -167,6 +167,11 @@ def kept(path: Path, **tensors: torch.Tensor) -> Features:
     return FeatureFile.load(path).features
 
 
+def test_a_feature_file_of_times_alone_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"features: expected at least one, it holds times alone"):
+        kept(tmp_path / "times.safetensors")
+
+
 def test_times_that_go_back_are_refused_of_any_type(tmp_path: Path) -> None:
     for dtype in (torch.uint8, torch.int32, torch.float32):
         with pytest.raises(InputError, match="expected a list of increasing times"):

@@ -112,7 +112,10 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
     own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
     _check_grids(path, own)
     extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
-    return replace(Features((width, height)), **own, extras=extras, reasons=_reasons(path, meta))
+    reasons = _reasons(path, meta)
+    if not own and not extras:
+        raise InputError(path, "features", "expected at least one, it holds times alone")
+    return replace(Features((width, height)), **own, extras=extras, reasons=reasons)
 
 
 def _typed(path: Path, name: str, value: Tensor) -> Tensor:
