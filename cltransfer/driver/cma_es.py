@@ -131,7 +131,9 @@ def reflected(x: Tensor, low: Tensor, high: Tensor) -> Tensor:
     """
     width = high - low
     folded = low + width - ((x - low).remainder(2 * width) - width).abs()
-    return torch.where(torch.isfinite(width), folded, x)
+    above = torch.where(torch.isfinite(low), low + (x - low).abs(), x)
+    below = torch.where(torch.isfinite(high), high - (high - x).abs(), above)
+    return torch.where(torch.isfinite(width), folded, below)
 
 
 def _shape(strategy: Any, before: Tensor) -> Tensor:

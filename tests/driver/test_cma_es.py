@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cltransfer.driver.cma_es import Budget, Minimum, Start, minimise
+from cltransfer.driver.cma_es import Budget, Minimum, Start, minimise, reflected
 
 CENTER = torch.tensor([0.3, -0.2, 0.6], dtype=torch.float64)
 
@@ -51,6 +51,15 @@ def test_the_box_is_respected() -> None:
     x = torch.cat(seen)
     assert bool((x >= low).all())
     assert bool((x <= high).all())
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_box_that_is_open_on_one_side_is_respected_on_the_other(side: float) -> None:
+    low, high = torch.tensor([-1.0]), torch.tensor([torch.inf])
+    if side < 0:
+        low, high = -high, -low
+    x = side * torch.tensor([[-3.0], [-1.0], [0.5], [40.0]])
+    assert (side * reflected(x, low, high))[:, 0].tolist() == [1.0, -1.0, 0.5, 40.0]
 
 
 def test_an_infinite_bound_is_free() -> None:
