@@ -209,6 +209,7 @@ def _header(
     code = {**{name: code_of(part) for name, part in named.items()}, "the scene": scene.code}
     return {
         **{f"config.{key}": value for key, value in asdict(config).items()},
+        "order of losses and extractors": [list(config.losses), list(config.extractors)],  # that of the terms recorded
         "scene": scene.digest,
         "person": scene.person_digest,
         "reference": reference.digest,

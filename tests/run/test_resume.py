@@ -229,6 +229,17 @@ def test_a_journal_is_of_what_could_be_read_of_the_reference_this_time() -> None
     assert told[1] == told[2] != told[0]
 
 
+def test_a_journal_is_of_losses_in_one_order_which_its_terms_have() -> None:
+    given, scene = Inputs("builtin:plaza", "builtin:static"), load_scene("builtin:plaza")
+    told = []
+    for names in (("jaws_pose", "jaws_flow"), ("jaws_flow", "jaws_pose")):
+        config = load_config(overrides=["preset=fast", *(f"losses.{name}={{}}" for name in names)])
+        parts = Components.build(config)
+        reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+    assert told[0] != told[1]
+
+
 @dataclass(frozen=True)
 class Gaze:
     """A loss of a plugin, and its extractor."""
