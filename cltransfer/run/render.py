@@ -108,7 +108,7 @@ def _scene_of(run: Path) -> tuple[str, tuple[float, float, float]]:
         scene = read_json(run / MANIFEST)["scene"]
         up = scene["up"]
         return str(scene["sha256"]), (float(up[0]), float(up[1]), float(up[2]))
-    except (KeyError, TypeError, ValueError, IndexError):
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError):
         raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
 
 

@@ -373,6 +373,9 @@ def test_render_refuses_what_is_no_run_and_what_is_another_scene(
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / "manifest.json").write_text(json.dumps(manifest))
     refused(command("render", run), 3, "scene")
+    manifest["scene"]["up"] = [10**400, 0, 0]
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    refused(command("render", run), 3, "manifest.json", "scene: expected sha256 and up")
 
 
 @pytest.mark.parametrize("debug", ["", "1"])
