@@ -13,6 +13,7 @@ Record: length, crc32, then crc32 of the cameras asked, rows, columns, float64 a
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -20,6 +21,7 @@ import shlex
 import struct
 import zlib
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import BinaryIO
 
@@ -28,7 +30,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..errors import InputError
+from ..errors import InputError, ResourceError
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of the cameras, rows, columns
@@ -45,6 +47,7 @@ class Journal:
 
     Raises:
         InputError: the file is no journal, or of another run.
+        ResourceError: another process writes it.
     """
 
     def __init__(self, path: Path, header: Mapping[str, object], resume: bool) -> None:
@@ -106,11 +109,28 @@ def fingerprint(cameras: Camera) -> int:
 
 
 def _open(path: Path, end: int) -> BinaryIO:
-    """The file for appending behind byte ``end``; a torn tail is cut off."""
-    stream = path.open("r+b" if end else "wb")
+    """The file for appending behind byte ``end``, this process' alone; a torn tail is cut off."""
+    stream = path.open("r+b" if path.exists() else "wb")
+    _hold(stream, path)
     stream.truncate(end)
     stream.seek(end)
     return stream
+
+
+def _hold(stream: BinaryIO, path: Path) -> None:
+    """Keep other processes from writing the same run, until the stream is closed; where the system has no locks, no."""
+    if find_spec("fcntl") is None:
+        return
+    import fcntl
+
+    try:
+        fcntl.lockf(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EAGAIN):
+            return  # a network drive without locks
+        stream.close()
+        reason, hint = "another process writes this run", "wait until it ends, or name another --out"
+        raise ResourceError(path.parent, path.name, reason, hint) from None
 
 
 def _read(path: Path, most: float = math.inf) -> tuple[list[bytes], int]:

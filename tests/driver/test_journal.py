@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
+import subprocess
+import sys
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -14,7 +16,7 @@ from torch import Tensor
 
 from cltransfer.camera import Camera
 from cltransfer.driver.journal import Journal
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.testing.samples import sample_cameras
 
 HEADER = {"seed": 0, "scene": "abc"}
@@ -174,3 +176,25 @@ def test_a_length_of_4_gigabytes_is_not_believed(tmp_path: Path) -> None:
     with (tmp_path / "j").open("ab") as stream:
         stream.write(b"\xff" * 64)
     assert ask_all(tmp_path / "j", True)[1] == 0
+
+
+def test_a_run_is_written_by_one_process_at_a_time(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    code = f"""
+import sys
+from pathlib import Path
+from cltransfer.driver.journal import Journal
+journal = Journal(Path({str(tmp_path / "j")!r}), {HEADER!r}, False)
+print("held", flush=True)
+sys.stdin.read()
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        written = (tmp_path / "j").read_bytes()
+        for resume in (True, False):
+            with pytest.raises(ResourceError, match=r"j: another process writes this run \(wait until it ends"):
+                Journal(tmp_path / "j", HEADER, resume)
+        assert (tmp_path / "j").read_bytes() == written
+        other.communicate()
+    Journal(tmp_path / "j", HEADER, True)
