@@ -1,0 +1,30 @@
+"""A page is known by the generator in its head; a folder of anything else is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltransfer.errors import UsageError
+from cltransfer.storage.pages import HEAD, INDEX, check_page
+
+OURS = '<!doctype html><meta name="generator" content="cltransfer study">'
+
+
+def test_an_empty_folder_and_an_own_page_are_taken(tmp_path: Path) -> None:
+    check_page(tmp_path / "new", "cltransfer study", "a page")
+    check_page(tmp_path, "cltransfer study", "a page")
+    (tmp_path / INDEX).write_text(OURS)
+    check_page(tmp_path, "cltransfer study", "a page")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("notes.txt", OURS), (INDEX, "mine"), (INDEX, OURS.replace("study", "inspect")), (INDEX, " " * HEAD + OURS)],
+    ids=["no page", "another page", "of another verb", "far below"],
+)
+def test_anything_else_is_refused(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(UsageError, match="--out: is neither empty nor a page of a study"):
+        check_page(tmp_path, "cltransfer study", "a page of a study")
