@@ -186,9 +186,9 @@ def markdown(ablation: Ablation) -> list[str]:
 
 
 def _head(sweep: Sweep) -> list[str]:
-    lines = [f"# {sweep.name}", ""]
+    lines = [f"# {escape(sweep.name)}", ""]
     if sweep.file.about:
-        lines += [sweep.file.about, ""]
+        lines += [escape(sweep.file.about), ""]
     if sweep.over:
         lines += [f"Over every row, from the command line: {', '.join(f'`{item}`' for item in sweep.over)}.", ""]
     return lines

@@ -40,19 +40,29 @@ Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the re
 def fail(reason: object, code: int) -> NoReturn:
     """End with one line on stderr and this exit code."""
     line = " ".join(str(reason).split())
-    print(f"error: {line}", file=sys.stderr)
+    print(f"error: {printable(line)}", file=sys.stderr)
     sys.exit(code)
 
 
 def show(values: Any, text: str, as_json: bool) -> None:
     """Print ``values`` as JSON, or ``text``."""
-    print(json.dumps(values, indent=2, allow_nan=False) if as_json else text)
+    print(json.dumps(values, indent=2, allow_nan=False) if as_json else printable(text))
 
 
 def tell(notes: list[str], as_json: bool) -> None:
     """Print ``notes`` below a result; JSON stands alone."""
     for note in notes * (not as_json):
-        print(f"note: {note}")
+        print(f"note: {printable(note)}")
+
+
+def printable(text: str) -> str:
+    r"""``text`` without signs that a terminal would act on, which somebody's file may hold; line ends stay.
+
+    >>> print(printable("a \x1b[31mred\x1b[0m\nname"))
+    a \x1b[31mred\x1b[0m
+    name
+    """
+    return "".join(sign if sign.isprintable() or sign == "\n" else ascii(sign)[1:-1] for sign in text)
 
 
 def unused_plugins(names: list[str] | None, settings: Any) -> list[str]:

@@ -182,6 +182,13 @@ def test_what_measures_a_loss_of_a_row_is_told_to_be_copied(sweep_file: SweepFil
     assert any("jaws_pose is not measured; `metrics: {losses: {jaws_pose: {}}}` measures it" in line for line in text)
 
 
+def test_the_head_of_the_page_stays_text_on_one_line(sweep_file: SweepFile) -> None:
+    sweep = read_sweep(str(sweep_file("{a: {}, b: {steps: 2}}")))
+    told = replace(sweep, name="a`b", file=replace(sweep.file, about="<b>one</b>\n\n# two | *three*"))
+    head = markdown(Ablation(told, tuple(summarise(["a", "b"], [])), ()))[:4]
+    assert head == ["# a\\`b", "", r"&lt;b>one&lt;/b>  # two \| \*three\*", ""]
+
+
 def test_no_row_is_measured_in_what_its_own_renderer_draws(
     sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

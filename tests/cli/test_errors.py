@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from cltransfer.bench.synthetic_room import synthetic_room
+from cltransfer.cli.shared import show, tell
 from cltransfer.errors import ModelError
 from cltransfer.scenes.ply import write_splats
 
@@ -237,6 +238,16 @@ def test_a_config_file_that_cannot_be_meant_is_named(
     refused(answer, 2, CONFIGS[text])
     assert "missing.yaml" in answer.err or "bad.yaml" in answer.err
     assert not (tmp_path / "pwned").exists()
+
+
+def test_what_a_terminal_would_act_on_is_shown_escaped(
+    command: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.yaml").write_text('"\\e]0;title\\a\\e[31mred": 3\n')
+    refused(command("transfer", "--config", tmp_path / "bad.yaml"), 2, "\\x1b]0;title\\x07\\x1b[31mred: no such key")
+    show({}, "a\tb\nc\x9b31m é", as_json=False)
+    tell(["\x1b[31m", "\u202ered"], as_json=False)
+    assert capsys.readouterr().out == "a\\tb\nc\\x9b31m é\nnote: \\x1b[31m\nnote: \\u202ered\n"
 
 
 LONG = "x" * 100_000
