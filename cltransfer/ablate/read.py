@@ -13,7 +13,7 @@ from typing import Any
 
 from ..config import COMMAND_LINE, lay_config, layer_of, shipped_configs
 from ..config.layers import Layer, merge, origin, parse_overrides, read_yaml
-from ..config.options import RunConfig
+from ..config.options import SECTIONS, RunConfig
 from ..errors import UsageError
 from ..reading.scene_source import split_scene
 from ..registry.typed import nearest, typed
@@ -39,7 +39,8 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     Args:
         name: a path, or one of :func:`ablations`.
         overrides: ``seeds=[0]``, ``scenes=[a.ply]``, ``references=[b.mp4]``, ``metrics.``.. and ``engine.backend=dask``
-            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics.
+            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics; an
+            option of a component switches it on in no row that sets it to null.
 
     Raises:
         UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
@@ -174,8 +175,19 @@ def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence
     if own is not None and len(file.scenes) != 1:
         raise UsageError(where, f"{key}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
     scene = None if own is None else _scene(own, where, f"{key}.scene", fence, file.scenes[0])
-    config = _config([_base(file, where), (overrides, f"{where}: {key}"), (above, COMMAND_LINE)])
+    config = _config([_base(file, where), (overrides, f"{where}: {key}"), (_over(overrides, above), COMMAND_LINE)])
     return Row(name, config, None if scene in file.scenes else scene)
+
+
+def _over(row: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """What of ``above`` goes over ``row``: all but options of a component that the row is there to leave out."""
+    kept = dict(above)
+    for section in SECTIONS:
+        own, said = row.get(section), above.get(section)
+        if isinstance(own, Mapping) and isinstance(said, Mapping):
+            left_out = [name for name, options in own.items() if options is None]
+            kept[section] = {name: options for name, options in said.items() if not options or name not in left_out}
+    return kept
 
 
 def _metrics(file: SweepFile, above: Mapping[str, Any], origins: Mapping[str, str], where: Any) -> RunConfig:
@@ -221,7 +233,8 @@ def _config(written: Iterable[tuple[Mapping[str, Any], str]]) -> RunConfig:
 
 def _with_command_line(file: SweepFile, rows: Iterable[Row], above: Mapping[str, Any]) -> SweepFile:
     """``file`` with what the command line lays over every row, and below what the metrics say."""
-    written = {row.name: merge(file.rows[row.name] or {}, above) for row in rows}
+    own = {row.name: file.rows[row.name] or {} for row in rows}
+    written = {name: merge(values, _over(values, above)) for name, values in own.items()}
     for row in rows:
         if row.scene is not None:
             written[row.name]["scene"] = asdict(row.scene)

@@ -109,6 +109,20 @@ def test_the_file_that_is_left_says_what_the_command_line_laid_over_every_row(wr
     assert {row.config.frames for row in again.rows} == {2}
 
 
+def test_an_option_on_top_of_every_row_brings_nothing_back_that_a_row_leaves_out(written: Written) -> None:
+    sweep = read_sweep("key_joints", ["losses.shot_size.weight=20"])
+    losses = {row.name: row.config.losses for row in sweep.rows}
+    assert [losses[name]["shot_size"]["weight"] for name in ("key joints", "all joints")] == [20, 20]
+    assert "shot_size" not in losses["pose matching"]
+    sweep = read_sweep("leave_one_out", ["losses.framing.weight=20"])
+    assert [row.name for row in sweep.rows if "framing" not in row.config.losses] == ["no framing"]
+    assert sweep.metrics.losses["framing"]["weight"] == 20
+    again = read_sweep(written(sweep.to_yaml()))
+    assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
+    sweep = read_sweep(written("rows: {a: {losses: {framing: null}}, b: {steps: 3}}\n"), ["losses.framing={}"])
+    assert all("framing" in row.config.losses for row in sweep.rows)  # which asks for it, in every row
+
+
 def test_the_engine_of_a_run_and_that_of_the_sweep_are_told_apart(written: Written) -> None:
     sweep = read_sweep(written(ROWS), ["engine=cma", "frames=2"])
     assert {row.config.engine for row in sweep.rows} == {"cma"}
