@@ -20,7 +20,8 @@ def told(error: Any, arguments: Sequence[str]) -> str:
         for one in command.params
         if one.required and not one.opts[0].startswith("-")
     )
-    path = f"cltransfer {str(error.ctx.command_path).partition(' ')[2]}"
+    own = str(error.ctx.find_root().info_name)  # of several words where it runs as `python -m cltransfer`
+    path = f"cltransfer{str(error.ctx.command_path).removeprefix(own)}"
     return f"{line.rstrip('.')} (expected: {path} {needed}; {path} --help tells more)"
 
 

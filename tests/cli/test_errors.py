@@ -194,6 +194,10 @@ def test_a_command_that_lacks_an_argument_says_how_it_is_written(command: Callab
     refused(command("models", "align"), 2, "(expected: cltransfer models align SCENE KEY=VALUE...; ")
 
 
+def test_how_a_command_is_written_is_the_same_where_python_runs_it(fresh: Callable[..., Any]) -> None:
+    refused(fresh("models", "align"), 2, "(expected: cltransfer models align SCENE KEY=VALUE...; ")
+
+
 @pytest.mark.parametrize("words", [(), ("bench",), ("models",)])
 def test_commands_of_commands_by_themselves_show_their_help_and_nothing_else(
     command: Callable[..., Any], words: tuple[str, ...]
