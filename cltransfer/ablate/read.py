@@ -63,7 +63,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     origins = Layer.written(said, COMMAND_LINE).over(Layer.written(written, path)).origins
     file = _typed({**merge(written, said), **located}, path, origins)
     rows = tuple(_row(file, row, above, path, fence) for row in file.rows)
-    _check_cases(file, rows, path)
+    _check_cases(file, rows, origins, path)
     metrics = _metrics(file, above, origins, path)
     over = tuple(
         item for item in overrides if item not in below_engine and item.partition("=")[0].split(".")[0] in above
@@ -194,7 +194,13 @@ def _metrics(file: SweepFile, above: Mapping[str, Any], origins: Mapping[str, st
     """Config by which all rows are measured; only what it takes of the base and of what lies above every row."""
     base, place = _base(file, where)
     written = [(_measuring(base), place), (_measuring(above), COMMAND_LINE), (file.metrics, f"{where}: metrics")]
-    config = _config(written)
+    try:
+        config = _config(written)
+    except UsageError as error:
+        key = f"metrics.{error.field}"
+        if error.where != f"{where}: metrics" or origin(origins, key) != COMMAND_LINE:
+            raise
+        raise UsageError(COMMAND_LINE, key, error.reason, error.hint) from None
     for key in (*file.metrics, *(f"extract.{name}" for name in file.metrics.get("extract", ()))):
         if key not in (*MEASURES, *(f"extract.{name}" for name in MEASURES_EXTRACT)):
             at = origin(origins, f"metrics.{key}") or where
@@ -241,17 +247,19 @@ def _with_command_line(file: SweepFile, rows: Iterable[Row], above: Mapping[str,
     return replace(file, rows=written, metrics=merge(_measuring(above), file.metrics))
 
 
-def _check_cases(file: SweepFile, rows: tuple[Row, ...], where: Any) -> None:
+def _check_cases(file: SweepFile, rows: tuple[Row, ...], origins: Mapping[str, str], where: Any) -> None:
     scenes = [str(asdict(scene)) for scene in file.scenes]
     for key, values in (("scenes", scenes), ("references", file.references), ("seeds", file.seeds)):
         if not values or len(set(values)) < len(values):
-            raise UsageError(where, key, "expected at least one, and none twice")
+            raise UsageError(origin(origins, key) or where, key, "expected at least one, and none twice")
     if min(file.seeds) < 0:
-        raise UsageError(where, "seeds", f"expected 0 or more, got {min(file.seeds)}")
+        raise UsageError(origin(origins, "seeds"), "seeds", f"expected 0 or more, got {min(file.seeds)}")
     if file.engine.workers < 0:
-        raise UsageError(where, "engine.workers", f"expected 0 or more, got {file.engine.workers}")
+        at = origin(origins, "engine.workers")
+        raise UsageError(at, "engine.workers", f"expected 0 or more, got {file.engine.workers}")
     if file.engine.backend == "dask" and not file.engine.address:
-        raise UsageError(where, "engine.address", "dask needs its scheduler's", "as engine.address=tcp://host:8786")
+        at = origin(origins, "engine.address")
+        raise UsageError(at, "engine.address", "dask needs its scheduler's", "as engine.address=tcp://host:8786")
     for i, row in enumerate(rows):
         for other in rows[:i]:
             if (row.config, row.scene) == (other.config, other.scene):
