@@ -111,13 +111,28 @@ def _read_chain(path: Path) -> Layer:
     base = own.values.get("base")
     if base is None:
         return own
-    parent_path = path.parent / str(base)
-    if not parent_path.resolve().is_relative_to(path.parent.resolve().parent):
-        raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
+    parent_path = _base(path, base)
     parent = _read(parent_path)
     if "base" in parent.values:
         raise UsageError(parent_path, "base", "a base names no further base", "merge the two files")
     return own.over(parent)
+
+
+def _base(path: Path, base: Any) -> Path:
+    """The file that ``path`` names as its ``base``, beside it or in the folder above.
+
+    Raises:
+        UsageError: it is no text, there is no such file, or it lies elsewhere.
+    """
+    if not isinstance(base, str) or not base or "\0" in base:
+        raise UsageError(path, "base", "expected the name of a file", f"got {base!r}")
+    found = path.parent / base
+    if not found.resolve().is_relative_to(path.parent.resolve().parent):
+        raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
+    if not found.is_file():
+        reason = "expected a file, got a folder" if found.is_dir() else "no such file"
+        raise UsageError(path, "base", f"{base}: {reason}", "name one in this folder or the one above")
+    return found
 
 
 def _read(path: Any) -> Layer:

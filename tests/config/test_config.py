@@ -84,6 +84,26 @@ def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
         load_config(inner / "run.yaml")
 
 
+@pytest.mark.parametrize(
+    ("base", "message"),
+    [
+        ("nothere.yaml", "nothere.yaml: no such file (name one in this folder or the one above)"),
+        (".", ".: expected a file, got a folder (name one in this folder or the one above)"),
+        ('""', "expected the name of a file (got '')"),
+        ('"a\\0"', "expected the name of a file (got 'a\\x00')"),
+        ("[a]", "expected the name of a file (got ['a'])"),
+        ("3", "expected the name of a file (got 3)"),
+    ],
+)
+def test_a_base_that_is_no_file_is_told_with_the_file_and_key_that_name_it(
+    tmp_path: Path, base: str, message: str
+) -> None:
+    (tmp_path / "run.yaml").write_text(f"base: {base}\n")
+    with pytest.raises(UsageError) as caught:
+        load_config(tmp_path / "run.yaml")
+    assert str(caught.value) == f"{tmp_path / 'run.yaml'}: base: {message}"
+
+
 def test_naming_another_search_replaces_the_one_below() -> None:
     assert list(load_config(overrides=["search.paper_box={}"]).search) == ["paper_box"]
 
