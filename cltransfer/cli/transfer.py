@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from ..transfer import Inputs
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
+KEY = re.compile(r"[-. ]*\w[-\w. ]*=")  # no name with a /, : or # is one
 
 
 def transfer(
@@ -147,6 +149,5 @@ def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
 
 
 def is_override(argument: str) -> bool:
-    """Whether it is key=value, and not a file whose name has a =."""
-    key = argument.partition("=")[0]
-    return "=" in argument and key.replace(".", "").replace("_", "").isalnum() and not os.path.exists(argument)
+    """Whether it is key=value, its key perhaps misspelt with dashes or spaces, and not a file whose name has a =."""
+    return KEY.match(argument) is not None and not os.path.exists(argument)

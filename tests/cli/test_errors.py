@@ -157,6 +157,10 @@ USAGE = {
     "--output-side=64": "(keys are set without dashes: output_side=64)",
     "--losses.framing.weight=2": "(keys are set without dashes: losses.framing.weight=2)",
     "--frams=24": "No such option: --frams\n",
+    "search-side=96": "search-side: no such key (did you mean 'search_side'?)",
+    "search side=96": "search side: no such key (did you mean 'search_side'?)",
+    "frames =12": "frames : no such key (did you mean 'frames'?)",
+    "allow-plugin=a.py": "allow-plugin: no such key (--allow-plugin a.py is an option)",
     "out=run2": "command line: out: no such key (--out run2 is an option)",
     "allow_plugin=a.py": "allow_plugin: no such key (--allow-plugin a.py is an option)",
     "video=a.mp4": "video: no such key (known: adam,",
@@ -175,6 +179,16 @@ def test_a_command_that_cannot_be_meant_is_usage(
     refused(answer, 2, USAGE[argument])
     assert "/not/to/be/told" not in answer.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_name_with_an_equals_sign_is_a_path_where_there_is_such_a_file_or_it_can_be_no_key(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "room-side=96.ply").write_text("no scene")
+    refused(command("transfer", "room-side=96.ply"), 3, "room-side=96.ply: magic")
+    for name in ("scenes/room-side=96.ply", "#=1.ply", "builtin:room=3"):
+        assert "no such key" not in command("transfer", name).err
 
 
 def test_a_clip_before_the_scene_is_told(command: Callable[..., Any], tmp_path: Path) -> None:
