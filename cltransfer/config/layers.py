@@ -77,6 +77,7 @@ def read_yaml(path: Any) -> dict[str, Any]:
     try:
         check_yaml(text, loader)
     except (yaml.YAMLError, ValueError) as error:
+        _refuse_tab(text, path, getattr(error, "problem_mark", None))
         raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
     _refuse_misread(text, path, "", loader)
     try:
@@ -161,6 +162,13 @@ def _refuse_misread(text: str, where: Any, field: str, loader: Any) -> None:
             raise UsageError(
                 where, field, reason, "write a number without leading zeros and colons, and text in quotes"
             )
+
+
+def _refuse_tab(text: str, where: Any, mark: Any) -> None:
+    """Tell of a tab that ``text`` is indented by where YAML could not go on, at ``mark``; None where nobody knows."""
+    lines = text.splitlines()
+    if mark is not None and mark.line < len(lines) and re.match(" *\t", lines[mark.line]):
+        raise UsageError(where, f"line {mark.line + 1}", "a tab, expected spaces", "YAML is indented by spaces alone")
 
 
 def _interpolates(value: Any) -> bool:

@@ -226,7 +226,7 @@ CONFIGS = {
     "genrations: 3\n": "did you mean",
     "losses: {framing: {_target_: os.system}}\n": "no such option",
     "losses: 3\n": "losses",
-    "generations: 3\n\tpatience: 1\n": "not a config",
+    "generations: 3\n\tpatience: 1\n": "bad.yaml: line 2: a tab, expected spaces",
     "generations: 3\ngenerations: 4\n": "duplicate",
     "seed: !!python/object/apply:os.system [touch pwned]\n": "not a config",
     "preset: ${oc.env:HOME}\n": "interpolation",

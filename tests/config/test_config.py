@@ -174,6 +174,10 @@ def test_what_only_resembles_a_number_of_another_base_is_read() -> None:
     ("text", "message"),
     [
         ("a: [", "not a config"),
+        ("frames: 3\n\tseed: 2\n", "line 2: a tab, expected spaces"),
+        ("losses:\n\tframing: {}\n", "line 2: a tab, expected spaces"),
+        ("losses:\n  framing:\n  \tweight: 2\n  \tmode: robust\n", ": a tab, expected spaces"),
+        ("losses: {\n\tframing: {}}\na: [", "not a config"),
         ("- 1\n- 2\n", "expected a mapping"),
         ("seed: !!python/object/apply:os.system ['true']\n", "not a config"),
         ("seed: ${seed}\n", "interpolation"),
