@@ -20,9 +20,10 @@ from pathlib import Path
 
 import onnx
 import onnx.compose
+from google.protobuf.message import DecodeError
 from onnx import ModelProto, TensorProto, ValueInfoProto, helper
 
-from cltransfer.errors import CltransferError, InputError, ModelError
+from cltransfer.errors import CltransferError, InputError, ModelError, ResourceError
 from cltransfer.models.onnx import Network
 from cltransfer.storage.files import atomic, content_hash
 
@@ -61,7 +62,7 @@ def fit(model: ModelProto, wanted: Interface, where: Path) -> ModelProto:
     """``model`` with the names and the layout of ``wanted``.
 
     Raises:
-        InputError: an input or output of that shape is missing or there are several.
+        InputError: an input or output of that shape is missing or there are several; or it is no valid network.
     """
     fitted = onnx.compose.add_prefix(model, "tf_")  # none of its names is one of ours then
     graph = fitted.graph
@@ -79,7 +80,11 @@ def fit(model: ModelProto, wanted: Interface, where: Path) -> ModelProto:
     nodes = [*before, *graph.node, *after]
     del graph.node[:]
     graph.node.extend(nodes)
-    onnx.checker.check_model(fitted)
+    try:
+        onnx.checker.check_model(fitted)
+    except onnx.checker.ValidationError as error:
+        reason = f"expected a valid network, {' '.join(str(error).split())[:200]}"
+        raise InputError(where, "network", reason) from None
     return fitted
 
 
@@ -106,13 +111,16 @@ def translated(path: Path) -> ModelProto:
     """The network in an .onnx or .tflite file, the latter by tf2onnx.
 
     Raises:
-        InputError: there is no such file.
+        InputError: there is no such file, or it is damaged.
         ModelError: tf2onnx is not installed.
     """
     if not path.is_file():
         raise InputError(path, "network", "no such file")
     if path.suffix == ".onnx":
-        return onnx.load(str(path), load_external_data=False)
+        try:
+            return onnx.load(str(path), load_external_data=False)
+        except DecodeError:
+            raise InputError(path, "network", "expected ONNX, it cannot be read", "is the file whole?") from None
     try:
         import tf2onnx
     except ImportError:
@@ -135,6 +143,9 @@ def main(arguments: list[str] | None = None) -> int:
     except CltransferError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
+    except OSError as error:
+        print(f"error: {error.filename or options.out}: {error.strerror or error}", file=sys.stderr)
+        return ResourceError.exit_code
     print(f"{options.out} sha256 {content_hash(options.out)} {options.out.stat().st_size} bytes")
     return 0
 

@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from cltransfer.errors import CltransferError, InputError, ModelError
+from cltransfer.errors import CltransferError, InputError, ModelError, ResourceError
 from cltransfer.models.onnx import Network
 from cltransfer.storage.files import atomic, content_hash
 
@@ -107,6 +107,19 @@ def load(module: nn.Module, path: Path) -> nn.Module:
     return module
 
 
+def pretrained(family: Any, folder: Path) -> nn.Module:
+    """A network of transformers from its folder; nothing is fetched, and nothing unpickled.
+
+    Raises:
+        InputError: the folder does not hold it.
+    """
+    try:
+        net: nn.Module = family.from_pretrained(folder, local_files_only=True, use_safetensors=True)
+    except OSError as error:
+        raise InputError(folder, "checkpoint", " ".join(str(error).split())[:200]) from None
+    return net
+
+
 def raft(options: argparse.Namespace) -> nn.Module:
     """RAFT of torchvision, fed with RGB 0-255."""
     from torchvision.models.optical_flow import raft_large, raft_small
@@ -131,7 +144,7 @@ def vitpose(options: argparse.Namespace) -> nn.Module:
     """ViTPose of transformers, from a folder with config.json and model.safetensors."""
     from transformers import VitPoseForPoseEstimation
 
-    net = VitPoseForPoseEstimation.from_pretrained(options.checkpoint, local_files_only=True, use_safetensors=True)
+    net = pretrained(VitPoseForPoseEstimation, options.checkpoint)
     return Wrapped(net, lambda inner, image: inner(pixel_values=image).heatmaps)
 
 
@@ -139,7 +152,7 @@ def depth_anything(options: argparse.Namespace) -> nn.Module:
     """Depth Anything V1 or V2 of transformers, relative or metric, from a folder like that of ViTPose."""
     from transformers import AutoModelForDepthEstimation
 
-    net = AutoModelForDepthEstimation.from_pretrained(options.checkpoint, local_files_only=True, use_safetensors=True)
+    net = pretrained(AutoModelForDepthEstimation, options.checkpoint)
     return Wrapped(net, lambda inner, image: inner(pixel_values=image).predicted_depth)
 
 
@@ -225,6 +238,9 @@ def main(arguments: list[str] | None = None) -> int:
     except CltransferError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
+    except OSError as error:
+        print(f"error: {error.filename or options.out}: {error.strerror or error}", file=sys.stderr)
+        return ResourceError.exit_code
     print(f"{options.out} sha256 {content_hash(options.out)} {options.out.stat().st_size} bytes")
     return 0
 

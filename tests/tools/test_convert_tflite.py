@@ -100,6 +100,26 @@ def test_what_is_another_network_is_refused_in_one_line_and_nothing_is_kept(tool
     assert sorted(path.name for path in tmp_path.iterdir()) == ["raw.onnx"]
 
 
+def test_a_damaged_network_and_a_folder_that_cannot_be_made_are_one_line(tool, tmp_path, capsys):
+    raw = channels_last_selfie(tmp_path / "raw.onnx")
+    (tmp_path / "bad.onnx").write_bytes(raw.read_bytes()[:-40])
+    unknown = [helper.make_node("Nonesuch", ["input_1"], ["activation_10"])]
+    wrong = saved(
+        tmp_path / "wrong.onnx", unknown, [value("input_1", 1, 144, 256, 3)], [value("activation_10", 1, 144, 256, 1)]
+    )
+    for name, out, code, line in (
+        ("bad.onnx", "out.onnx", 3, "bad.onnx: network: expected ONNX, it cannot be read (is the file whole?)\n"),
+        ("wrong.onnx", "out.onnx", 3, "wrong.onnx: network: expected a valid network, No Op registered for Nonesuch"),
+        ("raw.onnx", "raw.onnx/out.onnx", 5, f"error: {raw}: "),
+    ):
+        assert tool.main([str(tmp_path / name), str(tmp_path / out), "--as", "selfie"]) == code
+        said = capsys.readouterr().err
+        assert said.startswith("error: ")
+        assert said.count("\n") == 1
+        assert line in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.onnx", "raw.onnx", wrong.name]
+
+
 @pytest.mark.skipif(importlib.util.find_spec("tf2onnx") is not None, reason="tf2onnx is installed")
 def test_without_tf2onnx_the_line_says_how_to_get_it(tool, tmp_path, capsys):
     (tmp_path / "a.tflite").write_bytes(b"TFL3")

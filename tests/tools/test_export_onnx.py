@@ -202,3 +202,21 @@ def test_arguments_and_missing_packages_are_told_in_one_line(tool, tmp_path, cap
     assert caught.value.code == 2
     options = tool.parser().parse_args(["raft", "a.pth", "b.onnx", "--width", "640", "--small"])
     assert (options.checkpoint, options.out, options.width, options.small) == (Path("a.pth"), Path("b.onnx"), 640, True)
+
+
+def test_a_folder_that_cannot_be_made_or_holds_no_network_is_one_line(tool, package, tmp_path, capsys):
+    def from_pretrained(folder: Path, **options: bool) -> nn.Module:
+        if not folder.is_dir():
+            raise OSError(f"{folder} is not a local folder\nand holds\nno config.json")
+        return Red()
+
+    package("transformers", AutoModelForDepthEstimation=SimpleNamespace(from_pretrained=from_pretrained))
+    (tmp_path / "file").touch()
+    for folder, out, code, line in (
+        (tmp_path, tmp_path / "file" / "net.onnx", 5, f"error: {tmp_path / 'file'}: "),
+        (tmp_path / "none", tmp_path / "net.onnx", 3, "none: checkpoint: "),
+    ):
+        assert tool.main(["depth_anything", str(folder), str(out), "--height", "28", "--width", "42"]) == code
+        said = capsys.readouterr().err
+        assert line in said
+        assert said.count("\n") == 1
