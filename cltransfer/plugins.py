@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from traceback import walk_tb
 
 from .errors import ModelError
 from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES
@@ -124,9 +125,11 @@ def import_settled(names: Sequence[str]) -> list[str]:
 def _import_point(point: EntryPoint) -> None:
     try:
         point.load()
-    except ModelError:
+    except ModelError as error:
         _forget(point.module)
-        raise
+        if error.where:
+            raise
+        raise ModelError(point.value, error.field, error.reason, error.hint) from error
     except (Exception, SystemExit) as error:
         _forget(point.module)
         raise ModelError(point.value, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
@@ -163,15 +166,24 @@ def _import_file(source: Source) -> str:
     sys.modules[source.module] = module  # dataclasses look their module up
     try:
         spec.loader.exec_module(module)
-    except ModelError:
+    except ModelError as error:
         _forget(source.module)
-        raise
+        if error.where:
+            raise
+        raise ModelError(_file_of(source, error), error.field, error.reason, error.hint) from error
     except (Exception, SystemExit) as error:
         _forget(source.module)
         reason = f"failed at import: {type(error).__name__}: {error}"
         raise ModelError(source.path, "plugin", reason, _hint(source, error)) from error
     _CODE[source.module] = source.code()
     return str(source.path)
+
+
+def _file_of(source: Source, error: BaseException) -> Path:
+    """The file of ``source``, or of the package that it is, that was being imported when ``error`` was raised."""
+    place = source.path.parent if source.package else source.path
+    files = [Path(frame.f_code.co_filename) for frame, _ in walk_tb(error.__traceback__)]
+    return next((file for file in reversed(files) if file.is_relative_to(place)), source.path)
 
 
 def _known(source: Source) -> bool:

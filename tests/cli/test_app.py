@@ -457,4 +457,7 @@ def test_a_plugin_that_fails_at_import_is_named(fresh: Callable[..., Any], tmp_p
 def test_a_plugin_cannot_take_a_built_in_name(fresh: Callable[..., Any], tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(PLUGIN.replace('"headroom"', '"framing"'))
     answer = fresh("transfer", "--allow-plugin", "mine.py", "--print-config")
-    assert (answer.code, answer.err) == (4, "error: loss 'framing': the name is taken; choose another\n")
+    assert (answer.code, answer.err) == (
+        4,
+        f"error: {tmp_path / 'mine.py'}: loss 'framing': the name is taken; choose another\n",
+    )

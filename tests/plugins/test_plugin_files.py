@@ -63,6 +63,40 @@ def test_a_file_of_a_package_is_refused_with_what_to_name(package: Path, own_los
         allow([package])
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "line"),
+    [
+        ('"mine"', '"Head-room"', "loss 'Head-room': expected small letters, digits and _"),
+        ('"mine"', '"framing"', "loss 'framing': the name is taken"),
+        ("(frozen=True)", "", "loss 'mine': expected @dataclass(frozen=True)"),
+        ("    __call__ = print\n", "", "loss 'mine': class Mine has no "),
+    ],
+)
+def test_a_component_that_is_refused_is_told_with_its_file(
+    package: Path, tmp_path: Path, own_loss: str, right: str, wrong: str, line: str
+) -> None:
+    (tmp_path / "lone.py").write_text(own_loss.replace(right, wrong))
+    (package / "loss.py").write_text(own_loss.replace(right, wrong))
+    for named, file in ((tmp_path / "lone.py", tmp_path / "lone.py"), (package, package / "loss.py")):
+        with pytest.raises(ModelError) as caught:
+            allow([named])
+        assert str(caught.value).startswith(f"{file}: {line}")
+        assert "mine" not in LOSSES.names()
+
+
+def test_a_component_of_an_installed_plugin_that_is_refused_is_told_with_its_module(
+    tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    info = tmp_path / "cl_refused-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: cl-refused\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text("[cltransfer.plugins]\nrefused = cl_refused\n")
+    (tmp_path / "cl_refused.py").write_text(own_loss.replace('"mine"', '"framing"'))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModelError, match=r"^cl_refused: loss 'framing': the name is taken; choose another$"):
+        allow(["refused"])
+
+
 def test_a_package_that_failed_is_imported_whole_when_it_is_mended(package: Path) -> None:
     tools = (package / "tools.py").read_text()
     (package / "tools.py").write_text("V = 3.0\n")
