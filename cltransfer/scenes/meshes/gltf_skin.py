@@ -124,10 +124,13 @@ def _world(gltf: Gltf, local: list[Array]) -> list[Array]:
 
 
 def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
-    """The same document with the pose of every node written down, and no animation."""
+    """The same document with the pose of every node written down, no animation and no camera.
+
+    trimesh puts no node that has a camera into its scene, and so nothing that hangs from one.
+    """
     nodes = []
     for node, matrix in zip(gltf.tree.get("nodes", []), local):
-        kept = {key: value for key, value in node.items() if key not in REST}
+        kept = {key: value for key, value in node.items() if key not in (*REST, "camera")}
         nodes.append({**kept, "matrix": matrix.T.ravel().tolist()})
     tree = {key: value for key, value in gltf.tree.items() if key not in ("animations", "skins")}
     return replace(gltf, tree={**tree, "nodes": nodes})

@@ -141,6 +141,17 @@ def test_node_transforms_are_applied_and_the_skin_posed(bar, write_glb, write_gl
         assert not mesh.label.any()  # two joints are no person
 
 
+@pytest.mark.parametrize("node", [0, 2])
+def test_a_mesh_on_or_below_the_node_of_a_camera_is_there(bar, write_glb, tmp_path, node):
+    tree, blob = bar()
+    tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1, "aspectRatio": 1.5}}]
+    tree["nodes"][2]["mesh"] = 0
+    tree["nodes"][node]["camera"] = 0
+    del tree["nodes"][3]["mesh"]
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    torch.testing.assert_close(mesh.vertices.mean(0), torch.tensor([10.0, 2, 0]))
+
+
 def test_a_gltf_reads_its_buffer_from_a_file_beside_it(bar, write_gltf, tmp_path):
     tree, blob = bar()
     (tmp_path / "bar.bin").write_bytes(blob)
