@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from ...clips.decoding import IMAGE_DEMUXERS
-from ...clips.image_folder import natural_order
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
@@ -20,7 +19,8 @@ BYTE_LIMIT = IMAGE_LIMIT * ROW * 8 + 4096
 def read_llff(path: Path) -> PosedImages:
     """Images and cameras of a poses_bounds.npy.
 
-    Rows belong to the images of ``images/``, else to the videos beside the file, in the natural order of their names.
+    Rows belong to the images of ``images/``, else to the videos beside the file, in the order of their names' letters:
+    LLFF writes them so, img_10 before img_2.
 
     Raises:
         InputError: see :func:`cltransfer.scenes.posed.read_posed`; or there are not as many images as rows.
@@ -60,6 +60,6 @@ def _files(path: Path) -> list[Path]:
     folder, suffixes = path.parent / "images", tuple(IMAGE_DEMUXERS)
     if not folder.is_dir():
         folder, suffixes = path.parent, VIDEOS
-    names = sorted((f.name for f in folder.iterdir() if f.suffix.lower() in suffixes), key=natural_order)
+    names = sorted(f.name for f in folder.iterdir() if f.suffix.lower() in suffixes)
     found = [find_image(path.parent, f"{folder.relative_to(path.parent)}/{name}", path) for name in names]
     return [file for file in found if file is not None]

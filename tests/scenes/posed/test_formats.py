@@ -58,9 +58,10 @@ def write_inria(root: Path) -> None:
 
 
 def write_llff(root: Path) -> None:
+    """Rows stand as the letters of the names do: cam10, cam2, cam9."""
     write_images(root / "images")
     rows = []
-    for pose in truth().c2w.numpy():
+    for _, pose in sorted(zip(NAMES, truth().c2w.numpy()), key=lambda pair: pair[0]):
         right, down, forward = pose[:3, :3].T
         matrix = np.stack([down, right, -forward, pose[:3, 3], [SIZE[1], SIZE[0], FOCAL]], axis=1)
         rows.append([*matrix.reshape(-1), 0.5, 9.0])
@@ -203,8 +204,8 @@ def test_the_first_frame_of_a_video_stands_for_its_camera(tmp_path: Path) -> Non
         frames = torch.full((2, 3, SIZE[1], SIZE[0]), 40 * (index + 1), dtype=torch.uint8)
         write_video(tmp_path / f"cam{index + 8}.mkv", frames, torch.tensor([0.0, 0.1]), lossless=True)
     posed = read_posed(tmp_path)
-    assert posed.names == ("cam8.mkv", "cam9.mkv", "cam10.mkv")
-    assert posed.images([2], 64)[1].unique().tolist() == [120]
+    assert posed.names == ("cam10.mkv", "cam8.mkv", "cam9.mkv")
+    assert posed.images([0], 64)[1].unique().tolist() == [120]
 
 
 def test_intrinsics_of_a_frame_go_before_those_of_the_set(tmp_path: Path) -> None:
