@@ -21,6 +21,7 @@ SIZES = {  # bytes
     **{"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "float32": 4, "float64": 8},
 }
 Table = np.ndarray[Any, np.dtype[Any]]
+_REMARKS = ([b"comment"], [b"obj_info"])  # words that begin a line that may hold anything
 _HINT = "is it a Gaussian-splat PLY?"
 
 
@@ -64,11 +65,11 @@ def check_header(path: Path) -> dict[str, Element]:
         reason = f"longer than {HEADER_LIMIT} bytes" if long else "cut off before 'end_header'"
         crlf = b"\nend_header\r" in start
         raise InputError(path, "header", "expected lines that end in LF, got CR" if crlf else reason)
+    lines = [line for line in header.splitlines()[1:] if line.split()[:1] not in _REMARKS]
     try:
-        lines = header.decode("ascii").splitlines()
+        elements = _parse(path, [line.decode("ascii") for line in lines])
     except UnicodeDecodeError:
         raise InputError(path, "header", "expected ASCII text") from None
-    elements = _parse(path, lines[1:])
     _check_size(path, len(header) + len(mark), elements)
     return elements
 
@@ -111,7 +112,7 @@ def _parse(path: Path, lines: Iterable[str]) -> dict[str, Element]:
     found_format = False
     for line in lines:
         match line.split():
-            case [] | ["comment" | "obj_info", *_]:
+            case []:
                 continue
             case ["format", *rest]:
                 found_format = True

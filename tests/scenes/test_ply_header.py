@@ -124,6 +124,14 @@ def test_faces_of_which_there_are_none_are_no_fault(tmp_path):
     assert len(read_splats(tmp_path / "scene.ply")) == 4
 
 
+@pytest.mark.parametrize("word", [b"comment", b"obj_info"])
+@pytest.mark.parametrize(
+    "text", ["café 東京".encode(), "café".encode("latin-1"), "a\u2028b\x85c\x0bd".encode(), b"\xff\xfe"]
+)
+def test_a_comment_may_hold_anything(tmp_path, word, text):
+    assert len(read(tmp_path, GOOD.replace(b"element", word + b" " + text + b"\nelement"))) == 4
+
+
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
     for path, reason in ((tmp_path / "no.ply", "no such file"), (tmp_path, "expected a file, got a folder")):
         with pytest.raises(InputError, match=reason):
