@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.memory import require_free
 from ...errors import InputError
 from ...renderers.kernels import Array
 from .asset_files import Beside, read_limited
@@ -19,6 +20,7 @@ from .gltf_places import GLOSSY, TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
 
 NODE_LIMIT = 100_000
+ZERO_BYTES = 8  # of a number that a sparse array does not store
 DATA = "data:"
 EXTENSIONS = {"KHR_materials_unlit", "EXT_texture_webp", TRANSFORM, GLOSSY}  # that are read
 
@@ -63,6 +65,7 @@ class Gltf:
 
         Raises:
             InputError: it reaches beyond its buffer, or is of an unknown type.
+            ResourceError: it is sparse, and takes more memory than is free.
         """
         about, field = self.entry("accessors", accessor), f"accessors[{accessor}]"
         return self._sparse(field, about) if "sparse" in about else self._dense(field, about)
@@ -75,11 +78,16 @@ class Gltf:
             f"{field}.indices", {**few, "type": "SCALAR", "byteOffset": 0, "normalized": False, **sparse["indices"]}
         )
         values = self._dense(f"{field}.values", {**few, "byteOffset": 0, **sparse["values"]})
-        rows = self._dense(field, plain) if "bufferView" in about else np.zeros((about["count"], values.shape[1]))
+        rows = self._dense(field, plain) if "bufferView" in about else self._zeros(field, about, values.shape[1])
         if chosen.dtype.kind != "u" or chosen.max() >= len(rows):
             raise InputError(self.path, f"{field}.indices", f"name row {chosen.max()} of {len(rows)}")
         rows[chosen[:, 0]] = values
         return rows
+
+    def _zeros(self, field: str, about: dict[str, Any], width: int) -> Array:
+        rows = about["count"]  # which nothing in the file holds
+        require_free(ZERO_BYTES * rows * width, self.path, f"{rows} rows of {field}", "thin the file")
+        return np.zeros((rows, width))
 
     def _dense(self, field: str, about: dict[str, Any]) -> Array:
         count, offset = about.get("count", 0), about.get("byteOffset", 0)

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cltransfer.errors import InputError
+from cltransfer.computer import memory
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.meshes import asset_files
 from cltransfer.scenes.meshes.asset_files import Beside
 from cltransfer.scenes.meshes.gltf_file import read_gltf
@@ -67,3 +70,18 @@ def test_a_name_that_is_too_long_for_a_file_is_refused_in_one_line(bar, write_gl
     path = write_gltf(tmp_path / "bar.gltf", *bar(), "a" * 5000)
     with pytest.raises(InputError, match=r"bar.gltf: uri: no such file 'a{80}'"):
         read_mesh(path)
+
+
+def test_rows_that_a_sparse_array_does_not_store_are_held_against_the_memory(bar, write_glb, tmp_path, monkeypatch):
+    tree, blob = bar()
+    few = {"count": 1, "indices": {"bufferView": 3, "componentType": 5123}, "values": {"bufferView": 0}}
+    tree["accessors"].append({"componentType": 5126, "count": 20_000_000, "type": "VEC3", "sparse": few})
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    gltf = read_gltf(path, Beside(path))
+    monkeypatch.setattr(memory, "free_bytes", lambda: 20_000_000 * 3 * 8 - 1)
+    reason = r"bar.glb: memory: 20000000 rows of accessors\[7\] need 458 MB"
+    with pytest.raises(ResourceError, match=reason):
+        gltf.array(7)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 4 * 3 * 8)
+    tree["accessors"][7]["count"] = 4
+    assert replace(gltf, tree=tree).array(7).tolist() == [[pytest.approx(-0.1), 0, 0], [0] * 3, [0] * 3, [0] * 3]
