@@ -43,8 +43,8 @@ def channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str],
 
 
 def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str) -> Array:
-    """Value of one sampler: held, or between two keys on a line or a great circle."""
-    times, values = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"]).astype(np.float64)
+    """Value of one sampler, a copy: held, or between two keys on a line or a great circle."""
+    times, values = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"])
     if path == WEIGHTS:  # as many numbers for a key as there are targets
         values = values.reshape(len(times), -1)
     kind = sampler.get("interpolation", "LINEAR")
@@ -52,9 +52,9 @@ def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str) -> Arra
         raise InputError(gltf.path, "animations", f"interpolation {kind} is not read", "bake it to LINEAR or STEP")
     after = int(np.searchsorted(times, time, side="right"))
     if after == 0 or after == len(times) or kind == "STEP":
-        return np.asarray(values[max(after - 1, 0)])
+        return np.asarray(values[max(after - 1, 0)].astype(np.float64))
     share = float((time - times[after - 1]) / (times[after] - times[after - 1]))
-    start, end = values[after - 1], values[after]
+    start, end = values[after - 1 : after + 1].astype(np.float64)
     if path != "rotation":
         return np.asarray(start + share * (end - start))
     if start @ end < 0:  # the same rotation by the shorter way

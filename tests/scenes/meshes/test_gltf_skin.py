@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cltransfer.errors import InputError
 from cltransfer.scenes.meshes.asset_files import Beside
-from cltransfer.scenes.meshes.gltf_file import read_gltf
+from cltransfer.scenes.meshes.gltf_animation import channels
+from cltransfer.scenes.meshes.gltf_file import Gltf, read_gltf
 from cltransfer.scenes.meshes.gltf_skin import POSED, posed
 
 
@@ -46,6 +49,24 @@ def test_the_shorter_way_round_is_taken(bar, write_glb, tmp_path):
     path = write_glb(tmp_path / "bar.glb", tree, turned)
     _, rig = posed(read_gltf(path, Beside(path)), 0.5)
     np.testing.assert_allclose(rig.vertices[2:].mean(0)[0], 10 - math.sin(math.radians(45)), atol=1e-6)
+
+
+@pytest.mark.parametrize("time", [-1.0, 1.0, 1.5, 1e9])
+def test_of_a_long_animation_only_the_keys_of_the_moment_are_kept(builder, time):
+    keys, b = 200_000, builder()
+    times = b.add(np.arange(keys)[:, None], kind="SCALAR")
+    turns = b.add(np.tile([0, 0, 0, 1], (keys, 1)), kind="VEC4")
+    sampled = [{"sampler": 0, "target": {"node": node, "path": "rotation"}} for node in range(8)]
+    animation = {"channels": sampled, "samplers": [{"input": times, "output": turns}]}
+    tree = {"accessors": b.accessors, "bufferViews": b.views, "animations": [animation]}
+    gltf = Gltf(Path("long.glb"), tree, (b.blob,))
+    tracemalloc.start()
+    values = channels(gltf, time, None)
+    kept, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert [value.tolist() for value in values.values()] == [[0, 0, 0, 1]] * 8
+    assert kept < 2**20
+    assert most < 2 * len(b.blob)
 
 
 def test_an_animation_is_chosen_by_name(pose):
