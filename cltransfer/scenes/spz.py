@@ -9,6 +9,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -21,6 +22,7 @@ MAGIC = 0x5053474E
 HEADER = struct.Struct("<IIIBBBB")
 COUNT_LIMIT = 20_000_000
 BYTE_LIMIT = 4 * 2**30
+PIECE = 2**18  # bytes that are read, or unpacked, at a time
 EXTENDED = 2  # flag: something stands between header and arrays
 COLOR_SCALE = 0.15  # of the first harmonic in 8 bits
 TURN = np.array([1, -1, -1], np.float32)  # half a turn about x, of x, y, z
@@ -55,25 +57,35 @@ def read_spz(path: Path) -> Splats:
     if path.stat().st_size > BYTE_LIMIT:
         raise InputError(path, "size", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
     stream = zlib.decompressobj(wbits=31)
-    packed = path.read_bytes()
-    header = _header(path, _inflated(path, stream, packed, HEADER.size))
-    size = header.count * sum(header.arrays.values())
-    degree = affordable_degree(path, header.count, header.degree, size)
-    body = _inflated(path, stream, stream.unconsumed_tail, size + 1)  # one more byte would be one too many
+    with path.open("rb") as packed:
+        header = _header(path, _inflated(path, stream, packed, HEADER.size))
+        size = header.count * sum(header.arrays.values())
+        degree = affordable_degree(path, header.count, header.degree, size)
+        body = _inflated(path, stream, packed, size + 1)  # one more byte would be one too many
     if len(body) != size:
         found = f"more than {size}" if len(body) > size else str(len(body))
         raise InputError(path, "body", f"expected {size} bytes, got {found}")
     return drawable(path, _columns(header, body, (degree + 1) ** 2))
 
 
-def _inflated(path: Path, stream: zlib._Decompress, packed: bytes, most: int) -> bytes:
-    try:
-        return stream.decompress(packed, most)
-    except zlib.error as error:
-        raise InputError(path, "", f"not readable as gzip: {error}", _hint(path)) from None
+def _inflated(path: Path, stream: zlib._Decompress, packed: BinaryIO, most: int) -> bytearray:
+    """What comes next, at most ``most`` bytes, unpacked piece by piece into its place."""
+    data, end = bytearray(most), 0
+    while end < most and not stream.eof:
+        some = stream.unconsumed_tail or packed.read(PIECE)
+        try:
+            piece = stream.decompress(some, min(PIECE, most - end))
+        except zlib.error as error:
+            raise InputError(path, "", f"not readable as gzip: {error}", _hint(path)) from None
+        if not some and not piece:
+            break  # cut off
+        data[end : end + len(piece)] = piece
+        end += len(piece)
+    del data[end:]
+    return data
 
 
-def _header(path: Path, data: bytes) -> Header:
+def _header(path: Path, data: bytearray) -> Header:
     if len(data) < HEADER.size:
         raise InputError(path, "header", "cut off")
     magic, version, count, degree, fraction, flags, _ = HEADER.unpack(data)
@@ -93,7 +105,7 @@ def _hint(path: Path) -> str:
     return f"convert it: splat-transform {path.name} {path.stem}.ply"
 
 
-def _columns(header: Header, body: bytes, terms: int) -> Columns:
+def _columns(header: Header, body: bytearray, terms: int) -> Columns:
     """Values of the arrays, with ``terms`` harmonics a channel."""
     parts, at = {}, 0
     for name, width in header.arrays.items():

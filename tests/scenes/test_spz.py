@@ -160,6 +160,26 @@ def test_a_stream_that_grows_beyond_its_header_is_not_unpacked(tmp_path):
         read_spz(path)
 
 
+def test_of_a_file_no_more_is_read_than_its_header_says(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, 2**23, np.uint8)
+    path = written(tmp_path, header(3, 1, 0) + noise.tobytes())
+    assert path.stat().st_size > 2**23
+    tracemalloc.start()
+    with pytest.raises(InputError, match="got more than 20"):
+        read_spz(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**21
+
+
+def test_a_file_that_is_cut_off_is_refused(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, 20 * 50_000, np.uint8)
+    path = written(tmp_path, header(3, 50_000, 0) + noise.tobytes())
+    path.write_bytes(path.read_bytes()[:600_000])
+    with pytest.raises(InputError, match=r"body: expected 1000000 bytes, got 599\d\d\d"):
+        read_spz(path)
+
+
 def test_what_is_no_gzip_is_refused(tmp_path):
     (tmp_path / "room.spz").write_bytes(b"NGSP" + bytes(60))
     with pytest.raises(InputError, match="not readable as gzip"):
