@@ -28,6 +28,7 @@ from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
 from .mtl import LIBRARY_LIMIT, ObjFiles, check_images
+from .ply_colors import own_visual
 from .rig import subject_of_rig
 from .textures import Textures, image_of
 
@@ -128,9 +129,12 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
             transform, name = scene.graph[node]
             geometry = scene.geometry[name]
             if isinstance(geometry, trimesh.Trimesh):
-                if suffix != ".glb" and _is_invented(geometry.visual):
-                    if any(split.values()):
-                        raise InputError(path, "images", "a texture cannot be decoded")
+                invented = suffix != ".glb" and _is_invented(geometry.visual)
+                if invented and any(split.values()):
+                    raise InputError(path, "images", "a texture cannot be decoded")
+                if suffix == ".ply" and (invented or geometry.visual.kind in ("face", "vertex")):
+                    geometry.visual = own_visual(path, geometry)
+                elif invented:
                     geometry.visual = _own_colours(geometry)
                 yield str(node), transform, geometry
     except (InputError, MemoryError):
@@ -152,11 +156,10 @@ def _is_invented(visual: Any) -> bool:
 
 
 def _own_colours(geometry: Any) -> Any:
-    """The look of an OBJ or a PLY as it were without texture coordinates."""
+    """The look of an OBJ as it were without texture coordinates."""
     from trimesh.visual import create_visual
 
-    colors = {f"{of}_colors": getattr(geometry, f"{of}_attributes").get("color") for of in ("face", "vertex")}
-    return create_visual(mesh=geometry, **colors)
+    return create_visual(mesh=geometry, vertex_colors=geometry.vertex_attributes.get("color"))
 
 
 def _part(

@@ -97,6 +97,30 @@ def test_a_ply_keeps_its_colours(tmp_path):
     assert not mesh.shaded.any()
 
 
+@pytest.mark.parametrize(
+    ("kind", "row", "color"),
+    [
+        ("ushort", "65535 32768 0", [1, 128 / 255, 0]),
+        ("float", "1 .5 0", [1, 128 / 255, 0]),
+        ("int", "255 128 0", [1, 128 / 255, 0]),
+    ],
+)
+def test_colours_of_a_ply_are_shares_of_what_their_type_holds(tmp_path, kind, row, color):
+    columns = RGB.replace("uchar", kind)
+    for more in (columns, PLACES + columns):
+        rows = "".join(f"{place} {'0 0 ' * (more != columns)}{row}\n" for place in ("0 0 0", "1 0 0", "0 1 0"))
+        write_ply(tmp_path / "scan.ply", rows, more=more)
+        torch.testing.assert_close(read_mesh(tmp_path / "scan.ply").mesh.colors, torch.tensor([color] * 3))
+
+
+def test_colours_of_a_ply_beyond_what_their_type_means_are_refused(tmp_path):
+    for wrong in ("256", "-1"):
+        rows = f"0 0 0 255 0 0\n1 0 0 0 {wrong} 0\n0 1 0 0 0 51\n"
+        write_ply(tmp_path / "scan.ply", rows, more=RGB.replace("uchar", "int"))
+        with pytest.raises(InputError, match=rf"scan.ply: element vertex: .* got {wrong} in a column of int32"):
+            read_mesh(tmp_path / "scan.ply")
+
+
 @pytest.mark.parametrize("material", ["", "usemtl wood\n"])
 def test_places_in_a_texture_that_is_not_there_change_nothing(tmp_path, material):
     text = OBJ.replace("f 1 2 3", f"vt 0 0\nvt 1 1\n{material}f 1/1 2/2 3/1").replace("f 1 2 4", "f 1/2 2/2 4/1")
