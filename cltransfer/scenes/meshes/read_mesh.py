@@ -132,7 +132,7 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
                 invented = suffix != ".glb" and _is_invented(geometry.visual)
                 if invented and any(split.values()):
                     raise InputError(path, "images", "a texture cannot be decoded")
-                if suffix == ".ply" and (invented or geometry.visual.kind in ("face", "vertex")):
+                if suffix == ".ply" and (invented or getattr(geometry.visual, "kind", None) in ("face", "vertex")):
                     geometry.visual = own_visual(path, geometry)
                 elif invented:
                     geometry.visual = _own_colours(geometry)
