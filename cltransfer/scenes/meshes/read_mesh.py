@@ -129,10 +129,11 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
             transform, name = scene.graph[node]
             geometry = scene.geometry[name]
             if isinstance(geometry, trimesh.Trimesh):
-                invented = suffix != ".glb" and _is_invented(geometry.visual)
+                visual: Any = geometry.visual
+                invented = suffix != ".glb" and _is_invented(visual)
                 if invented and any(split.values()):
                     raise InputError(path, "images", "a texture cannot be decoded")
-                if suffix == ".ply" and (invented or getattr(geometry.visual, "kind", None) in ("face", "vertex")):
+                if suffix == ".ply" and (invented or visual.kind in ("face", "vertex")):
                     geometry.visual = own_visual(path, geometry)
                 elif invented:
                     geometry.visual = _own_colours(geometry)
