@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...computer.memory import require_free
 from ...errors import InputError
 from ...renderers.kernels import Array
 from .gltf_file import Gltf
@@ -20,6 +21,7 @@ from .mesh import GREY, REPEATED, Mesh, Wrap
 from .textures import Textures, image_of
 
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
+FACE_BYTES = 400  # of a face with vertices of its own, at the peak
 FLOAT = 5126  # type of an accessor
 _MOST = {"f": 1, "B": 255, "H": 65535}  # stored for a colour of 1, by type
 
@@ -138,10 +140,14 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
     """The mesh with the colours and the texture of a trimesh visual; ``looks`` are of a glTF's materials by name.
 
     Raises:
-        InputError: a colour or a texture coordinate is no sensible number, or a texture is not there.
+        InputError: a colour or a texture coordinate is no sensible number, a texture is not there, or there are not as
+            many colours of faces as triangles.
+        ResourceError: vertices of each face's own take more memory than is free.
     """
-    if visual.kind in ("vertex", "face"):
+    if visual.kind == "vertex":
         return _vertex_painted(mesh, visual)
+    if visual.kind == "face":
+        return _face_painted(path, mesh, visual)
     material = getattr(visual, "material", None)
     if material is None:
         return mesh
@@ -184,6 +190,19 @@ def _check_places(path: Path, uv: Array) -> None:
 def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
     rgba = torch.from_numpy(np.asarray(visual.vertex_colors, np.float32)[:, :3].copy() / 255)
     return replace(mesh, colors=rgba, shaded=torch.zeros_like(mesh.shaded))
+
+
+def _face_painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
+    """Each face has vertices of its own, so that its colour ends where it does."""
+    colors = np.asarray(visual.face_colors, np.float32)[:, :3] / 255
+    if len(colors) != len(mesh):
+        reason = f"expected a colour of each of {len(mesh)} triangles, got {len(colors)}"
+        raise InputError(path, "faces", reason, "store triangles only, or colours of vertices")
+    require_free(FACE_BYTES * len(mesh), path, f"{len(mesh)} faces of a colour each", "thin the file")
+    corners = mesh.vertices[mesh.faces.long()].reshape(-1, 3)
+    faces = torch.arange(len(corners), dtype=torch.int32).reshape(-1, 3)
+    rgb = torch.from_numpy(colors).repeat_interleave(3, 0)
+    return Mesh.plain(corners, faces, rgb)
 
 
 def _rgba(path: Path, look: Look, visual: Any) -> Tensor:

@@ -14,6 +14,7 @@ from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
 RGB = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+XYZ = "property float x\nproperty float y\nproperty float z\n"
 PLACES = "property float s\nproperty float t\n"
 
 
@@ -119,6 +120,20 @@ def test_colours_of_a_ply_beyond_what_their_type_means_are_refused(tmp_path):
         write_ply(tmp_path / "scan.ply", rows, more=RGB.replace("uchar", "int"))
         with pytest.raises(InputError, match=rf"scan.ply: element vertex: .* got {wrong} in a column of int32"):
             read_mesh(tmp_path / "scan.ply")
+
+
+def test_a_face_of_a_ply_has_its_own_colour_to_its_edge(tmp_path):
+    header = f"ply\nformat ascii 1.0\nelement vertex 4\n{XYZ}element face 2\nproperty list uchar int vertex_indices\n"
+    rows = f"{RGB}end_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+    (tmp_path / "scan.ply").write_text(f"{header}{rows}3 0 1 2 255 0 0\n3 0 2 3 0 51 0\n")
+    mesh = read_mesh(tmp_path / "scan.ply").mesh
+    torch.testing.assert_close(mesh.colors[mesh.faces.long()].amax(1), torch.tensor([[1.0, 0, 0], [0, 0.2, 0]]))
+    torch.testing.assert_close(mesh.colors[mesh.faces.long()].amin(1), torch.tensor([[1.0, 0, 0], [0, 0.2, 0]]))
+    assert mesh.vertices[mesh.faces[1].long()].tolist() == [[0, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert not mesh.shaded.any()
+    (tmp_path / "scan.ply").write_text(f"{header}{rows}4 0 1 2 3 255 0 0\n3 0 2 3 0 51 0\n")
+    with pytest.raises(InputError, match=r"scan.ply: faces: expected a colour of each of 3 triangles, got 2"):
+        read_mesh(tmp_path / "scan.ply")
 
 
 @pytest.mark.parametrize("material", ["", "usemtl wood\n"])
