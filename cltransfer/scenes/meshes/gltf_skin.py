@@ -55,7 +55,7 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
     animated = channels(gltf, time, animation)
     gltf, local = morphed(gltf, animated), _local(gltf, animated)
     world = _world(gltf, local)
-    skinned = [i for i, node in enumerate(gltf.tree.get("nodes", [])) if "skin" in node and "mesh" in node]
+    skinned = [i for i in _shown(gltf) if {"skin", "mesh"} <= gltf.tree["nodes"][i].keys()]
     frozen = _with_matrices(gltf, local)
     parts: dict[int, list[tuple[Array, Array]]] = {}
     skins = [gltf.tree["nodes"][node]["skin"] for node in skinned]
@@ -67,6 +67,18 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
         return frozen, None
     skin, moved = next(iter(parts.items()))
     return frozen, _skeleton(gltf, skin, world, moved)
+
+
+def _shown(gltf: Gltf) -> list[int]:
+    """Nodes of the scene that is shown, in the order of the document."""
+    scenes = gltf.tree.get("scenes", [])
+    left, found = [*gltf.entry("scenes", gltf.tree.get("scene", 0)).get("nodes", [])] if scenes else [], set[int]()
+    while left:
+        node = left.pop()
+        if node not in found:
+            found.add(node)
+            left += gltf.entry("nodes", node).get("children", [])
+    return sorted(found)
 
 
 def _figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
@@ -130,7 +142,7 @@ def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
     """
     nodes = []
     for node, matrix in zip(gltf.tree.get("nodes", []), local):
-        kept = {key: value for key, value in node.items() if key not in (*REST, "camera")}
+        kept = {key: value for key, value in node.items() if key not in (*REST, "camera", "skin")}
         nodes.append({**kept, "matrix": matrix.T.ravel().tolist()})
     tree = {key: value for key, value in gltf.tree.items() if key not in ("animations", "skins")}
     return replace(gltf, tree={**tree, "nodes": nodes})

@@ -14,6 +14,7 @@ from cltransfer.scenes.meshes.asset_files import Beside
 from cltransfer.scenes.meshes.gltf_animation import channels
 from cltransfer.scenes.meshes.gltf_file import Gltf, read_gltf
 from cltransfer.scenes.meshes.gltf_skin import POSED, posed
+from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 
 @pytest.fixture
@@ -105,6 +106,20 @@ def test_what_comes_out_has_no_skin_and_reads_back_the_same(pose, tmp_path):
     np.testing.assert_allclose(stored, rig.vertices, atol=1e-6)
 
 
+@pytest.mark.parametrize("scene", [0, 1])
+def test_a_figure_of_another_scene_than_the_one_shown_is_not_drawn(bar, write_glb, tmp_path, scene):
+    tree, blob = bar()
+    tree["nodes"] += [{"mesh": 1}, {"mesh": 0, "skin": 0}]
+    primitive = {"attributes": {"POSITION": 0}, "indices": 3}
+    tree["meshes"].append({"primitives": [primitive, primitive]})
+    tree.update(scene=scene, scenes=[{"nodes": [0, 4]}, {"nodes": [4]}])
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    document, rig = posed(read_gltf(path, Beside(path)), 0.0)
+    assert not any("skin" in node for node in document.tree["nodes"])
+    assert (rig is None) == (scene == 1)
+    assert len(read_mesh(path).mesh) == (6 if scene == 0 else 4)
+
+
 def test_without_a_skin_nodes_still_move(bar, write_glb, tmp_path):
     tree, blob = bar()
     tree["nodes"][2]["mesh"] = 0
@@ -167,6 +182,7 @@ def test_of_two_figures_only_the_first_is_named_with_what_hangs_on_its_joints(ba
     lock = {**primitive, "attributes": {**primitive["attributes"], "JOINTS_0": len(tree["accessors"]) - 1}}
     tree["meshes"].append({"primitives": [lock]})
     tree["nodes"] += [{"mesh": 1, "skin": 1}, {"mesh": 0, "skin": 2}]
+    tree["scenes"][0]["nodes"] += [8, 9]
     frozen, rig = posed(read_gltf(write_glb(tmp_path / "two.glb", *grown(tree, blob)), Beside(tmp_path)), 0.0)
     names = [node["name"] for node in frozen.tree["nodes"] if "mesh" in node]
     assert names == [f"{POSED} 3", f"{POSED} 8", "another figure 9"]
