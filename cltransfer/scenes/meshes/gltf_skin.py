@@ -5,7 +5,7 @@ trimesh reads meshes, not skins; so the pose is written into the vertices before
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -87,14 +87,27 @@ def _figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
     joints = {skin: gltf.entry("skins", skin)["joints"] for skin in skins}
     known = {joint for one in joints.values() for joint in one}
 
-    def top(node: int) -> int:
-        way = [node]
-        while way[-1] in above:
-            way.append(above[way[-1]])
-        return next(joint for joint in reversed(way) if joint in known)
+    def outermost(node: int, outer: int | None) -> int | None:
+        return node if outer is None and node in known else outer
 
-    tops = {skin: {top(joint) for joint in one} for skin, one in joints.items()}
+    top = _downwards(above, known, outermost)
+    tops = {skin: {top[joint] for joint in one} for skin, one in joints.items()}
     return {skin for skin in tops if tops[skin] & tops[skins[0]]}
+
+
+def _downwards(
+    above: Mapping[int, int], nodes: Iterable[int], pick: Callable[[int, int | None], int | None]
+) -> dict[int, int | None]:
+    """What ``pick`` makes of each of ``nodes`` and of what it made of the node above, None above a root."""
+    made: dict[int, int | None] = {}
+    for node in nodes:
+        way = [node]
+        while way[-1] in above and way[-1] not in made:
+            way.append(above[way[-1]])
+        for one in reversed(way):
+            if one not in made:
+                made[one] = pick(one, made[above[one]] if one in above else None)
+    return made
 
 
 def _local(gltf: Gltf, animated: dict[tuple[int, str], Array]) -> list[Array]:
@@ -212,12 +225,9 @@ def _skinned(gltf: Gltf, attributes: dict[str, int], matrices: Array) -> tuple[A
 def _skeleton(gltf: Gltf, skin: int, world: list[Array], parts: list[tuple[Array, Array]]) -> Skeleton:
     joints, above = gltf.entry("skins", skin)["joints"], _parents(gltf)
     place = {node: i for i, node in enumerate(joints)}
-    parents = []
-    for node in joints:
-        up = above.get(node)
-        while up is not None and up not in place:
-            up = above.get(up)
-        parents.append(-1 if up is None else place[up])
+    nearest = _downwards(above, joints, lambda node, up: place.get(node, up))  # at a node or above it
+    ups = [nearest[above[node]] if node in above else None for node in joints]
+    parents = [-1 if up is None else up for up in ups]
     names = tuple(str(gltf.tree["nodes"][node].get("name", node)) for node in joints)
     points = np.stack([world[node][:3, 3] for node in joints])
     vertices, strongest = (np.concatenate(column) for column in zip(*parts))

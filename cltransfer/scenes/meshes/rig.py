@@ -7,6 +7,7 @@ the limb; where a limb's joints share one word they are taken in order from the 
 from __future__ import annotations
 
 import re
+from itertools import count
 
 import numpy as np
 import torch
@@ -115,14 +116,13 @@ def _says(words: list[str], word: str) -> bool:
 
 def _outwards(rig: Skeleton) -> list[int]:
     """Joints by their distance from the root."""
-
-    def depth(joint: int) -> int:
-        steps = 0
-        while rig.parents[joint] >= 0:
-            joint, steps = rig.parents[joint], steps + 1
-        return steps
-
-    return sorted(range(len(rig.names)), key=depth)
+    depth = {-1: -1}
+    for joint in range(len(rig.names)):
+        way = [joint]
+        while way[-1] not in depth:
+            way.append(rig.parents[way[-1]])
+        depth.update(zip(reversed(way), count(depth[way[-1]])))
+    return sorted(range(len(rig.names)), key=depth.__getitem__)
 
 
 def _first(rig: Skeleton, word: str) -> int | None:
@@ -131,19 +131,20 @@ def _first(rig: Skeleton, word: str) -> int | None:
 
 def _last_below(rig: Skeleton, joint: int | None) -> int | None:
     """The outermost joint of the same chain."""
-    if joint is None:
-        return None
-    below = [i for i, parent in enumerate(rig.parents) if parent == joint]
-    return joint if not below else _last_below(rig, below[0])
+    below: dict[int, int] = {}
+    for i, parent in enumerate(rig.parents):
+        below.setdefault(parent, i)
+    while joint in below:
+        joint = below[joint]
+    return joint
 
 
 def _head_top(rig: Skeleton, head: int, chest: Array) -> Array:
     """On the line from the chest through the head joint, as far as the head reaches, (3,)."""
-    members, grown = {head}, True
-    while grown:
-        more = {i for i, parent in enumerate(rig.parents) if parent in members} - members
-        members |= more
-        grown = bool(more)
+    members = {head}
+    for joint in _outwards(rig):
+        if rig.parents[joint] in members:
+            members.add(joint)
     base = rig.points[head]
     along = (base - chest) / np.linalg.norm(base - chest)
     skin = rig.vertices[np.isin(rig.strongest, list(members))]

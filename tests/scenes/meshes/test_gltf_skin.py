@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tracemalloc
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -187,6 +188,20 @@ def test_of_two_figures_only_the_first_is_named_with_what_hangs_on_its_joints(ba
     names = [node["name"] for node in frozen.tree["nodes"] if "mesh" in node]
     assert names == [f"{POSED} 3", f"{POSED} 8", "another figure 9"]
     assert rig.names == ("low", "high")
+
+
+def test_a_chain_of_many_joints_takes_no_more_than_as_many_short_ones(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    first, more = len(tree["nodes"]), 10_000
+    tree["nodes"] += [{"children": [first + i + 1]} for i in range(more - 1)] + [{}]
+    tree["nodes"][2]["children"] = [first]
+    middle = first + more // 2  # from there on each node is a joint
+    tree["skins"] = [{"joints": [1, 2, *range(middle, first + more)]}]
+    gltf = read_gltf(write_glb(tmp_path / "chain.glb", tree, blob), Beside(tmp_path))
+    start = process_time()
+    _, rig = posed(gltf, 0.0)
+    assert process_time() - start < 3
+    assert rig.parents == (-1, *range(more // 2 + 1))
 
 
 def grown(tree, blob):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -71,6 +72,19 @@ def test_in_a_mirror_the_left_arm_is_the_right_one():
     straight, mirrored = subject_of_rig(rig, UP), subject_of_rig(seen, UP)
     torch.testing.assert_close(mirrored.facing, straight.facing)
     torch.testing.assert_close(mirrored.joints, straight.joints)
+
+
+def test_a_chain_of_many_joints_takes_no_more_than_as_many_short_ones():
+    rig, more = body(STYLES["unreal"]), 4000
+    first, neck = len(rig.names), rig.names.index("neck")
+    names = (*(name.replace("head", "skull") for name in rig.names), *["bone"] * more)
+    parents = (*rig.parents[: neck + 1], -1, *rig.parents[neck + 2 :], neck, *range(first, first + more - 1))
+    points = np.concatenate([rig.points, np.linspace([0, 0, 1.5], [0, 0, 1.6], more)])
+    strongest = np.array([first + more - 1, first + more - 1, 0])
+    start = time.process_time()
+    subject = subject_of_rig(replace(rig, names=names, parents=parents, points=points, strongest=strongest), UP)
+    assert time.process_time() - start < 4
+    assert subject.joints[JOINTS.index("head_top")].tolist() == pytest.approx([0, 0, 1.8])
 
 
 def test_what_helps_to_pose_a_hand_is_no_hand():
