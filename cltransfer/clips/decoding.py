@@ -22,7 +22,8 @@ from ..errors import InputError
 from .image_header import exif_orientation, states_aspect
 from .jpeg_end import jpeg_ends
 
-PIXEL_LIMIT = 8_300_000  # a frame of 3840x2160
+PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
+STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
 IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
@@ -35,7 +36,6 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _OPTIONS = {
     "protocol_whitelist": "file",
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,png_pipe,jpeg_pipe",
-    "max_pixels": str(PIXEL_LIMIT),
     "err_detect": "explode",
 }
 
@@ -110,7 +110,8 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
     source = _image_source(path) if demuxer else str(path.absolute())  # "10:30.mp4" would name a protocol, 10
     try:
-        with av.open(source, "r", format=demuxer, options=_OPTIONS) as container:
+        limited = {**_OPTIONS, "max_pixels": str(_pixel_limit(path))}
+        with av.open(source, "r", format=demuxer, options=limited) as container:
             yield container, _video_stream(path, container)
     except av.FFmpegError as error:
         hint = "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
@@ -154,9 +155,14 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     return stream
 
 
+def _pixel_limit(path: Path) -> int:
+    return STILL_LIMIT if path.suffix.lower() in IMAGE_DEMUXERS else PIXEL_LIMIT
+
+
 def _check_size(path: Path, field: str, size: tuple[int, int]) -> None:
-    if size[0] * size[1] > PIXEL_LIMIT:
-        limit = f"expected at most {PIXEL_LIMIT} pixels a frame, got {size[0]}x{size[1]}"
+    most = _pixel_limit(path)
+    if size[0] * size[1] > most:
+        limit = f"expected at most {most} pixels a frame, got {size[0]}x{size[1]}"
         raise InputError(path, field, limit, "make it smaller")
 
 

@@ -135,6 +135,26 @@ def test_large_frames_are_averaged_down_and_small_ones_left_alone(tmp_path):
     assert read_clip(tmp_path / "a.mkv", max_side=81).size == (80, 40)
 
 
+def test_a_photograph_may_be_larger_than_a_frame_of_a_video(tmp_path):
+    photo = np.full((3024, 4032, 3), 90, np.uint8)  # a telephone's twelve megapixels
+    cv2.imwrite(str(tmp_path / "photo.jpg"), photo)
+    clip = read_clip(tmp_path)
+    assert (clip.source_size, clip.size) == ((4032, 3024), (960, 720))
+    assert (clip.image.float() - 90).abs().max() <= 2
+    video = encode(tmp_path / "a.mkv", torch.zeros(1, 3, 2200, 4032, dtype=torch.uint8), preset="ultrafast")
+    refused(video, "size", "at most 8300000 pixels a frame, got 4032x2200")
+
+
+def test_an_image_that_only_a_header_makes_huge_is_refused_before_it_is_decoded(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((8, 8, 3), np.uint8))
+    data = bytearray((tmp_path / "a.png").read_bytes())
+    data[16:24] = struct.pack(">II", 9000, 8000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    (tmp_path / "a.png").write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.png: "):
+        read_clip(tmp_path)
+
+
 def test_features_are_in_zero_to_one(tmp_path):
     write_video(tmp_path / "a.mkv", noise(), torch.arange(5).double(), lossless=True)
     features = read_clip(tmp_path / "a.mkv").features()
