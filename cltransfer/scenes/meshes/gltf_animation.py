@@ -14,6 +14,9 @@ from .gltf_file import Gltf
 
 REST: dict[str, tuple[float, ...]] = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 WEIGHTS = "weights"  # of morph targets
+WIDE = {path: len(value) for path, value in REST.items()}  # numbers of a value
+CUBIC = "CUBICSPLINE"
+PARTS = {"LINEAR": 1, "STEP": 1, CUBIC: 3}  # values that a key has
 
 
 def channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str], Array]:
@@ -43,21 +46,39 @@ def channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str],
 
 
 def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str) -> Array:
-    """Value of one sampler, a copy: held, or between two keys on a line or a great circle."""
-    times, values = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"])
-    if path == WEIGHTS:  # as many numbers for a key as there are targets
-        values = values.reshape(len(times), -1)
+    """Value of one sampler, a copy: held, or between two keys on a line, a great circle or a cubic."""
+    times, keys = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"])
     kind = sampler.get("interpolation", "LINEAR")
-    if kind not in ("LINEAR", "STEP") or len(values) != len(times):
-        raise InputError(gltf.path, "animations", f"interpolation {kind} is not read", "bake it to LINEAR or STEP")
+    if kind not in PARTS:
+        raise InputError(
+            gltf.path, "animations", f"interpolation {kind!r:.40} is not read", f"known: {', '.join(PARTS)}"
+        )
+    count, wide = len(times) * PARTS[kind], WIDE.get(path)
+    if keys.size % count or (wide is not None and keys.shape != (count, wide)):
+        rows = f"expected {count} rows of {wide or 'all weights'} for its {len(times)} keys, got {keys.shape}"
+        raise InputError(gltf.path, "animations", f"{path}: {rows}")
+    keys = keys.reshape(len(times), PARTS[kind], -1)  # as many numbers for a key as there are weights
     after = int(np.searchsorted(times, time, side="right"))
     if after == 0 or after == len(times) or kind == "STEP":
-        return np.asarray(values[max(after - 1, 0)].astype(np.float64))
-    share = float((time - times[after - 1]) / (times[after] - times[after - 1]))
-    start, end = values[after - 1 : after + 1].astype(np.float64)
-    if path != "rotation":
-        return np.asarray(start + share * (end - start))
-    if start @ end < 0:  # the same rotation by the shorter way
-        end = -end
-    first, last = (Quaternion(torch.from_numpy(q[[3, 0, 1, 2]] / np.linalg.norm(q))) for q in (start, end))
-    return np.asarray(first.slerp(last, share).data.detach().numpy()[[1, 2, 3, 0]])
+        return np.asarray(keys[max(after - 1, 0), PARTS[kind] // 2].astype(np.float64))
+    begin, end = times[after - 1 : after + 1].astype(np.float64)
+    two = keys[after - 1 : after + 1].astype(np.float64)
+    if kind == CUBIC:
+        return _on_cubic((begin, end), two, time, unit=path == "rotation")
+    first, last, share = two[0, 0], two[1, 0], float((time - begin) / (end - begin))
+    return _on_circle(first, last, share) if path == "rotation" else np.asarray(first + share * (last - first))
+
+
+def _on_circle(first: Array, last: Array, share: float) -> Array:
+    """The rotation (4,) a ``share`` of the shorter way from the ``first`` to the ``last``."""
+    last = -last if first @ last < 0 else last
+    ends = (Quaternion(torch.from_numpy(q[[3, 0, 1, 2]] / np.linalg.norm(q))) for q in (first, last))
+    return np.asarray(next(ends).slerp(next(ends), share).data.detach().numpy()[[1, 2, 3, 0]])
+
+
+def _on_cubic(span: tuple[float, float], two: Array, time: float, unit: bool) -> Array:
+    """Value (W,) within ``span`` [s] of two keys (2, 3, W): slope on arrival, value, slope on leaving, a second."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    value = CubicHermiteSpline(span, two[:, 1], np.stack([two[0, 2], two[1, 0]]))(time)
+    return np.asarray(value / np.linalg.norm(value) if unit else value)

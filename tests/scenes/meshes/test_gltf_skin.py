@@ -138,6 +138,8 @@ def damage(tree, what):
         tree["nodes"][2]["children"] = [1]
     if what == "spline":
         tree["animations"][0]["samplers"][0]["interpolation"] = "CUBICSPLINE"
+    if what == "bezier":
+        tree["animations"][0]["samplers"][0]["interpolation"] = "BEZIER"
     if what == "joint":
         tree["skins"][0]["joints"] = [1]
         del tree["skins"][0]["inverseBindMatrices"]
@@ -153,7 +155,8 @@ def damage(tree, what):
     ("what", "reason"),
     [
         ("circle", "is its own parent"),
-        ("spline", "CUBICSPLINE is not read"),
+        ("spline", "expected 9 rows of 4 for its 3 keys, got .3, 4."),
+        ("bezier", "'BEZIER' is not read .known: LINEAR, STEP, CUBICSPLINE."),
         ("joint", "joint 1 of 1"),
         ("weights", "WEIGHTS_0"),
         ("binds", "inverse bind matrices"),
