@@ -57,12 +57,6 @@ class ResourceError(CltransferError):
     exit_code = 5
 
 
-class StoppedError(CltransferError):
-    """Stopped by the user; the line says how to go on."""
-
-    exit_code = 130
-
-
 @contextmanager
 def named(who: str, expected: str) -> Iterator[None]:
     """Anybody's code may run within: what it raises is told in one line, with its name and what was ``expected``.

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ..errors import StoppedError
-from .shared import Allow, Json, Quiet, show
+from .shared import STOPS, Allow, Json, Quiet, show, stopped
 
 
 def ablate(
@@ -55,8 +54,8 @@ def ablate(
         with progress(quiet) as report:
             command = shlex.join(["cltransfer", *sys.argv[1:]])
             found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or []), command), report)
-    except KeyboardInterrupt:
-        raise StoppedError("", "", "interrupted", f"the same command goes on from here: {folder}") from None
+    except STOPS as stop:
+        stopped(stop, f"the same command goes on from here: {folder}")
     lines = [*markdown(found), "", str(folder)]
     if found.unkept:
         lines += [f"note: {found.unkept} trials had been run without --keep-runs; another --out keeps them all"]

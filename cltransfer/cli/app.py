@@ -21,7 +21,7 @@ from .fit import fit
 from .models import assets_app, models_app
 from .plugins import app as plugins_app
 from .scenes import bake, lift, simplify
-from .shared import Json, fail, show
+from .shared import STOPS, Json, Terminated, fail, show, stopped
 from .slips import meant_as_option, options_of, told
 from .study import study
 from .transfer import render, transfer
@@ -57,9 +57,7 @@ def main() -> NoReturn:
     try:
         code = app(standalone_mode=False)
         if code == 130:  # the parser's word for an interrupt
-            fail("interrupted", code)
-    except _Terminated:
-        fail("terminated", 143)
+            stopped(KeyboardInterrupt())
     except CltransferError as error:
         if error.__cause__ is not None and _debugging():
             raise
@@ -69,10 +67,8 @@ def main() -> NoReturn:
                 verb = getattr(verb, "commands", {}).get(word, verb)
             error = meant_as_option(error, options_of(verb), sys.argv)
         fail(error, error.exit_code)
-    except typer.Abort:
-        fail("interrupted", 130)
-    except KeyboardInterrupt:
-        fail("interrupted", 130)
+    except (typer.Abort, *STOPS) as stop:
+        stopped(stop)
     except MemoryError:
         fail("out of memory (fewer frames, or smaller search_side and output_side)", 5)
     except OSError as error:
@@ -103,12 +99,8 @@ def _debugging() -> bool:
     return os.environ.get("CLTRANSFER_DEBUG") == "1"
 
 
-class _Terminated(BaseException):
-    """SIGTERM; no ``except Exception`` on the way may keep it."""
-
-
 def _terminate(number: int, frame: object) -> NoReturn:
-    raise _Terminated
+    raise Terminated
 
 
 @app.callback(invoke_without_command=True)

@@ -44,6 +44,19 @@ def fail(reason: object, code: int) -> NoReturn:
     sys.exit(code)
 
 
+class Terminated(BaseException):
+    """SIGTERM; no ``except Exception`` on the way may keep it."""
+
+
+STOPS = (KeyboardInterrupt, Terminated)
+
+
+def stopped(stop: BaseException, way_on: str = "") -> NoReturn:
+    """End with the line and the exit code of one of :data:`STOPS`, and how the work goes on from there."""
+    word, code = ("terminated", 143) if isinstance(stop, Terminated) else ("interrupted", 130)
+    fail(word + f" ({way_on})" * bool(way_on), code)
+
+
 def show(values: Any, text: str, as_json: bool) -> None:
     """Print ``values`` as JSON, or ``text``."""
     print(json.dumps(values, indent=2, allow_nan=False) if as_json else printable(text))

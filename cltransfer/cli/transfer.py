@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .shared import Allow, Config, Json, Out, Quiet, Up, fail, settings_of, show, tell, unused_plugins, up_of
+from .shared import STOPS, Allow, Config, Json, Out, Quiet, Up, settings_of, show, stopped, tell, unused_plugins, up_of
 from .slips import check_order
 
 if TYPE_CHECKING:
@@ -105,9 +106,9 @@ def _run_into(
         with progress(quiet) as report:
             result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))
             return write_run(folder, result, inputs, settings, plugins)
-    except KeyboardInterrupt:
+    except STOPS as stop:
         begun = (folder / JOURNAL).is_file() and not (folder / DONE).is_file()
-        fail("interrupted" + f" (the same command with --resume {folder} goes on from here)" * begun, 130)
+        stopped(stop, f"the same command with --resume {shlex.quote(str(folder))} goes on from here" * begun)
 
 
 def render(
