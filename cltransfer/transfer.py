@@ -8,7 +8,7 @@ from .progress import Progress, silent
 from .run.preparation import Clock, Inputs, Record, prepare
 from .run.readback import read_held
 from .run.result import Result
-from .run.rounds import attempts
+from .run.rounds import attempts, best_of
 from .trajectory import Trajectory
 
 __all__ = ["Inputs", "Record", "Result", "transfer"]
@@ -32,7 +32,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
     clock = Clock()
     job = prepare(inputs, config, clock, progress, record)
     made, note = attempts(job, config, clock, progress)
-    kept = min(range(len(made)), key=lambda i: made[i].shown.scores.total)
+    kept = best_of(made)
     stage, reference, cameras = job.stage, job.reference, made[kept].cameras
     terms = stage.path_terms(job.wanted, cameras)
     held = read_held(stage, job.parts, reference, made[kept].shown, cameras)

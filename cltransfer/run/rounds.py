@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from torch import Tensor
@@ -31,6 +31,7 @@ BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be stea
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
+PLACES = ("keypoints", "box", "orientation", "camera")  # of the features of a clip, those that are no maps
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
 
 
@@ -91,9 +92,21 @@ class Attempt:
         """The path taken, (N, D)."""
         return self.found.x if self.path is None else self.path.x
 
+    def without_maps(self) -> Attempt:
+        """The same with no features but :data:`PLACES`: the maps of all rounds need not fit in memory."""
+        return replace(self, shown=replace(self.shown, features=self.shown.features.only(PLACES)))
+
+
+def best_of(made: Sequence[Attempt]) -> int:
+    """Index of the round with the lowest total, the first of several."""
+    return min(range(len(made)), key=lambda i: made[i].shown.scores.total)
+
 
 def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
-    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
+    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more.
+
+    Maps are kept of the best alone.
+    """
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
     stage = replace(job.stage, scene=job.solid)
@@ -112,6 +125,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         made.append(
             Attempt(take.found, cameras, take.path, shown, _blocked(job.stage, seen, job.wanted), take.left_out)
         )
+        best = best_of(made)
+        made = [one if i == best else one.without_maps() for i, one in enumerate(made)]
         clock.lap("reading back")
         if last or seen is None:
             break
