@@ -22,7 +22,8 @@ from .refine import LONGEST
 if TYPE_CHECKING:
     from scipy import sparse
 
-FLOORS = (0.5, 0.2, 0.1, 0.05)  # lowest group norm that is told apart, round by round
+# lowest group norm that is told apart, round by round; the last is what terms are given up by for another that is dear
+FLOORS = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 RIDGE = 1e-3  # of the distance to the path, for what no residual determines
 DEGREE = 3
 STIFFNESS = 250.0  # total that a third difference of x costs, squared and halved: 0.05 where it is 0.02 in the mean

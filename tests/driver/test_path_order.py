@@ -196,7 +196,8 @@ def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(m
     clip, x = waving(period=4)
     x[:, 3] += 0.7
     x[::2, 4] += 0.03
-    path = least_path(clip, x, None, 0.0, Effort(1, 4))
+    free, _ = clip.scored(x)
+    path = path_order._filtered(clip, LeastPath(x, None, 0.0, False, free, free, 0.01), None, free + 0.01, Effort(1, 4))
     assert path.filtered
     assert not path.refined
 

@@ -88,6 +88,18 @@ def test_a_move_goes_where_the_model_leads_and_less_far_the_more_it_is_damped() 
     assert 0 < float((damped.x - bent).norm()) < 0.3 * float((free.x - bent).norm())
 
 
+def test_no_term_that_is_met_is_given_up_for_one_that_gains_less() -> None:
+    """What is least of |x| + |0.5 - 0.6 x| is met at 0, however small |x| is beside the other one."""
+    x = torch.full((12, 1), 0.1, dtype=torch.float64)
+    slopes = torch.tensor([[1.0], [-0.6]], dtype=torch.float64)
+    groups, paired = torch.arange(2), torch.zeros(2, dtype=torch.bool)
+    offset = torch.tensor([0.0, 0.5], dtype=torch.float64)
+    terms = Local(x * slopes[:, 0] + offset, slopes.expand(12, 2, 1), groups, paired)
+    for found in (fit(x, terms, 4), moved(x, terms, 4, 1e-6)):
+        assert float(found.x.abs().max()) < 0.015
+        assert found.predicted == pytest.approx(0.5, abs=0.006)
+
+
 def test_a_move_is_as_smooth_as_its_knots_and_never_longer_than_allowed() -> None:
     wanted = ramp(12)
     shaken = wanted + 3 * torch.randn(12, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
