@@ -71,7 +71,7 @@ def test_a_path_beside_the_true_one_comes_back_without_shaking() -> None:
     [
         (0.0, math.inf, 4, [0.1]),
         (0.0, -1.0, 4, [0.1, 0.025]),
-        (0.0, -1.0, 1, [0.05]),
+        (0.0, -1.0, 1, [0.02]),
         (0.1, math.inf, 2, [0.1, 0.05]),
     ],
     ids=["nothing to gain, and good enough", "nothing to gain, and not good enough", "one round", "a gain"],
