@@ -118,13 +118,13 @@ def least_path(
     limit = free + path.floor
     if float((x - x[0]).abs().max()) <= STANDS:
         held = replace(path, x=x[:1].expand_as(x).clone(), residuals=residuals)
-        return _refined(clip, _standing(clip, held, local), effort)
+        return refined(clip, _standing(clip, held, local), effort)
     tries = min(TRIED, effort.rounds or TRIED)
     spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
     if spline is None:
         return _filtered(clip, path, guide, limit, effort)
-    refined = _refined(clip, spline, effort)
-    return refined if refined.total <= limit else spline  # refining trades total for steadiness
+    found = refined(clip, spline, effort)
+    return found if found.total <= limit else spline  # refining trades total for steadiness
 
 
 def _standing(clip: WholeClip, found: LeastPath, local: Local | None) -> LeastPath:
@@ -153,20 +153,20 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
         path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
         best = path if best is None or path.total < best.total else best
         if path.total <= enough:
-            found = _accepted(_refined(clip, path, effort), path, accepted)
+            found = _accepted(refined(clip, path, effort), path, accepted)
             if found is not None:
                 return found
             enough, tried = accepted, True  # refining does not bring it there, so the next has to be near enough itself
     assert best is not None
-    return (None if tried else _accepted(_refined(clip, best, effort), best, accepted)) or free
+    return (None if tried else _accepted(refined(clip, best, effort), best, accepted)) or free
 
 
-def _accepted(refined: LeastPath, path: LeastPath, limit: float) -> LeastPath | None:
+def _accepted(after: LeastPath, before: LeastPath, limit: float) -> LeastPath | None:
     """The first of the two that costs no more than ``limit``."""
-    return next((found for found in (refined, path) if found.total <= limit), None)
+    return next((found for found in (after, before) if found.total <= limit), None)
 
 
-def _refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
+def refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
     """The path moved as a whole to where it costs less; one that is static or linear stays so."""
     if not effort.rounds or path.residuals is None:
         return path

@@ -13,7 +13,7 @@ from ..driver.aside import go_aside
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
-from ..driver.path_order import LeastPath, least_path
+from ..driver.path_order import LeastPath, least_path, refined
 from ..driver.second_guide import second_guide
 from ..driver.stage import Stage
 from ..driver.starts import Starts
@@ -32,6 +32,7 @@ UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} fram
 UNSEEN = "no correction: the networks see nobody in the render"
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 PLACES = ("keypoints", "box", "orientation", "camera")  # of the features of a clip, those that are no maps
+AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that has more than that
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
 
 
@@ -144,7 +145,8 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
-    first, left_out = _past_floaters(job, first, _left_out(job, first))
+    effort = Effort(AMONG if config.joint > AMONG else 0, config.joint_steps)
+    first, left_out = _past_floaters(job, effort, first, _left_out(job, first))
     if not left_out.matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
@@ -154,8 +156,8 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     return second if there.better(left_out) else replace(first, left_out=left_out)
 
 
-def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
-    """The path aside where floaters hide the person, if that gains more among them than it loses without them."""
+def _past_floaters(job: Job, effort: Effort, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
+    """The path aside where floaters hide the person and refined among them, if it gains there more than it loses."""
     path, clip, stage = take.path, take.clip, job.stage
     told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
     if path is None or path.steady or not told or left_out.among <= left_out.alone + SEEN:
@@ -166,13 +168,14 @@ def _past_floaters(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftO
     among = stage.path_residuals(clip.reference, take.cameras, clip.defined)
     hidden = whole.totals(among) - clip.totals(alone) > HIDDEN
     x, seen = go_aside(whole, path.x, among, hidden, path.about, path.lens_kept)
-    if x is path.x:
+    aside = replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
+    there = refined(whole, aside, effort)
+    if there.x is path.x or there.residuals is None:
         return take, left_out
-    residuals = clip.residuals(x)
-    moved = replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), aside=True)
-    there = replace(take, path=moved)
-    found = LeftOut(job.floaters, moved.total, whole.mean_total(seen))
-    return (there, found) if found.better(left_out) else (take, left_out)
+    residuals = clip.residuals(there.x)
+    moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
+    found = LeftOut(job.floaters, moved.total, whole.mean_total(there.residuals))
+    return (replace(take, path=moved), found) if found.better(left_out) else (take, left_out)
 
 
 def _left_out(job: Job, take: Take) -> LeftOut:

@@ -17,6 +17,7 @@ from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import EVERY
 from cltransfer.driver.frame import Solved
+from cltransfer.driver.joint import Effort
 from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.starts import Starts
@@ -25,13 +26,23 @@ from cltransfer.progress import silent
 from cltransfer.run.flags import run_flags
 from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
-from cltransfer.run.rounds import Take, _followed, _followed_from, _left_out, _past_floaters, _searched, _with_floaters
+from cltransfer.run.rounds import (
+    Take,
+    _followed,
+    _followed_from,
+    _left_out,
+    _past_floaters,
+    _searched,
+    _total,
+    _with_floaters,
+)
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import load_person, save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.transfer import Inputs, Result, transfer
 
+UNREFINED = Effort(0, 1)
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
 
 
@@ -45,17 +56,22 @@ def clean() -> Result:
     return solved(Inputs("builtin:plaza", "builtin:push_in"))
 
 
+def with_blobs(folder: Path, stage: str, count: int, seed: int, reference: str) -> Inputs:
+    """A scene with ``count`` large blobs in the air about the person."""
+    bare = load_scene(stage)
+    assert bare.subject is not None
+    scene = floaters(Case(None, None, bare, None), count, np.random.default_rng(seed)).scene  # type: ignore[arg-type]
+    write_splats(folder / "scene.ply", scene.geometry)
+    bare.subject.save(folder / "subject.json")
+    save_labels(folder, scene.geometry.label)
+    x, y, z = bare.up.tolist()
+    return Inputs(str(folder / "scene.ply"), reference, subject=folder / "subject.json", up=(x, y, z))
+
+
 @pytest.fixture(scope="module")
 def hanging(tmp_path_factory: pytest.TempPathFactory) -> Inputs:
-    """The same with 150 large blobs in the air about the person."""
-    folder, plaza = tmp_path_factory.mktemp("hung"), load_scene("builtin:plaza")
-    assert plaza.subject is not None
-    scene = floaters(Case(None, None, plaza, None), 150, np.random.default_rng(1)).scene  # type: ignore[arg-type]
-    write_splats(folder / "scene.ply", scene.geometry)
-    plaza.subject.save(folder / "subject.json")
-    save_labels(folder, scene.geometry.label)
-    x, y, z = plaza.up.tolist()
-    return Inputs(str(folder / "scene.ply"), "builtin:push_in", subject=folder / "subject.json", up=(x, y, z))
+    """The same push in with blobs that hide the person."""
+    return with_blobs(tmp_path_factory.mktemp("hung"), "builtin:plaza", 150, 1, "builtin:push_in")
 
 
 @pytest.fixture(scope="module")
@@ -159,17 +175,32 @@ def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(han
     left_out, frames = _left_out(job, take), len(take.x)
     assert take.path is not None
     assert take.path.residuals is not None  # so the path itself is not scored again
-    assert _past_floaters(job, take, left_out)[0] is take  # another was tried, and not taken
+    assert _past_floaters(job, UNREFINED, take, left_out)[0] is take  # another was tried, and not taken
     ways = len(job.search.aside) * len(range(0, frames, EVERY))
     scored = ["what is chosen of all ways", "the same without floaters"]
-    assert cost(job, lambda: _past_floaters(job, take, left_out)) == ways + len(scored) * frames
+    assert cost(job, lambda: _past_floaters(job, UNREFINED, take, left_out)) == ways + len(scored) * frames
+
+
+def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) -> None:
+    """A dolly zoom that no way aside makes cheaper."""
+    inputs = with_blobs(tmp_path, "builtin:courtyard", 30, 2, "builtin:dolly_zoom")
+    config = load_config(overrides=["preset=fast", "frames=6", "search_side=64", "output_side=96", "threads=1"])
+    job = prepare(inputs, config, Clock(), silent, None)
+    take = _searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    left_out = _left_out(job, take)
+    assert _past_floaters(job, UNREFINED, take, left_out)[0] is take
+    moved, there = _past_floaters(job, Effort(1, 4), take, left_out)
+    assert there.among < 0.8 * left_out.among
+    assert (there.alone, there.among) == pytest.approx((moved.total, _total(moved, job.stage)), abs=1e-6)
+    assert moved.path is not None
+    assert (moved.path.refined, moved.path.aside) == (True, False)
 
 
 def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hanging: Inputs) -> None:
     job, config, take = found_without_floaters(hanging)
     left_out, target = _left_out(job, take), take.clip.reference
     assert left_out.matters
-    past = cost(job, lambda: _past_floaters(job, take, left_out))
+    past = cost(job, lambda: _past_floaters(job, UNREFINED, take, left_out))
     search = cost(
         job,
         lambda: _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
