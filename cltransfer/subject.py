@@ -86,17 +86,18 @@ class Subject:
             "people": self.people,
         }
 
-    def save(self, path: Path, **more: Any) -> None:
+    def save(self, path: str | Path, **more: Any) -> None:
         """Write ``subject.json``; ``more`` adds a report beside the values (it is not read back)."""
-        write_json(path, {**self.to_json(), **more})
+        write_json(Path(path), {**self.to_json(), **more})
 
     @classmethod
-    def load(cls, path: Path) -> Subject:
+    def load(cls, path: str | Path) -> Subject:
         """Read ``subject.json``.
 
         Raises:
             InputError: the file is missing or a field is missing, of the wrong shape, not finite or no person's.
         """
+        path = Path(path)
         data = read_json(path)
         if not isinstance(data, Mapping) or data.get("format") != "cltransfer.subject":
             raise InputError(path, "format", "expected 'cltransfer.subject'", "make one with: cltransfer lift SCENE")

@@ -92,18 +92,19 @@ class Trajectory:
             "frames": frames,
         }
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write ``trajectory.json``, whole or not at all."""
-        write_json(path, self.to_json())
+        write_json(Path(path), self.to_json())
 
     @classmethod
-    def load(cls, path: Path) -> Trajectory:
+    def load(cls, path: str | Path) -> Trajectory:
         """Read ``trajectory.json``.
 
         Raises:
             InputError: the file or a field is missing, or one is of the wrong shape or range, not rigid, skewed or not
                 finite.
         """
+        path = Path(path)
         data = read_json(path)
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise InputError(path, "format", f"expected {FORMAT!r}")

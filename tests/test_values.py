@@ -77,6 +77,16 @@ def test_a_trajectory_comes_back_exactly(tmp_path: Path) -> None:
     assert again.fps == pytest.approx(10)
 
 
+def test_a_file_may_be_named_by_a_text(tmp_path: Path) -> None:
+    features = FeatureFile(Features((8, 4), keypoints=torch.rand(3, 14, 3)), trajectory().times[:3], "")
+    for value, name in ((trajectory(), "t.json"), (subject(), "subject.json"), (features, "clip.safetensors")):
+        path = str(tmp_path / name)
+        value.save(path)
+        type(value).load(path)
+        with pytest.raises(InputError, match="no such file"):
+            type(value).load(f"{path}.lost")
+
+
 def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
     path = tmp_path / "t.json"
     good = trajectory().to_json()

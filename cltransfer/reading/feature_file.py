@@ -47,12 +47,12 @@ class FeatureFile:
         lost = self.features.names() - {*STORED, *self.features.extras, "image"}
         return not lost and not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the file, whole or not at all."""
         origin = self.origin.encode(errors="backslashreplace").decode()  # a file's name may be no UTF-8
         meta = {"format": FORMAT, "size": json.dumps(self.features.size), "origin": origin}
         meta["reasons"] = json.dumps(dict(self.features.reasons))
-        save_tensors(path, self._tensors(), meta)
+        save_tensors(Path(path), self._tensors(), meta)
 
     def _tensors(self) -> dict[str, Tensor]:
         stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}
@@ -60,7 +60,7 @@ class FeatureFile:
         return {"times": self.times, **stored, **extras}
 
     @classmethod
-    def load(cls, path: Path) -> FeatureFile:
+    def load(cls, path: str | Path) -> FeatureFile:
         """Read the file.
 
         Raises:
@@ -69,6 +69,7 @@ class FeatureFile:
         """
         from safetensors import SafetensorError, safe_open
 
+        path = Path(path)
         check_tensor_file(path, LIMIT, "feature file")
         try:
             with safe_open(path, framework="pt") as stream:
