@@ -23,7 +23,6 @@ ONCE = 0.02  # the same where there is one round, which has to tell of both
 NARROWER, FAR_NARROWER = 0.5, 0.25  # what it is multiplied by for the next round: after a gain, and without one
 MISSED = 2  # rounds without a gain, one after the other, that end it
 SHARED = 7  # frames that measure all directions together: moves are smooth, and so is what they need
-SHARED_ONCE = 4  # the same where there is one round: what it misses no other one measures
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
 SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
 PROMISE = 0.002  # total, and bends, that the linear model has to promise
@@ -46,11 +45,6 @@ class Effort:
     def width(self) -> float:
         """Step of the first differences, in the units of x."""
         return WIDE if self.rounds > 1 else ONCE
-
-    @property
-    def shared(self) -> int:
-        """Frames that measure all directions together."""
-        return SHARED if self.rounds > 1 else SHARED_ONCE
 
 
 @dataclass(frozen=True)
@@ -96,8 +90,8 @@ class _At:
 def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, effort: Effort) -> tuple[Tensor, Tensor]:
     """The path moved to where it costs less, and its residuals.
 
-    The differences of a round take D / :attr:`Effort.shared` evaluations a frame, each of its steps one more. What wide
-    ones do not find downhill, because they reach across a bend, narrower ones may.
+    The differences of a round take D / :data:`SHARED` evaluations a frame, each of its steps one more. What wide ones
+    do not find downhill, because they reach across a bend, narrower ones may.
 
     Args:
         clip: what it is a path for; every loss has residuals.
@@ -108,7 +102,7 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
     """
     width, missed = effort.width, 0
     for i in range(effort.rounds):
-        begun = _At(x, clip.local(x, residuals, width, effort.shared, i), moves.about, clip.at)
+        begun = _At(x, clip.local(x, residuals, width, SHARED, i), moves.about, clip.at)
         at = _round(clip, begun, moves, effort.steps)
         x, residuals = at.x, at.local.residuals
         missed = 0 if at.cost <= begun.cost - PROMISE else missed + 1

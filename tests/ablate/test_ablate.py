@@ -126,7 +126,8 @@ def test_every_row_is_measured_at_one_size_and_has_the_frames_that_it_asks_for(
     sweep_file: SweepFile, tmp_path: Path
 ) -> None:
     more = "metrics: {losses: {camera_movement: {mode: faithful}}}"  # in pixels
-    file = sweep_file("{small: {}, large: {output_side: 192}, long: {frames: 3}, patient: {patience: 9}}", more)
+    exact = "small: {path: exact}, large: {path: exact, output_side: 192}"  # so rough a path would end elsewhere
+    file = sweep_file(f"{{{exact}, long: {{frames: 3}}, patient: {{path: exact, patience: 9}}}}", more)
     sweep = read_sweep(str(file), ["references=['drawn:orbit']"])
     found = [run_trial(trial, Job()) for trial in trials(sweep, draw_references(sweep, tmp_path))]
     assert [outcome.frames for outcome in found] == [2, 2, 3, 2], [outcome.failed for outcome in found]

@@ -36,7 +36,9 @@ def test_a_person_who_passes_behind_a_tree_is_found_again(tmp_path: Path) -> Non
     sure = found.reference.features.require("keypoints")[..., 2] > 0.5
     assert (~sure.any(1)).nonzero()[:, 0].tolist() == HIDDEN
     off = (found.trajectory.camera.center - true.camera.center).norm(dim=1) / person().height
-    assert float(off.max()) < 0.1
+    shown = torch.ones(len(off), dtype=torch.bool).index_fill(0, torch.tensor(HIDDEN), False)
+    assert float(off[shown].max()) < 0.04
+    assert float(off[~shown].max()) < 0.25  # nothing tells of these two but what is about them
     framing = found.verified.term("framing").values
     assert torch.isnan(framing[HIDDEN]).all()
     assert float(framing[max(HIDDEN) + 1 :].max()) < 0.01
