@@ -18,6 +18,7 @@ GREY = 0.8  # colour of what has none
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 REPEATED: tuple[Wrap, Wrap] = ("repeat", "repeat")
+CLAMPED: tuple[Wrap, Wrap] = ("clamp", "clamp")
 _NUMBERS = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}  # as the kernels take them
 
 

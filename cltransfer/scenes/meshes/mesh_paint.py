@@ -23,33 +23,36 @@ from .textures import Textures, image_of
 PLACE_LIMIT = 1e6  # of a texture coordinate, in widths of the texture
 FACE_BYTES = 400  # of a face with vertices of its own, at the peak
 FLOAT = 5126  # type of an accessor
+HALF = 0.5  # alpha below which what is half transparent is not drawn
 _MOST = {"f": 1, "B": 255, "H": 65535}  # stored for a colour of 1, by type
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What a material of a glTF says and trimesh does not pass on.
+    """What a material says and trimesh does not pass on.
 
     Args:
-        lit: whether a renderer is to light it.
+        lit: whether a renderer is to light it; None: where it shows no texture.
         textured: whether it promises a texture.
         transform: from texture coordinates to places in the texture, (2, 3); None where they are the same.
         wraps: how the texture goes on beyond its edges, across and down.
         factor: linear RGBA in [0, 1] that multiplies texture and vertex colours, (4,); None: trimesh says.
         cutoff: alpha in [0, 1] below which nothing is drawn.
+        opacity: alpha in [0, 1] of what has no factor.
     """
 
-    lit: bool
+    lit: bool | None
     textured: bool
     transform: Array | None = None  # (2, 3)
     wraps: tuple[Wrap, Wrap] = REPEATED
     factor: Array | None = None  # (4,)
     cutoff: float = 0.0
+    opacity: float = 1.0
 
     @property
     def least(self) -> float:
         """Alpha of the texture below which nothing is drawn."""
-        opacity = 1.0 if self.factor is None else float(self.factor[3])
+        opacity = self.opacity if self.factor is None else float(self.factor[3])
         return self.cutoff / opacity if opacity > 0 else math.inf * (self.cutoff > 0)
 
 
@@ -102,7 +105,7 @@ def _cutoff(path: Path, about: dict[str, Any]) -> float:
     if mode not in ("MASK", "BLEND"):
         return 0.0
     if mode == "BLEND":
-        return 0.5
+        return HALF
     if not isinstance(cutoff, (int, float)) or not 0 <= cutoff <= 1:
         raise InputError(path, "materials", f"expected an alphaCutoff in [0, 1], got {cutoff!r:.40}")
     return float(cutoff)
@@ -137,7 +140,7 @@ def _with_plain_places(gltf: Gltf) -> Gltf:
 
 
 def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mesh, visual: Any) -> Mesh:
-    """The mesh with the colours and the texture of a trimesh visual; ``looks`` are of a glTF's materials by name.
+    """The mesh with the colours and the texture of a trimesh visual; ``looks`` are of the materials by name.
 
     Raises:
         InputError: a colour or a texture coordinate is no sensible number, a texture is not there, or there are not as
@@ -153,11 +156,12 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
         return mesh
     image, uv = image_of(material), getattr(visual, "uv", None)
     shown = image is not None and uv is not None and len(uv) == len(mesh.vertices)
-    look = looks.get(str(getattr(material, "name", "")), Look(lit=not shown, textured=False))
+    look = looks.get(str(getattr(material, "name", "")), Look(lit=None, textured=False))
+    lit = not shown if look.lit is None else look.lit
     if image is None and look.textured:
         raise InputError(path, "images", "a texture cannot be decoded")
     rgba = _rgba(path, look, visual).expand(len(mesh.vertices), 4)
-    mesh = replace(mesh, colors=rgba[:, :3].contiguous(), shaded=torch.full_like(mesh.shaded, look.lit))
+    mesh = replace(mesh, colors=rgba[:, :3].contiguous(), shaded=torch.full_like(mesh.shaded, lit))
     if look.cutoff > 0:
         mesh = mesh.of_faces(rgba[:, 3][mesh.faces.long()].mean(1) >= look.cutoff)  # no texture makes it more
     if not shown:
@@ -217,8 +221,8 @@ def _rgba(path: Path, look: Look, visual: Any) -> Tensor:
     diffuse = getattr(material, "diffuse", None)
     plain = GREY if image_of(material) is None else 1.0
     if diffuse is None or image_of(material) is not None:
-        return torch.tensor([[plain, plain, plain, 1.0]])
-    return torch.tensor([[*(float(c / 255) for c in np.asarray(diffuse)[:3]), 1.0]])
+        return torch.tensor([[plain, plain, plain, look.opacity]])
+    return torch.tensor([[*(float(c / 255) for c in np.asarray(diffuse)[:3]), look.opacity]])
 
 
 def _own_colors(path: Path, visual: Any) -> Array | None:

@@ -1,15 +1,20 @@
-"""The materials of an OBJ: which image each of them shows. trimesh goes on without an image that it cannot open."""
+"""The materials of an OBJ: which image each of them shows, and how. trimesh goes on without one it cannot open."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...errors import InputError
+from ...renderers.kernels import Array
 from .asset_files import Beside, read_limited
+from .mesh import CLAMPED, REPEATED
+from .mesh_paint import HALF, Look
 from .textures import FORMATS, image_of
 
 LIBRARY_LIMIT = 4 * 2**20  # bytes; trimesh takes up to 45 times what the file does
@@ -17,10 +22,12 @@ LIBRARY_LIMIT = 4 * 2**20  # bytes; trimesh takes up to 45 times what the file d
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
 _SWITCH = r"(?:blendu|blendv|cc|clamp|imfchan|boost|bm|texres|type)\s+\S+"
 _OPTIONS = re.compile(rf"(?:-(?:{_SWITCH}|mm\s+\S+\s+\S+|[ost](?:\s+{_NUMBER}){{1,3}})\s+)+", re.IGNORECASE)
+_PLACED = re.compile(rf"-([os])((?:\s+{_NUMBER}){{1,3}})\s", re.IGNORECASE)
+_CLAMPED = re.compile(r"-clamp\s+on\s", re.IGNORECASE)
 
 
 class ObjFiles(Beside):
-    """The files of an OBJ; before the name of an image an MTL may have options, which are passed over."""
+    """The files of an OBJ; before the name of an image an MTL may have options."""
 
     def find(self, name: str) -> Path:
         """The file ``name`` beside or below, with or without options; see :meth:`Beside.find`."""
@@ -28,8 +35,54 @@ class ObjFiles(Beside):
 
 
 def _without_options(name: str) -> str:
+    return name[len(_options(name)) :]
+
+
+def _options(name: str) -> str:
+    """What stands before the name of an image."""
     options = _OPTIONS.match(name)
-    return name[options.end() :] if options else name
+    return options[0] if options else ""
+
+
+def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
+    """What the materials of an OBJ say that trimesh does not pass on, by their names.
+
+    Less than half opaque by ``d`` is not drawn, as in a glTF; ``-o``, ``-s`` and ``-clamp on`` place the image. Bumps,
+    turbulence and ``map_d`` are passed over.
+
+    Args:
+        visuals: those of trimesh.
+    """
+    materials = [getattr(one, "material", None) for one in visuals]
+    return {one.name: _look(one) for one in materials if one is not None}
+
+
+def _look(material: Any) -> Look:
+    image, opacity = image_of(material), _opacity(getattr(material, "kwargs", {}))
+    options = "" if image is None else _options(str(image.info.get("file_path", "")))
+    wraps = CLAMPED if _CLAMPED.search(options) else REPEATED
+    cutoff = HALF * (opacity < HALF)
+    return Look(None, textured=False, transform=_transform(options), wraps=wraps, opacity=opacity, cutoff=cutoff)
+
+
+def _opacity(about: Mapping[str, Any]) -> float:
+    """In [0, 1]; ``Tr`` is what ``d`` lacks, and does not count beside it: some write it the other way round."""
+    try:
+        if "d" in about:
+            return min(max(float(about["d"][-1]), 0.0), 1.0)
+        return min(max(1 - float(about["tr"][-1]), 0.0), 1.0) if "tr" in about else 1.0
+    except (ValueError, TypeError):
+        return 1.0  # no number, as trimesh passes over a colour that is none
+
+
+def _transform(options: str) -> Array | None:
+    """From texture coordinates to places in the texture, (2, 3), from its top left; None where they are the same."""
+    said = {key.lower(): [float(word) for word in words.split()] for key, words in _PLACED.findall(options)}
+    if not said:
+        return None
+    su, sv = [*said.get("s", []), 1.0, 1.0][:2]
+    ou, ov = [*said.get("o", []), 0.0, 0.0][:2]
+    return np.array([[su, 0, ou], [0, sv, 1 - sv - ov]])  # an MTL counts from the bottom: v' = sv v + ov
 
 
 def check_images(library: Path, visuals: Iterable[Any]) -> None:

@@ -27,7 +27,7 @@ from .mesh import Mesh
 from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
-from .mtl import LIBRARY_LIMIT, ObjFiles, check_images
+from .mtl import LIBRARY_LIMIT, ObjFiles, check_images, looks_of
 from .ply_colors import own_visual
 from .rig import subject_of_rig
 from .textures import Textures, image_of
@@ -82,6 +82,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     visuals = [geometry.visual for _, _, geometry in found]
     if suffix == ".obj" and files.given:
         check_images(files.given[0], visuals)
+        looks = looks_of(visuals)
     least = {name: look.least for name, look in looks.items()}
     textures = Textures(path, [getattr(visual, "material", None) for visual in visuals], least)
     parts = [_part(path, looks, textures, *part) for part in found]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from cltransfer.errors import InputError
 from cltransfer.scenes.meshes.mtl import LIBRARY_LIMIT
@@ -69,14 +70,48 @@ def test_an_image_may_be_larger_than_a_library(stage, image_file):
     assert read_mesh(path).mesh.textures[0].shape == (1200, 1200, 4)
 
 
+# The triangle's places in the image from its top left are (0, 1), (1, 1) and (0, 0) where nothing moves them.
 @pytest.mark.parametrize(
-    "options", ["-s 1 1 1", "-o 0.5 -.25", "-s 1 -mm 0 1.5 -bm 1", "-clamp on -texres 256", "-BlendU off -imfchan m"]
+    ("options", "places", "wrap"),
+    [
+        ("-s 1 1 1", [[0, 1], [1, 1], [0, 0]], "repeat"),
+        ("-o 0.5 -.25", [[0.5, 1.25], [1.5, 1.25], [0.5, 0.25]], "repeat"),
+        ("-s 3 2 1", [[0, 1], [3, 1], [0, -1]], "repeat"),
+        ("-s 2 -mm 0 1.5 -bm 1 -O .5 .5", [[0.5, 0.5], [2.5, 0.5], [0.5, -0.5]], "repeat"),
+        ("-clamp on -texres 256", [[0, 1], [1, 1], [0, 0]], "clamp"),
+        ("-BlendU off -imfchan m", [[0, 1], [1, 1], [0, 0]], "repeat"),
+        ("-clamp off -t 1 1 1", [[0, 1], [1, 1], [0, 0]], "repeat"),
+    ],
 )
-def test_options_before_the_name_of_an_image_are_passed_over(stage, options):
+def test_options_before_the_name_of_an_image_place_it(stage, options, places, wrap):
     path = stage(f"newmtl dark wood\nmap_Kd {options} wood.png\n")
     file = read_mesh(path)
     assert [image.shape for image in file.mesh.textures] == [(4, 2, 4)]
     assert file.files[-1] == path.with_name("wood.png")
+    torch.testing.assert_close(file.mesh.uv, torch.tensor(places).float())
+    assert file.mesh.wraps == ((wrap, wrap),)
+
+
+@pytest.mark.parametrize("options", ["-s 1e30", "-o 1e30 0 0"])
+def test_an_image_may_not_be_moved_out_of_reach(stage, options):
+    path = stage(f"newmtl dark wood\nmap_Kd {options} wood.png\n")
+    with pytest.raises(
+        InputError, match=r"stage.obj: texture coordinates: expected at most 1e\+06 in size, got 1e\+30"
+    ):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("said", ["d 0.4", "d -halo 0.2", "Tr 0.8", "d 0.1\nTr 0.1", "map_Kd wood.png\nd 0"])
+def test_what_is_less_than_half_opaque_is_not_drawn(stage, said):
+    solid = "usemtl solid\nf 1/1 3/3 2/2\n"
+    assert len(read_mesh(stage(f"newmtl dark wood\n{said}\nnewmtl solid\nKd 1 0 0\n", FACE + solid)).mesh) == 1
+    with pytest.raises(InputError, match=r"holds no faces .*all transparent"):
+        read_mesh(stage(f"newmtl dark wood\n{said}\n"))
+
+
+@pytest.mark.parametrize("said", ["d 0.6", "d 1\nTr 1", "Tr 0.3", "d glass", "Kd 1 0 0"])
+def test_what_is_half_opaque_is_drawn(stage, said):
+    assert len(read_mesh(stage(f"newmtl dark wood\n{said}\n")).mesh) == 1
 
 
 def test_an_image_whose_name_begins_as_options_do_is_taken(stage, image_file):
