@@ -9,6 +9,7 @@ import io
 import json
 import logging
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
@@ -47,6 +48,12 @@ def atomic(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def temporaries(path: Path) -> list[Path]:
+    """What writers of ``path`` that were killed have left beside it."""
+    named = re.compile(rf"\.tmp-\d+-[0-9a-f]{{8}}-{re.escape(path.name)}")
+    return [one for one in sorted(path.parent.glob(".tmp-*")) if named.fullmatch(one.name)]
 
 
 def _usual_mode(path: Path) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError, UsageError
-from .files import check_out, read_json, refuse_outside
+from .files import check_out, read_json, refuse_outside, temporaries
 
 FORMAT = "cltransfer.run"  # what the manifest of a run says it is
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
@@ -93,6 +93,11 @@ def _refuse_links(folder: Path) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Take away what an earlier run has left in ``folder``, first what says that it is whole."""
+    """Take away what an earlier run has left in ``folder``, first what says that it is whole.
+
+    What of it was being written when the run was killed goes too.
+    """
     for name in RESULTS:
         (folder / name).unlink(missing_ok=True)
+        for unfinished in temporaries(folder / name):
+            unfinished.unlink(missing_ok=True)

@@ -22,6 +22,7 @@ from cltransfer.storage.run_files import (
     JOURNAL,
     MANIFEST,
     RESULTS,
+    VIDEO,
     clear,
     is_run,
     kept_frames,
@@ -73,6 +74,25 @@ def test_what_an_earlier_run_left_is_taken_away_and_nothing_else(tmp_path: Path)
         (tmp_path / name).touch()
     clear(tmp_path)
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["camera", "notes.txt", "video"]
+
+
+def test_what_was_being_written_when_a_run_was_killed_is_taken_away_too(tmp_path: Path) -> None:
+    die = """
+import os, signal, sys
+from pathlib import Path
+from cltransfer.storage.files import atomic
+with atomic(Path(sys.argv[1])) as temporary:
+    temporary.touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    for name in (VIDEO, "metrics.csv", "notes.txt"):
+        subprocess.run([sys.executable, "-c", die, str(tmp_path / name)], check=False)
+    (tmp_path / ".tmp-mine-metrics.csv").touch()
+    left = sorted(path.name for path in tmp_path.rglob(".tmp-*"))
+    assert len(left) == 4
+    clear(tmp_path)
+    kept = sorted(path.name for path in tmp_path.rglob(".tmp-*"))
+    assert kept == [name for name in left if name.endswith("notes.txt") or "mine" in name]
 
 
 def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
