@@ -69,8 +69,9 @@ class RunConfig:
             to frame, nothing rescued; above it, and where it gets worse along the clip, the clip is followed again as
             the keys around this one say, and the better one is kept. 0 does so at once.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
-        rescue: total above which a refined frame is searched by CMA-ES too, if it is also above 1.5 times the median
-            of the frames before it; flow counts by half. Of the first frame basin says so.
+        rescue: total above which a refined frame is searched by CMA-ES too, if it is also above four times the
+            median of the frames before it, ever less often where that does not help; flow counts by half. Of the first
+            frame basin says so.
         generations: of the engine cma per frame at most; refine calls CMA-ES with budgets of its own, and takes of
             these five keys sigma0 alone.
         patience: generations without decrease before it stops.

@@ -13,7 +13,8 @@ from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .problem import Problem, distinct
 from .refine import Refined, differences, flat_directions, inside, refine
-from .renewal import TRIAL, WORSE, Renewal, helped
+from .renewal import TRIAL, Renewal, helped
+from .rescue import Rescue
 from .schedule import Schedule
 
 RESCUE = Budget(generations=25, patience=8, popsize=10)
@@ -35,6 +36,7 @@ class Memory:
         totals: of the frames so far.
         renewal: of the Jacobian, where it is carried from frame to frame.
         settled: residuals (R,) that the last frame ended at and could not lower; None where it could.
+        rescue: of frames that are refined, by CMA-ES.
     """
 
     shape: Tensor | None = None
@@ -43,6 +45,7 @@ class Memory:
     totals: tuple[float, ...] = field(default=())
     renewal: Renewal = field(default_factory=Renewal)
     settled: Tensor | None = None
+    rescue: Rescue = field(default_factory=Rescue)
 
     def nothing_new(self, residuals: Tensor) -> bool:
         """Whether a frame begins with the residuals (R,) that the last one could not lower: nothing moves."""
@@ -131,17 +134,20 @@ def _by_refinement(
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
         if schedule.polish is not None and problem.before is None and found.total <= limit:
             limit, sigma, budget = schedule.refinement.tolerance, POLISH_SIGMA, schedule.polish
+        poor = found.total > limit
     else:
         x, residuals = frame.best(starts)
-        limit, sigma, budget = max(schedule.rescue, WORSE * frame.usual), RESCUE_SIGMA, RESCUE
-        if memory.nothing_new(residuals) and frame.total(residuals) <= limit:
+        if memory.nothing_new(residuals) and not frame.far(frame.total(residuals)):
             return frame.as_before(x, residuals)
         found, renewal = frame.next(x, residuals)
-    if found.total <= limit:
+        poor, sigma, budget = frame.far(found.total), RESCUE_SIGMA, RESCUE
+    if not poor:
         return frame.solved(found, renewal, found.stop)
     shape = frame.flat(found) if budget is schedule.polish else None
     wide = minimise(problem.totals, Start(found.x, sigma, shape), problem.bounds, budget, generator)
     again = frame.refined(wide.x)
+    if budget is RESCUE:
+        frame.rescue = frame.rescue.done(found.total, again.total)
     if again.total < found.total:
         return frame.solved(again, renewal, f"rescued, {again.stop}", wide.generations)
     return frame.solved(found, renewal, found.stop, wide.generations)
@@ -157,6 +163,7 @@ class _Refining:
         self.problem, self.memory, self.schedule, self.groups = problem, memory, schedule, objective.groups
         self.rows = objective.rows(problem.defined)  # (R,)
         self.known = torch.zeros_like(self.rows) if memory.known is None else memory.known  # (R,)
+        self.rescue = memory.rescue.next()
 
     @property
     def usual(self) -> float:
@@ -204,6 +211,10 @@ class _Refining:
             found = self.refined(found.x, found.jacobian, found.residuals)
         return found, renewal.done(before, found.total)
 
+    def far(self, total: float) -> bool:
+        """Whether a frame after others, that ends at ``total``, is to be searched by CMA-ES."""
+        return self.rescue.due(total, self.usual, self.schedule.rescue)
+
     def total(self, residuals: Tensor) -> float:
         """Total of residuals (R,)."""
         return float(group_norms(residuals[None], self.groups).sum())
@@ -211,7 +222,8 @@ class _Refining:
     def as_before(self, x: Tensor, residuals: Tensor) -> Solved:
         """A frame that is not searched, because it begins as the last one ended."""
         total = self.total(residuals)
-        return Solved(x, total, 0, "as before", replace(self.memory, totals=(*self.memory.totals, total)))
+        memory = replace(self.memory, totals=(*self.memory.totals, total), rescue=self.rescue)
+        return Solved(x, total, 0, "as before", memory)
 
     def solved(self, found: Refined, renewal: Renewal, stop: str, generations: int = 0) -> Solved:
         """What was found, and what it teaches the next frame."""
@@ -220,7 +232,7 @@ class _Refining:
             return Solved(found.x, found.total, generations, stop, Memory(totals=totals))
         jacobian = found.jacobian if kept is None else torch.where(self.rows[:, None], found.jacobian, kept)
         settled = found.residuals if found.stop == "worth" else None
-        memory = Memory(None, jacobian, self.known | self.rows, totals, renewal, settled)
+        memory = Memory(None, jacobian, self.known | self.rows, totals, renewal, settled, self.rescue)
         return Solved(found.x, found.total, generations, stop, memory)
 
 

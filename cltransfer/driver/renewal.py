@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-WORSE = 1.5  # times the median so far, that a frame may end at before it is rescued or its Jacobian doubted
+WORSE = 1.5  # times the median so far, that a frame may end at before its Jacobian is doubted
 STUCK = 0.1  # total below which it is not, half a tolerance of one term
 HELPED = 0.5  # of its total, that a frame ends at by a new Jacobian if the old one was to blame
 TRIAL = 2  # steps with a new Jacobian that show whether it helps

@@ -16,6 +16,7 @@ from cltransfer.config import load_config
 from cltransfer.driver.cma_es import Budget
 from cltransfer.driver.frame import SAME, Memory, Solved, carried, solve
 from cltransfer.driver.problem import Problem
+from cltransfer.driver.rescue import Rescue
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
@@ -121,7 +122,7 @@ def test_a_frame_in_the_wrong_basin_is_rescued_where_its_total_is_above_the_limi
 def test_a_first_frame_that_stands_for_all_is_polished_however_good_it_is() -> None:
     """The basin beside it is nearer than one step of the search from the initial view."""
     problem, schedule = planted()
-    lean = replace(schedule, basin=math.inf, polish=Budget(generations=24, patience=8, popsize=10))
+    lean = replace(schedule, basin=math.inf, rescue=math.inf, polish=Budget(generations=24, patience=8, popsize=10))
     polished = solved(problem, lean, first=True)
     assert 0 < polished.generations <= 24
     assert polished.total < 0.1 * DECOY
@@ -136,6 +137,17 @@ def test_a_rescue_that_ends_in_a_worse_basin_is_thrown_away(first: bool) -> None
     assert kept.stop == "worth"
     assert kept.total == pytest.approx(DECOY)
     torch.testing.assert_close(kept.x, torch.zeros(2, dtype=torch.float64), atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize(("price", "again"), [(0.0, Rescue(0, 1)), (2 * DECOY, Rescue(0, 4))], ids=["helps", "in vain"])
+def test_a_rescue_tells_how_soon_another_frame_may_be(price: float, again: Rescue) -> None:
+    problem, schedule = planted(price=price)
+    found = solved(problem, replace(schedule, rescue=1.0), first=False)
+    assert found.memory.rescue == again
+    lost = torch.zeros(1, 2, dtype=torch.float64)
+    memory = replace(found.memory, totals=(0.1,), jacobian=torch.zeros(3, 2, dtype=torch.float64))
+    later = solve(problem, lost, memory, replace(schedule, rescue=1.0), np.random.default_rng(0))
+    assert (later.generations > 0) == (again.wait == 1)
 
 
 @pytest.mark.parametrize("rescue", [1.0, math.inf])
