@@ -66,8 +66,9 @@ class RunConfig:
         jacobians: computed afresh per frame at most, after the first frame's; 0 carries one along the clip, and
             computes another only where a frame ends far worse than those before.
         lean: mean total up to which it is enough to follow a clip leanly: one damping, the Jacobian carried from frame
-            to frame, nothing rescued; above it, and where it gets worse along the clip, the clip is followed again as
-            the keys around this one say, and the better one is kept. 0 does so at once.
+            to frame, nothing rescued; above it, and where it gets worse along the clip or a frame ends far above the
+            others, the clip is followed again as the keys around this one say, and the better one is kept. 0 does so
+            at once.
         basin: total of the refined first frame above which CMA-ES looks for a better basin.
         rescue: total above which a refined frame is searched by CMA-ES too, if it is also above four times the
             median of the frames before it, ever less often where that does not help; flow counts by half. Of the first

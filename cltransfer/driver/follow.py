@@ -21,6 +21,7 @@ from .stage import Stage
 
 GOOD = 0.3  # total of a frame that is about right
 DRIFT, DRIFT_FLOOR = 9.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
+LEAP, LEAP_FLOOR = 6.0, 3.0  # times the median, and at least so much, that no frame may end above
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,11 @@ class Path:
         totals = [solved.total for solved in self.frames]
         third = max(1, len(totals) // 3)
         return fmean(totals[-third:]) > DRIFT * fmean(totals[:third]) + DRIFT_FLOOR
+
+    @property
+    def leaps(self) -> bool:
+        """Whether a frame ended far above the others: they are as they should be, and it was lost."""
+        return float(self.totals.max()) > max(LEAP_FLOOR, LEAP * float(self.totals.median()))
 
 
 def follow(

@@ -227,7 +227,7 @@ def _followed_from(job: Job, stage: Stage, target: Features, starts: Starts, rep
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
         return follow(stage, job.search, target, homes, schedule, report, guide)
     first = follow(stage, job.search, target, homes, schedule.lean, report, guide)
-    if first.local is None or (first.local.total <= schedule.lean_limit and not first.drifts):
+    if first.local is None or (first.local.total <= schedule.lean_limit and not (first.drifts or first.leaps)):
         return first
     return _better(first, follow(stage, job.search, target, homes, schedule, report, guide))
 

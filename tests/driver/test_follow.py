@@ -14,7 +14,9 @@ from torch import Tensor
 from cltransfer.camera import Camera, concatenate
 from cltransfer.config import load_config
 from cltransfer.driver.closed_form import closed_form
+from cltransfer.driver.follow import Path as Followed
 from cltransfer.driver.follow import follow
+from cltransfer.driver.frame import Memory, Solved
 from cltransfer.driver.initial_view import any_view
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
@@ -38,6 +40,22 @@ class Job(NamedTuple):
     stage: Stage
     search: SubjectOrbit
     schedule: Schedule
+
+
+@pytest.mark.parametrize(
+    ("totals", "leaps"),
+    [
+        ((0.1,) * 11 + (3.1,), True),
+        ((0.1,) * 11 + (2.9,), False),  # a lean way is good enough up to about this
+        ((0.6,) * 11 + (3.5,), False),  # no worse than many
+        ((0.5,) * 11 + (3.5,), True),
+    ],
+)
+def test_a_path_leaps_where_a_frame_ends_far_above_the_others(totals: tuple[float, ...], leaps: bool) -> None:
+    x, eye = torch.zeros(len(totals), 1), torch.zeros(len(totals), 3)
+    frames = tuple(Solved(x[0], total, 0, "worth", Memory()) for total in totals)
+    camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
+    assert Followed(x, camera, frames).leaps == leaps
 
 
 def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:
