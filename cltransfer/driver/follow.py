@@ -14,7 +14,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..features import Features
 from ..pipeline.objective import Objective
-from .frame import Memory, Schedule, Solved, carried, predictions, solve
+from .frame import CARRIED, Memory, Schedule, Solved, carried, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local
 from .stage import Stage
@@ -54,8 +54,13 @@ class Path:
 
     @property
     def leaps(self) -> bool:
-        """Whether a frame ended far above the others: they are as they should be, and it was lost."""
-        return float(self.totals.max()) > max(LEAP_FLOOR, LEAP * float(self.totals.median()))
+        """Whether a frame ended far above the others: they are as they should be, and it was lost.
+
+        Where nobody is seen, and in the frame after, whose flow is from there, none can do better.
+        """
+        sought = [solved.stop != CARRIED for solved in self.frames]
+        told = [solved.total for i, solved in enumerate(self.frames) if sought[i] and sought[max(i - 1, 0)]]
+        return max(told, default=0.0) > max(LEAP_FLOOR, LEAP * float(self.totals.median()))
 
 
 def follow(

@@ -22,6 +22,7 @@ RESCUE_SIGMA = 0.08
 POLISH_SIGMA = 0.04
 ROUGH = 0.02  # step of the differences that a polish is told by, in the units of x: losses are rough within less
 BASIN = Budget(generations=40, patience=12, popsize=12)
+CARRIED = "carried"  # why a frame ended that was not searched, since nobody is seen in it
 SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
 
 
@@ -98,7 +99,7 @@ def carried(problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule
     starts = _allowed(problem, starts, schedule)
     totals = problem.totals(starts)
     best = int(totals.argmin())
-    return Solved(starts[best], float(totals[best]), 0, "carried", memory)
+    return Solved(starts[best], float(totals[best]), 0, CARRIED, memory)
 
 
 def _allowed(problem: Problem, starts: Tensor, schedule: Schedule) -> Tensor:

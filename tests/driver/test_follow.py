@@ -58,6 +58,16 @@ def test_a_path_leaps_where_a_frame_ends_far_above_the_others(totals: tuple[floa
     assert Followed(x, camera, frames).leaps == leaps
 
 
+@pytest.mark.parametrize(("lost", "leaps"), [(4, False), (5, False), (6, True)])
+def test_no_path_leaps_where_nobody_is_seen_nor_right_after(lost: int, leaps: bool) -> None:
+    x, eye = torch.zeros(12, 1), torch.zeros(12, 3)
+    frames = tuple(
+        Solved(x[0], 8.0 if i == lost else 0.1, 0, "carried" if i in (3, 4) else "worth", Memory()) for i in range(12)
+    )
+    camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
+    assert Followed(x, camera, frames).leaps == leaps
+
+
 def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:
     config, scene = load_config(overrides=PLACED), load_scene("builtin:plaza")
     parts, search = Components.build(config), SubjectOrbit()
