@@ -13,15 +13,16 @@ from .adam import descend
 from .cma_es import Budget, Start, minimise
 from .problem import Problem, distinct
 from .refine import Refined, differences, flat_directions, inside, refine
-from .renewal import TRIAL, Renewal, helped
-from .rescue import Rescue
+from .retry import RENEWAL, RESCUE, Retry
 from .schedule import Schedule
 
-RESCUE = Budget(generations=25, patience=8, popsize=10)
+RESCUE_BUDGET = Budget(generations=25, patience=8, popsize=10)
 RESCUE_SIGMA = 0.08
 POLISH_SIGMA = 0.04
 ROUGH = 0.02  # step of the differences that a polish is told by, in the units of x: losses are rough within less
 BASIN = Budget(generations=40, patience=12, popsize=12)
+TRIAL = 2  # steps with a new Jacobian that show whether it helps
+STUCK = 0.1  # total below which an old one is not doubted, half a tolerance of one term
 CARRIED = "carried"  # why a frame ended that was not searched, since nobody is seen in it
 SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
 
@@ -44,9 +45,9 @@ class Memory:
     jacobian: Tensor | None = None
     known: Tensor | None = None
     totals: tuple[float, ...] = field(default=())
-    renewal: Renewal = field(default_factory=Renewal)
+    renewal: Retry = RENEWAL
     settled: Tensor | None = None
-    rescue: Rescue = field(default_factory=Rescue)
+    rescue: Retry = RESCUE
 
     def nothing_new(self, residuals: Tensor) -> bool:
         """Whether a frame begins with the residuals (R,) that the last one could not lower: nothing moves."""
@@ -131,7 +132,7 @@ def _by_refinement(
 ) -> Solved:
     frame = _Refining(problem, memory, schedule)
     if memory.jacobian is None or not memory.placed(problem.stage.objective, schedule):
-        found, renewal = frame.first(starts), Renewal()
+        found, renewal = frame.first(starts), RENEWAL
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
         if schedule.polish is not None and problem.before is None and found.total <= limit:
             limit, sigma, budget = schedule.refinement.tolerance, POLISH_SIGMA, schedule.polish
@@ -141,13 +142,13 @@ def _by_refinement(
         if memory.nothing_new(residuals) and not frame.far(frame.total(residuals)):
             return frame.as_before(x, residuals)
         found, renewal = frame.next(x, residuals)
-        poor, sigma, budget = frame.far(found.total), RESCUE_SIGMA, RESCUE
+        poor, sigma, budget = frame.far(found.total), RESCUE_SIGMA, RESCUE_BUDGET
     if not poor:
         return frame.solved(found, renewal, found.stop)
     shape = frame.flat(found) if budget is schedule.polish else None
     wide = minimise(problem.totals, Start(found.x, sigma, shape), problem.bounds, budget, generator)
     again = frame.refined(wide.x)
-    if budget is RESCUE:
+    if budget is RESCUE_BUDGET:
         frame.rescue = frame.rescue.done(found.total, again.total)
     if again.total < found.total:
         return frame.solved(again, renewal, f"rescued, {again.stop}", wide.generations)
@@ -193,22 +194,22 @@ class _Refining:
         best = int(group_norms(residuals, self.groups).sum(1).argmin())
         return starts[best], residuals[best]
 
-    def next(self, x: Tensor, residuals: Tensor) -> tuple[Refined, Renewal]:
+    def next(self, x: Tensor, residuals: Tensor) -> tuple[Refined, Retry]:
         """A frame after others: from x (D,), which has ``residuals``, by their Jacobian where that does still."""
         assert self.memory.jacobian is not None
         # of flow Broyden's updates are enough, measured afresh it misleads
         new = bool((self.rows & ~self.known & ~self.problem.stage.objective.paired).any())
         renewal = self.memory.renewal.next()
-        renewal = renewal.measured() if new else renewal
+        renewal = renewal.needless() if new else renewal
         carried = self.memory.jacobian * self.rows[:, None]
         found = self.refined(x, None if new else carried, residuals)
         if not new and torch.equal(found.x, x) and bool((self.rows & (carried == 0).all(1) & (residuals != 0)).any()):
             found = self.refined(x, None, residuals)  # no step was taken by which Broyden's update could begin
-        if not (self.schedule.renewed and renewal.due(found.total, self.usual)):
+        if not (self.schedule.renewed and renewal.due(found.total, self.usual, STUCK)):
             return found, renewal
         before = found.total
         found = self.refined(found.x, None, found.residuals, TRIAL)
-        if helped(before, found.total):
+        if renewal.helped(before, found.total):
             found = self.refined(found.x, found.jacobian, found.residuals)
         return found, renewal.done(before, found.total)
 
@@ -226,7 +227,7 @@ class _Refining:
         memory = replace(self.memory, totals=(*self.memory.totals, total), rescue=self.rescue)
         return Solved(x, total, 0, "as before", memory)
 
-    def solved(self, found: Refined, renewal: Renewal, stop: str, generations: int = 0) -> Solved:
+    def solved(self, found: Refined, renewal: Retry, stop: str, generations: int = 0) -> Solved:
         """What was found, and what it teaches the next frame."""
         totals, kept = (*self.memory.totals, found.total), self.memory.jacobian
         if not self.schedule.warm:

@@ -34,7 +34,7 @@ class Schedule:
         warm: start from the frames before; otherwise every frame starts from the initial view.
         basin: total of the first frame above which CMA-ES looks for a better basin from there.
         rescue: total above which a later frame that is refined is searched by CMA-ES too, if it is also above
-            :data:`~.rescue.FAR` times the median of those before it; ever less often where it does not help.
+            four times the median of those before it; ever less often where it does not help (:mod:`~.retry`).
         renewed: whether a Jacobian carried along the clip is measured afresh where a frame ends far worse than usual.
         lean_limit: mean total up to which a clip followed leanly is good enough; 0 follows none leanly.
         free_lens: whether the focal length moves.

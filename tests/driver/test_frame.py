@@ -16,7 +16,7 @@ from cltransfer.config import load_config
 from cltransfer.driver.cma_es import Budget
 from cltransfer.driver.frame import SAME, Memory, Solved, carried, solve
 from cltransfer.driver.problem import Problem
-from cltransfer.driver.rescue import Rescue
+from cltransfer.driver.retry import RESCUE, Retry
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
 from cltransfer.features import Features
@@ -139,8 +139,10 @@ def test_a_rescue_that_ends_in_a_worse_basin_is_thrown_away(first: bool) -> None
     torch.testing.assert_close(kept.x, torch.zeros(2, dtype=torch.float64), atol=0.02, rtol=0)
 
 
-@pytest.mark.parametrize(("price", "again"), [(0.0, Rescue(0, 1)), (2 * DECOY, Rescue(0, 4))], ids=["helps", "in vain"])
-def test_a_rescue_tells_how_soon_another_frame_may_be(price: float, again: Rescue) -> None:
+@pytest.mark.parametrize(
+    ("price", "again"), [(0.0, replace(RESCUE, wait=1)), (2 * DECOY, replace(RESCUE, wait=4))], ids=["helps", "in vain"]
+)
+def test_a_rescue_tells_how_soon_another_frame_may_be(price: float, again: Retry) -> None:
     problem, schedule = planted(price=price)
     found = solved(problem, replace(schedule, rescue=1.0), first=False)
     assert found.memory.rescue == again
