@@ -37,8 +37,8 @@ class Guard:
     def reasons(self, features: Features, reference: Features | None = None) -> dict[str, Tensor]:
         """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it.
 
-        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden; where as much of it lies before
-        the person as may not be near, a thing may come as near as the person.
+        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden; there, and where as much of it
+        lies before the person as may not be near, a thing may come as near as the person.
         """
         depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth").flatten(1)  # (B, H W)
         wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
@@ -65,10 +65,15 @@ def _person(features: Features) -> Tensor:
 
 
 def _filled(reference: Features | None) -> Tensor:
-    """Frames of the reference that what is before the person fills, (R, 1) bool; none where nobody told."""
-    if reference is None or not reference.has("layers"):
+    """Frames of the reference that what is before the person fills, or hides them, (R, 1) bool; none where untold."""
+    if reference is None:
         return torch.zeros(1, 1, dtype=torch.bool)
-    return reference.require("layers")[:, :1].flatten(1).double().mean(1, keepdim=True) > CLOSE
+    filled = torch.zeros(len(reference), 1, dtype=torch.bool)
+    if reference.has("layers"):
+        filled |= reference.require("layers")[:, :1].flatten(1).double().mean(1, keepdim=True) > CLOSE
+    if reference.has("subject"):
+        filled |= ~reference.require("subject").flatten(1).any(1, keepdim=True)
+    return filled
 
 
 def _from_body(points: Tensor, person: Subject) -> Tensor:

@@ -76,6 +76,13 @@ def test_a_thing_may_come_nearer_where_one_fills_the_reference(before: float, bl
 
 
 @pytest.mark.parametrize("shown", [True, False])
+def test_a_thing_may_come_nearer_where_the_reference_shows_nobody(shown: bool) -> None:
+    reference = view(person=shown)
+    assert bool(Guard(1.8).blocked(view(depth=0.4), reference)) == shown
+    assert bool(Guard(1.8).blocked(view(depth=0.2), reference))
+
+
+@pytest.mark.parametrize("shown", [True, False])
 def test_a_person_whom_the_reference_hides_may_be_hidden(shown: bool) -> None:
     reference = view()
     assert reference.keypoints is not None
