@@ -18,7 +18,7 @@ from ..camera import fitted_size, resized
 from ..computer.threads import default_count, set_threads, thread_count
 from ..config.options import RunConfig
 from ..driver.guard import READ, Guard
-from ..driver.initial_view import given_view
+from ..driver.initial_view import any_view, given_view
 from ..driver.journal import Journal
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
@@ -40,6 +40,7 @@ from ..scenes.floaters import without_floaters
 from ..scenes.foreign import check_geometry
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import lifted_scene, load_person
+from ..search import check_search
 from ..storage.run_files import DONE
 from .readback import check_result
 
@@ -185,6 +186,9 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     noise = noise_floor(stage.objective, reference.features, wanted)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
     given, read = None if view is None else resized(view, output), reference.family == "image"
+    home = any_view(scene.subject, output) if given is None and scene.subject is not None else given
+    if home is not None:
+        check_search(search, home, scene.subject)
     starting = Starting(search, schedule, config.guide, given, output, read, at)
     starts = starting.starts(replace(stage, scene=solid), wanted)
     clock.lap("initial view")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Protocol
 
+from ..errors import ModelError, named
+
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -53,3 +55,28 @@ def limits(search: Any, dimensions: int) -> tuple[Tensor, Tensor]:
     unbounded = getattr(search, "unbounded", slice(0))
     low[unbounded], high[unbounded] = -math.inf, math.inf
     return low, high
+
+
+def check_search(search: Any, home: Camera, subject: Subject | None) -> None:
+    """Ask a search once for all that the driver asks it for.
+
+    Args:
+        search: of whoever wrote it.
+        home: a view that it is to express.
+        subject: of the scene.
+
+    Raises:
+        ModelError: it fails, or its bounds, its vector or its cameras have not the shapes that its ``dimensions`` say.
+    """
+    from ..registry import SEARCHES
+
+    who, D = f"search {SEARCHES.name_of(search)!r}", search.dimensions
+    with named(who, "expected bounds, a vector and cameras"):
+        low, high = search.bounds()
+        x = search.vector(home, home, subject)
+        told = [("low bounds", low, (D,)), ("high bounds", high, (D,)), ("a vector", x, (1, D))]
+        shapes = [(what, tuple(tensor.shape), expected) for what, tensor, expected in told]
+        shapes += [("cameras", (len(search.cameras(x[:, :d], home, subject)),), (1,)) for d in (D, D - 1)]
+    for what, came, expected in shapes:
+        if came != expected:
+            raise ModelError("", who, f"expected {what} of shape {expected}, got {came}", f"its dimensions are {D}")

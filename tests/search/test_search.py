@@ -8,8 +8,10 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
+from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.registry import SEARCHES
+from cltransfer.search import check_search
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.subject import Subject
 from cltransfer.testing.samples import sample_subject
@@ -41,6 +43,47 @@ def test_vector_inverts_cameras(name: str) -> None:
     again = search.cameras(search.vector(camera, home(subject), subject), home(subject), subject)
     torch.testing.assert_close(again.w2c, camera.w2c, atol=1e-9, rtol=0)
     torch.testing.assert_close(again.K, camera.K, atol=1e-7, rtol=0)
+
+
+@pytest.mark.parametrize("name", SEARCHES.names())
+def test_every_search_answers_in_its_own_dimensions(name: str) -> None:
+    check_search(SEARCHES.build(name), home(person()), person())
+
+
+class Wider(SubjectOrbit):
+    """One that says it has more than it answers for."""
+
+    dimensions = 8
+
+
+class Narrower(SubjectOrbit):
+    """One whose vectors lack the lens."""
+
+    def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> torch.Tensor:
+        return super().vector(camera, home, subject)[:, :-1]
+
+
+class Failing(SubjectOrbit):
+    """One that has no bounds."""
+
+    def bounds(self) -> tuple[torch.Tensor, torch.Tensor]:
+        raise LookupError("no bounds")
+
+
+@pytest.mark.parametrize(
+    ("search", "line"),
+    [
+        (Wider(), r"search 'wide': expected low bounds of shape \(8,\), got \(7,\) \(its dimensions are 8\)"),
+        (Narrower(), r"search 'wide': expected a vector of shape \(1, 7\), got \(1, 6\)"),
+        (Failing(), "search 'wide': expected bounds, a vector and cameras, it raised LookupError: no bounds"),
+    ],
+)
+def test_a_search_that_answers_otherwise_is_named(
+    search: SubjectOrbit, line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SEARCHES, "name_of", lambda component: "wide")
+    with pytest.raises(ModelError, match=line):
+        check_search(search, home(person()), person())
 
 
 @pytest.mark.parametrize("name", SEARCHES.names())
