@@ -50,6 +50,8 @@ sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:
+    if name == "plugins":  # that cltransfer.plugins.allow may be called as it is written
+        return importlib.import_module(".plugins", __name__)
     if name not in _HOME:
         raise AttributeError(f"module 'cltransfer' has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)

@@ -22,6 +22,7 @@ ORDERS = {
     "names first": [NAMES, MODULES, NAMES, FUNCTIONS],
     "from the modules": ["from cltransfer.transfer import Inputs", NAMES, FUNCTIONS],
     "as attributes": ["import cltransfer", SAME, "from cltransfer import *", FUNCTIONS],
+    "plugins": ["import cltransfer", "assert cltransfer.plugins.allow([]) == []"],
     "pickled": [NAMES, "assert pickle.loads(pickle.dumps(transfer)) is transfer"],
 }
 

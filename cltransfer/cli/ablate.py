@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import STOPS, Allow, Json, Quiet, show, stopped
+from .shared import STOPS, Allow, Json, Quiet, show, stopped, tell, unused_plugins
 
 
 def ablate(
@@ -60,5 +60,6 @@ def ablate(
     if found.unkept:
         lines += [f"note: {found.unkept} trials had been run without --keep-runs; another --out keeps them all"]
     show({"folder": str(folder), "unkept": found.unkept, **summary_values(found)}, "\n".join(lines), as_json)
+    tell(unused_plugins(allow_plugin, sweep.metrics, *(row.config for row in sweep.rows)), as_json)
     if found.failed:
         raise typer.Exit(1)

@@ -78,17 +78,18 @@ def printable(text: str) -> str:
     return "".join(sign if sign.isprintable() or sign == "\n" else ascii(sign)[1:-1] for sign in text)
 
 
-def unused_plugins(names: list[str] | None, settings: Any) -> list[str]:
-    """Notes on allowed plugins of whose components ``settings`` names none."""
+def unused_plugins(names: list[str] | None, *settings: Any) -> list[str]:
+    """Notes on allowed plugins of whose components none of ``settings`` names one."""
     from ..config.options import SECTIONS
-    from ..plugins import settle
+    from ..plugins import installed, settle
 
-    notes = []
+    modules, notes = {plugin.name: plugin.module.partition(":")[0] for plugin in installed()}, []
     for name, settled in zip(names or [], settle(names or [])):
-        given = [(section, part) for section, all_ in SECTIONS.items() for part in all_.given_by(settled)]
+        by = modules.get(settled, settled)
+        given = [(section, part) for section, all_ in SECTIONS.items() for part in all_.given_by(by)]
         if any(hasattr(SECTIONS[section].get(part), "suffixes") for section, part in given):
             continue  # it may have read the scene of a reference
-        if given and not any(part in getattr(settings, section) for section, part in given):
+        if given and not any(part in getattr(config, section) for section, part in given for config in settings):
             known = ", ".join(f"{section}.{part}={{}}" for section, part in given)
             notes.append(f"plugin {name} is allowed, but none of its components is in use ({known})")
     return notes

@@ -81,10 +81,11 @@ class Registry(Generic[T]):
         return {m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_") and not m.ispkg}
 
     def given_by(self, plugin: str) -> list[str]:
-        """Names that a plugin has registered: an installed one by its name, a file or a folder by its whole path."""
+        """Names that a plugin has registered: an installed one by its module, a file or a folder by its whole path."""
         place, found = Path(plugin).resolve(), []
         for name, cls in self._classes.items():
-            if not cls.__module__.startswith("cltransfer.") and (name == plugin or _place(cls).is_relative_to(place)):
+            within = f"{cls.__module__}.".startswith(f"{plugin}.") or _place(cls).is_relative_to(place)
+            if within and not cls.__module__.startswith("cltransfer."):
                 found.append(name)
         return found
 

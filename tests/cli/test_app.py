@@ -395,6 +395,11 @@ def test_a_plugin_that_nothing_uses_and_a_reference_that_nobody_named_are_told(
     json.loads(with_plugin("transfer", *short, "--json", "--out", tmp_path / "c").out)
     named = with_plugin("transfer", "builtin:room", "builtin:static", *short[1:], "--out", tmp_path / "d").out
     assert "no reference" not in named
+    (tmp_path / "rows.yaml").write_text("rows: {one: {}}\n")
+    sweep = ("ablate", tmp_path / "rows.yaml", "scenes=[builtin:room]", "references=[builtin:static]", *short[1:])
+    assert unused in with_plugin(*sweep, "--out", tmp_path / "e").out
+    measured = with_plugin(*sweep, "losses.headroom={}", "--out", tmp_path / "f")
+    assert (measured.code, "is allowed" in measured.out) == (0, False)
 
 
 def test_without_plugins_nothing_is_missed(command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:

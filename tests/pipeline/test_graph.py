@@ -69,6 +69,13 @@ def test_what_cannot_be_had_is_told_and_costs_nothing() -> None:
     assert made.missing == {"depth": "d needs 'lidar': no image extractor provides 'lidar'"}
 
 
+def test_what_a_renderer_alone_can_draw_is_not_asked_of_an_extractor() -> None:
+    joints = {"joints": Making(("keypoints",), ("label", "camera"), "scene")}
+    made = plan({"keypoints"}, joints, frozenset({"image", "camera"}), family="scene")
+    told = "joints needs 'label': the renderer draws no 'label' (it is to be named in its provides)"
+    assert made.missing == {"keypoints": told}
+
+
 def test_a_scene_prefers_scene_extractors_and_an_image_never_uses_them() -> None:
     both = {"net": Making(("box",)), "geo": Making(("box",), ("camera",), "scene")}
     assert [s.name for s in plan({"box"}, both, IMAGE | {"camera"}, family="scene").steps] == ["geo"]

@@ -250,9 +250,10 @@ def test_plugins_of_one_file_name_are_told_apart_and_tests_beside_them_are_none(
         LOSSES.build("first", {"kind": "second"})
 
 
-def test_what_a_plugin_has_registered_is_told_by_its_name_its_file_and_its_folder(mean_flow: tuple[str, ...]) -> None:
+def test_what_a_plugin_has_registered_is_told_by_its_module_its_file_and_its_folder(mean_flow: tuple[str, ...]) -> None:
     here = Path(__file__).parents[1]
-    for plugin in ("mean_flow", str(here / "conftest.py"), str(here)):
+    module = LOSSES.get("mean_flow").__module__
+    for plugin in (module, str(here / "conftest.py"), str(here)):
         assert "mean_flow" in LOSSES.given_by(plugin)
-    for plugin in ("framing", str(here / "plugins"), str(here.parent / "cltransfer")):
+    for plugin in ("mean_flow", module[:-1], "framing", str(here / "plugins"), str(here.parent / "cltransfer")):
         assert LOSSES.given_by(plugin) == []
