@@ -18,10 +18,12 @@ from ..registry.plugin_code import code_of
 from ..scenes.builtin import read_name
 from ..scenes.foreign import reader_code
 from ..scenes.load import load_scene
+from ..scenes.meshes.moment import MARK, split_moment
 from ..scenes.person.lifted import LABELS, SUBJECT
 from ..storage.files import content_hash
 
 Digest = Callable[[str | None], str]
+ANIMATED = (".glb", ".gltf")  # scenes of which a moment may be named
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 
@@ -61,6 +63,7 @@ def digest(source: str | None, content: Callable[[Path], str] = _content) -> str
 
     Raises:
         InputError: a file is missing.
+        UsageError: a part of a clip, or a moment of a scene, is none.
     """
     if source is None or source == "auto":
         return str(source)
@@ -78,6 +81,10 @@ def _of_one(source: str, content: Callable[[Path], str]) -> str:
         return content(path)
     if source.startswith("builtin:"):
         return _builtin(source.removeprefix("builtin:"))
+    if Path(source.rpartition(MARK)[0]).suffix.lower() in ANIMATED:  # SCENE#t=SECONDS&animation=NAME
+        scene, moment = split_moment(source)
+        if scene.exists():
+            return f"{content(scene)}#{moment}"
     clip = ClipSource.parse(source)  # CLIP#PART
     if clip.path.exists():
         part = replace(clip, path=Path())

@@ -110,8 +110,15 @@ def _located(raw: Mapping[str, Any], where: Any, fence: Path | None) -> dict[str
     if "scenes" in raw:
         found["scenes"] = [asdict(_scene(s, where, f"scenes[{i}]", fence)) for i, s in enumerate(raw["scenes"])]
     if "references" in raw:
-        found["references"] = [place(str(text), "references", where, fence) for text in raw["references"]]
+        found["references"] = [_reference(text, where, i, fence) for i, text in enumerate(raw["references"])]
     return found
+
+
+def _reference(text: Any, where: Any, i: int, fence: Path | None) -> str:
+    if not isinstance(text, str) or not text:
+        reason = f"expected text, got {text!r}"
+        raise UsageError(where, f"references[{i}]", reason, "as drawn:orbit; in quotes if there is a space or a comma")
+    return place(text, "references", where, fence)
 
 
 def _scene(given: Any, where: Any, key: str, fence: Path | None, usual: SceneConfig | None = None) -> SceneConfig:

@@ -16,7 +16,7 @@ from .sweep import SceneConfig, Sweep
 
 
 def check_sources(sweep: Sweep, digest: Digest | None = None) -> None:
-    """Look for every scene, view, person and reference of ``sweep``; what is drawn is checked where it is drawn.
+    """Look for every scene, view, person and reference of ``sweep``, and for every shot that is to be drawn.
 
     Args:
         sweep: the ablation.
@@ -34,8 +34,10 @@ def check_sources(sweep: Sweep, digest: Digest | None = None) -> None:
                 if name == "scene":
                     _check_scene(scene.scene)
     for i, reference in enumerate(sweep.file.references):
-        if not reference.startswith(DRAWN):
-            with _under(f"references[{i}]"):
+        with _under(f"references[{i}]"):
+            if reference.startswith(DRAWN):
+                own_setup(reference.removeprefix(DRAWN))
+            else:
                 digest(reference)
                 _check_reference(reference)
 

@@ -6,6 +6,7 @@ import functools
 import hashlib
 import json
 import math
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -22,7 +23,7 @@ from ..reading.scene_source import split_scene
 from .content import Digest, codes_of, digests, parts_content
 from .sweep import SceneConfig, Sweep
 
-MOST = 1e15  # that a count or a value on disk may be
+MOST = 1e15  # that a count on disk may be
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ class Outcome:
         texts += [text for metric in told for text in (metric.unit, metric.reason)]
         return (
             all(type(count) is int and 0 <= count <= MOST for count in counts)
-            and all(type(number) in (int, float) and abs(number) <= MOST for number in numbers)
+            and all(type(number) in (int, float) and abs(number) <= sys.float_info.max for number in numbers)
             and all(isinstance(text, str) for text in texts)
             and (self.metrics is None) == bool(self.failed)
             and (bool(self.failed) or self.frames > 0)

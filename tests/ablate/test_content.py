@@ -32,3 +32,11 @@ def test_a_part_of_a_clip_is_the_same_however_it_is_written(tmp_path: Path) -> N
     assert digest(f"{clip}#person=1&t=1.5,4") == digest(f"{clip}#t=1.50,4.0&person=1")
     parts = ("t=1", "t=1,2", "person=1", "person=0.5,0.5", "cuts=keep", "fps=30")
     assert len({digest(str(clip)), *(digest(f"{clip}#{part}") for part in parts)}) == 7
+
+
+def test_an_animated_scene_is_another_at_another_moment(tmp_path: Path) -> None:
+    scene = tmp_path / "man.glb"
+    scene.write_bytes(b"glTF")
+    parts = ("t=2", "t=2&animation=Run", "animation=Run")
+    assert len({digest(f"{scene}#{part}") for part in parts}) == 3
+    assert digest(f"{scene}#animation=Run&t=2.0") == digest(f"{scene}#t=2&animation=Run")

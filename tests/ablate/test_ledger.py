@@ -28,6 +28,13 @@ def test_reads_back_what_was_appended_and_the_last_of_a_key_counts(tmp_path: Pat
     assert read_ledger(path) == {"k1": DONE, "k2": again}
 
 
+def test_a_loss_may_have_any_value(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    huge = Outcome("k3", "full", CASE, "", {"total": Metric(1e300, "", 4, "")}, 4, 40, 2, 1.5)
+    append(path, huge)
+    assert read_ledger(path) == {"k3": huge}
+
+
 @pytest.mark.parametrize("line", ["{", "[]", "3", '{"key": "a"}', '{"key": "a", "row": "b", "case": {}}', "[" * 10**5])
 def test_a_damaged_line_is_named(tmp_path: Path, line: str) -> None:
     path = tmp_path / "trials.jsonl"
@@ -40,7 +47,7 @@ def test_a_damaged_line_is_named(tmp_path: Path, line: str) -> None:
 
 VALUES: dict[str, list[Any]] = {
     "frames": [0, -2, "3", True],
-    "seconds": [math.nan, None],
+    "seconds": [math.nan, math.inf, None],
     "evaluations": ["x", -1],
     "metrics": [None],
 }

@@ -33,6 +33,10 @@ REFUSED: dict[str, tuple[type[CltransferError], str]] = {
         "references[1]: {folder}/nope.mp4: no such file",
     ),
     "rows: {a: {}}\nreferences: ['builtin:orbitt']": (UsageError, "references[0]: shot 'orbitt': no such shot"),
+    "rows: {a: {}}\nreferences: ['builtin:pan', 'drawn:orbitt']": (
+        UsageError,
+        "references[1]: shot 'orbitt': no such shot",
+    ),
     "rows: {a: {}}\nreferences: ['builtin:plazza@shot.json']": (UsageError, f"references[0]: {PLAZZA}"),
 }
 
