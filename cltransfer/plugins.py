@@ -1,6 +1,6 @@
 """Plugins: other people's components. Their code runs only when the user, not a config, has allowed it.
 
-An installed plugin announces itself under the entry-point group ``cltransfer.plugins``; its name is the component's.
+An installed plugin announces itself under the entry-point group ``cltransfer.plugins``, by a name of its own.
 A plugin in a file or folder is named by its path. Listing never imports.
 """
 

@@ -144,9 +144,21 @@ def _check(raw: Mapping[str, Any], where: Any) -> None:
     known = [f.name for f in dataclasses.fields(RunConfig)]
     for key, value in raw.items():
         if key not in known and key != "base":
-            raise UsageError(where, str(key), "no such key", nearest(str(key), known))
+            first, *below = str(key).split(".")
+            hint = f"write {_nested([first, *below])}" if below and first in known else nearest(str(key), known)
+            raise UsageError(where, str(key), "no such key", hint)
         if key in SECTIONS:
             _check_section(key, value, where)
+
+
+def _nested(keys: Sequence[str]) -> str:
+    """Keys that a dot was between, as YAML has them.
+
+    >>> _nested(["losses", "framing", "weight"])
+    'losses: {framing: {weight: ...}}'
+    """
+    first, *below = keys
+    return f"{first}: " + (f"{{{_nested(below)}}}" if below else "...")
 
 
 def _check_section(section: str, value: Any, where: Any) -> None:

@@ -189,6 +189,7 @@ REFUSED = {
     "rows: {a: {}}\nengine: {backend: dask, address: 'tcp://h:1'}": "engine: a cluster is named on the command line",
     "rows: {a: {}}\nengine: {address: 'tcp://h:1'}": "engine: a cluster is named on the command line",
     "rows: {a: {}}\nreferences: clip.mp4": "references: expected a list",
+    "rows: {a: {losses.framing.weight: 3}}": "rows.a: losses.framing.weight: no such key (write losses: {framing: {",
     "rows: {a: {}}\nreferences: [clip.mp4, drawn: orbit]": "references[1]: expected text, got {'drawn': 'orbit'}",
     "rows: {a: {}}\nreferences: [../clip.mp4]": "references: ../clip.mp4 leads out of the file's folder",
     "rows: {a: {}}\nreferences: [/etc/passwd]": "leads out of the file's folder",

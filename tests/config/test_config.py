@@ -104,6 +104,14 @@ def test_a_base_that_is_no_file_is_told_with_the_file_and_key_that_name_it(
     assert str(caught.value) == f"{tmp_path / 'run.yaml'}: base: {message}"
 
 
+def test_a_key_as_the_command_line_has_it_is_told_as_a_file_has_it(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("losses.framing.weight: 3\n")
+    with pytest.raises(UsageError) as caught:
+        load_config(tmp_path / "run.yaml")
+    told = "losses.framing.weight: no such key (write losses: {framing: {weight: ...}})"
+    assert str(caught.value) == f"{tmp_path / 'run.yaml'}: {told}"
+
+
 def test_naming_another_search_replaces_the_one_below() -> None:
     assert list(load_config(overrides=["search.paper_box={}"]).search) == ["paper_box"]
 
