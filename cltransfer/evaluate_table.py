@@ -62,7 +62,7 @@ def methods_csv(summary: Summary) -> str:
 
 
 def methods_markdown(summary: Summary) -> str:
-    """A row a method, a column a term: mean [low, high]; the best is bold where every method has a value of every clip.
+    """A row a method, a column a term: mean [low, high]; the best is bold where all have every clip and as many frames.
 
     Clips that have a value are counted where not all have one, frames where another method has more.
     """
@@ -91,14 +91,17 @@ def _most_frames(summary: Summary) -> dict[str, int]:
 
 
 def _best(summary: Summary) -> set[tuple[str, str]]:
-    """Method and term of the lowest mean, unless two share it, a method lacks a clip or another has more frames."""
+    """Method and term of the lowest mean, unless two share it, a method lacks a clip or one has more frames.
+
+    Movement is measured from frame to frame, so that who has fewer of them moves more.
+    """
     best = set()
     for term, most in _most_frames(summary).items():
         found = {method: terms[term] for method, terms in summary.items()}
         means = {method: value.mean for method, value in found.items() if value.mean is not None}
         if len(found) > 1 and means and all(value.clips == value.of for value in found.values()):
             lowest = [method for method, mean in means.items() if mean == min(means.values())]
-            if len(lowest) == 1 and found[lowest[0]].defined == most:
+            if len(lowest) == 1 and all(value.defined == most for value in found.values()):
                 best.add((lowest[0], term))
     return best
 

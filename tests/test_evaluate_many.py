@@ -94,6 +94,13 @@ def test_a_few_frames_that_survived_are_never_the_best() -> None:
     assert methods_csv(summarise([few, *ROWS[1:]])).splitlines()[0].endswith("clips,of,frames,reason")
 
 
+def test_nobody_is_the_best_whose_movement_is_measured_over_shorter_steps() -> None:
+    sparse = [replace(row, defined={"shot_size": 2}) if row.method != "ours" else row for row in ROWS]
+    table = methods_markdown(summarise(sparse))
+    assert "**" not in table
+    assert "(4/8 frames)" in table
+
+
 def test_why_a_term_has_no_value_is_told_once() -> None:
     rows = [replace(row, lacking={"filmic_space": "no depth"}) for row in ROWS]
     assert summarise(rows)["ours"]["filmic_space"].reason == "2 clips have no value; no depth"
