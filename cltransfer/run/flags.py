@@ -58,9 +58,11 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
 
 def _poor(result: Result) -> Iterator[Flag]:
     """Whether the result is worse than standing still, or than the search took it for."""
-    total, held, searched = result.verified.total, result.held.total, result.searched.total
-    if total > WORSE * held:
-        yield Flag(None, f"worse than the first view held still: the total is {total:.3g} for {held:.3g}")
+    total, held, searched = result.verified.total, result.held, result.searched.total
+    if held is None:
+        yield Flag(None, "not compared with the first view held still: what reads a movement cannot read that")
+    elif total > WORSE * held.total:
+        yield Flag(None, f"worse than the first view held still: the total is {total:.3g} for {held.total:.3g}")
     read = result.kept.shown.features
     gone = nobody(read) & ~nobody(result.reference.features) & (result.read_by == "image")
     if bool(gone.any()):

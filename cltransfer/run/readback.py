@@ -102,10 +102,11 @@ def read_back(
     return Readback(image, features, score(stage.objective, reference.features, features, reference.missing))
 
 
-def read_held(stage: Stage, parts: Components, reference: Reference, shown: Readback, cameras: Camera) -> Scores:
+def read_held(stage: Stage, parts: Components, reference: Reference, shown: Readback, cameras: Camera) -> Scores | None:
     """Scores of the first view held still for the whole clip: what a transfer has to beat.
 
-    Two frames of it are read; every later one is as the second, since the scene does not move.
+    Two frames of it are read; every later one is as the second, since the scene does not move. None where it lacks what
+    the result has, as depth that is read off the movement: it would pay the penalty, and anything would beat it.
     """
     twice = still(cameras, min(2, len(cameras)))
     if shown.features.has("camera"):
@@ -114,6 +115,9 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
         plan = parts.plan("image", reference.features.names())
         seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
         stage.spent.network_passes += len(twice) * plan.passes
+    asked = {name for loss in stage.objective.losses.values() for name in loss.requires}
+    if any(shown.features.has(name) and not seen.has(name) for name in asked):
+        return None
     features = seen[[0] + [1] * (len(cameras) - 1)]
     return score(stage.objective, reference.features, features, reference.missing)
 

@@ -28,7 +28,7 @@ class Result:
         attempts: every round; the first is uncorrected. Only the best has maps among its features.
         best: index of the round with the lowest total, the one that is kept.
         searched: the score in the search, by the inner extractors at the search size, of the cleaned reference.
-        held: the score of the first view held still.
+        held: the score of the first view held still; None where it cannot be read as the result is.
         search: vectors to cameras.
         renderer: what drew the scene.
         objective: the losses.
@@ -49,7 +49,7 @@ class Result:
     attempts: tuple[Attempt, ...]
     best: int
     searched: Scores
-    held: Scores
+    held: Scores | None
     search: Any
     renderer: Any
     objective: Objective

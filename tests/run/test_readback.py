@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,6 +35,18 @@ from cltransfer.run.readback import (
 )
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
+
+
+@dataclass(frozen=True)
+class MeanDepth:
+    """How much farther everything is."""
+
+    weight: float = 1.0
+    requires, unit, penalty = ("depth",), "m", 1.0
+
+    def __call__(self, reference: Features, rendered: Features) -> torch.Tensor:
+        return (reference.require("depth") - rendered.require("depth")).abs().mean((1, 2))
+
 
 PALETTE = """from dataclasses import dataclass
 from cltransfer import LOSSES
@@ -115,6 +127,22 @@ def test_a_loss_that_asks_for_pixels_sees_those_of_the_result(asks: str, command
     found = json.loads((tmp_path / "run" / "metrics.json").read_text())["metrics"]["palette"]
     assert (found["defined"], found["reason"]) == (2, "")
     assert 0 < found["mean"] < 0.5
+
+
+def test_a_view_that_is_held_is_not_compared_where_depth_is_read_off_the_movement() -> None:
+    config = load_config(
+        overrides=["extractors.depth_sfm={}", "extractors.detect_yolox=null", "extractors.pose_blazepose=null"]
+    )
+    scene, parts = load_scene("builtin:plaza"), Components.build(config)
+    assert scene.subject is not None
+    parts = replace(parts, losses={"depth": MeanDepth()})
+    cameras = shot("push_in", scene.subject, (96, 54), 5).camera
+    features = Features((96, 54), depth=torch.ones(5, 54, 96))  # as one that moves would be read
+    reference = Reference(features, torch.arange(5), None, "clip.mp4", "", "image", {})
+    objective = Objective(parts.losses)
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), objective, (48, 27))
+    shown = Readback(render_frames(scene, parts, cameras), features, score(objective, features, features, {}))
+    assert read_held(stage, parts, reference, shown, cameras) is None
 
 
 @pytest.mark.parametrize("frames", [1, 5])
