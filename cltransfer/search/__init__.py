@@ -58,7 +58,7 @@ def limits(search: Any, dimensions: int) -> tuple[Tensor, Tensor]:
 
 
 def check_search(search: Any, home: Camera, subject: Subject | None) -> None:
-    """Ask a search once for all that the driver asks it for.
+    """Ask a search once for what the driver asks it for first.
 
     Args:
         search: of whoever wrote it.
@@ -66,17 +66,15 @@ def check_search(search: Any, home: Camera, subject: Subject | None) -> None:
         subject: of the scene.
 
     Raises:
-        ModelError: it fails, or its bounds, its vector or its cameras have not the shapes that its ``dimensions`` say.
+        ModelError: its bounds or its vector have not the shapes that its ``dimensions`` say.
     """
     from ..registry import SEARCHES
 
     who, D = f"search {SEARCHES.name_of(search)!r}", search.dimensions
-    with named(who, "expected bounds, a vector and cameras"):
-        low, high = search.bounds()
-        x = search.vector(home, home, subject)
+    (low, high), x = search.bounds(), search.vector(home, home, subject)  # what they raise is told with their file
+    with named(who, "expected bounds and vectors that are tensors"):
         told = [("low bounds", low, (D,)), ("high bounds", high, (D,)), ("a vector", x, (1, D))]
         shapes = [(what, tuple(tensor.shape), expected) for what, tensor, expected in told]
-        shapes += [("cameras", (len(search.cameras(x[:, :d], home, subject)),), (1,)) for d in (D, D - 1)]
     for what, came, expected in shapes:
         if came != expected:
             raise ModelError("", who, f"expected {what} of shape {expected}, got {came}", f"its dimensions are {D}")

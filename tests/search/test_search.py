@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -63,11 +64,11 @@ class Narrower(SubjectOrbit):
         return super().vector(camera, home, subject)[:, :-1]
 
 
-class Failing(SubjectOrbit):
-    """One that has no bounds."""
+class Plain(SubjectOrbit):
+    """One whose vectors are lists."""
 
-    def bounds(self) -> tuple[torch.Tensor, torch.Tensor]:
-        raise LookupError("no bounds")
+    def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Any:
+        return super().vector(camera, home, subject).tolist()
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ class Failing(SubjectOrbit):
     [
         (Wider(), r"search 'wide': expected low bounds of shape \(8,\), got \(7,\) \(its dimensions are 8\)"),
         (Narrower(), r"search 'wide': expected a vector of shape \(1, 7\), got \(1, 6\)"),
-        (Failing(), "search 'wide': expected bounds, a vector and cameras, it raised LookupError: no bounds"),
+        (Plain(), "search 'wide': expected bounds and vectors that are tensors, it raised AttributeError"),
     ],
 )
 def test_a_search_that_answers_otherwise_is_named(
