@@ -52,15 +52,17 @@ class Path:
         third = max(1, len(totals) // 3)
         return fmean(totals[-third:]) > DRIFT * fmean(totals[:third]) + DRIFT_FLOOR
 
-    @property
-    def leaps(self) -> bool:
-        """Whether a frame ended far above the others: they are as they should be, and it was lost.
+    def leaps(self, totals: Tensor) -> bool:
+        """Whether a frame costs far more than the others: they are as they should be, and it was lost.
 
         Where nobody is seen, and in the frame after, whose flow is from there, none can do better.
+
+        Args:
+            totals: what each frame costs, (N,): as it ended, or on a path through them.
         """
         sought = [solved.stop != CARRIED for solved in self.frames]
-        told = [solved.total for i, solved in enumerate(self.frames) if sought[i] and sought[max(i - 1, 0)]]
-        return max(told, default=0.0) > max(LEAP_FLOOR, LEAP * float(self.totals.median()))
+        told = [float(totals[i]) for i in range(len(totals)) if sought[i] and sought[max(i - 1, 0)]]
+        return max(told, default=0.0) > max(LEAP_FLOOR, LEAP * float(totals.median()))
 
 
 def follow(

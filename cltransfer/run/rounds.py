@@ -67,6 +67,12 @@ class Take:
         """Mean total in the scene that was searched, of all weights; a view that is blocked pays every penalty."""
         return _total(self, self.clip.stage) if self.path is None else self.path.total
 
+    @property
+    def leaps(self) -> bool:
+        """Whether a frame of the path taken costs far more than the others."""
+        told = None if self.path is None else self.path.residuals
+        return self.found.leaps(self.found.totals if told is None else self.clip.totals(told))
+
 
 @dataclass(frozen=True)
 class Attempt:
@@ -193,10 +199,30 @@ def _total(take: Take, stage: Stage) -> float:
 
 
 def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
-    """The frames of one round, and the path through them where one is asked for."""
+    """The frames of one round, and the path through them where one is asked for.
+
+    The clip is followed leanly where that is good enough, else thoroughly too. Frames lost on the way tell nothing as
+    long as the path passes them by; where it does not, there is a path through either, and the better one is taken.
+    """
     clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
-    found = _followed(job, stage.reduced(starts.homes[0], config.lod), target, starts, report)
-    return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
+    among, schedule = stage.reduced(starts.homes[0], config.lod), job.schedule
+
+    def taken(found: Path) -> Take:
+        found = _followed_again(job, among, target, starts, report, found)
+        return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
+
+    if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
+        return taken(follow(among, job.search, target, starts.homes, schedule, report, starts.guide))
+    first = follow(among, job.search, target, starts.homes, schedule.lean, report, starts.guide)
+    if first.local is None:
+        return taken(first)
+    poor = first.local.total > schedule.lean_limit or first.drifts
+    if not poor:
+        lean = taken(first)
+        if not lean.leaps:
+            return lean
+    second = follow(among, job.search, target, starts.homes, schedule, report, starts.guide)
+    return taken(_better(first, second)) if poor else min(lean, taken(second), key=lambda take: take.total)
 
 
 def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:
@@ -206,12 +232,8 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     return least_path(clip, found.x, local, job.noise, Effort(config.joint, config.joint_steps), guide)
 
 
-def _followed(job: Job, stage: Stage, target: Features, starts: Starts, report: Report) -> Path:
-    """The clip followed leanly where that is good enough, else thoroughly too; the best.
-
-    Where part of it ended right, and the rest would cost less at its distances, it is followed once more, at those.
-    """
-    found = _followed_from(job, stage, target, starts, report)
+def _followed_again(job: Job, stage: Stage, target: Features, starts: Starts, report: Report, found: Path) -> Path:
+    """Once more at other distances, where part of ``found`` ended right and the rest would cost less at its own."""
     if found.local is None or starts.guide is None or stage.scene.subject is None:
         return found
     clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
@@ -220,16 +242,6 @@ def _followed(job: Job, stage: Stage, target: Features, starts: Starts, report: 
         return found
     homes = concatenate([starts.homes, again.first_views(clip)])
     return _better(found, follow(stage, job.search, target, homes, job.schedule.lean, report, again.x))
-
-
-def _followed_from(job: Job, stage: Stage, target: Features, starts: Starts, report: Report) -> Path:
-    schedule, homes, guide = job.schedule, starts.homes, starts.guide
-    if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
-        return follow(stage, job.search, target, homes, schedule, report, guide)
-    first = follow(stage, job.search, target, homes, schedule.lean, report, guide)
-    if first.local is None or (first.local.total <= schedule.lean_limit and not (first.drifts or first.leaps)):
-        return first
-    return _better(first, follow(stage, job.search, target, homes, schedule, report, guide))
 
 
 def _better(first: Path, second: Path) -> Path:

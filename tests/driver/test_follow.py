@@ -55,7 +55,8 @@ def test_a_path_leaps_where_a_frame_ends_far_above_the_others(totals: tuple[floa
     x, eye = torch.zeros(len(totals), 1), torch.zeros(len(totals), 3)
     frames = tuple(Solved(x[0], total, 0, "worth", Memory()) for total in totals)
     camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
-    assert Followed(x, camera, frames).leaps == leaps
+    found = Followed(x, camera, frames)
+    assert found.leaps(found.totals) == leaps
 
 
 @pytest.mark.parametrize(("lost", "leaps"), [(4, False), (5, False), (6, True)])
@@ -65,7 +66,8 @@ def test_no_path_leaps_where_nobody_is_seen_nor_right_after(lost: int, leaps: bo
         Solved(x[0], 8.0 if i == lost else 0.1, 0, "carried" if i in (3, 4) else "worth", Memory()) for i in range(12)
     )
     camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
-    assert Followed(x, camera, frames).leaps == leaps
+    found = Followed(x, camera, frames)
+    assert found.leaps(found.totals) == leaps
 
 
 def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:

@@ -16,6 +16,7 @@ from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import EVERY
+from cltransfer.driver.follow import follow
 from cltransfer.driver.frame import Solved
 from cltransfer.driver.joint import Effort
 from cltransfer.driver.second_guide import second_guide
@@ -28,8 +29,7 @@ from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.run.rounds import (
     Take,
-    _followed,
-    _followed_from,
+    _followed_again,
     _left_out,
     _past_floaters,
     _searched,
@@ -208,6 +208,20 @@ def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hang
     assert cost(job, lambda: _with_floaters(job, config, take, quiet)) == past + search + len(take.x)
 
 
+def test_whether_a_frame_is_lost_is_told_by_the_path_where_there_is_one(hanging: Inputs) -> None:
+    _, _, take = found_without_floaters(hanging)
+    assert take.path is not None
+    assert take.path.residuals is not None
+    far = torch.zeros_like(take.path.residuals)
+    far[0] = 10.0
+    through = replace(take, path=replace(take.path, residuals=far))
+    assert not take.leaps
+    assert through.leaps
+    lost = replace(through.found, frames=tuple(replace(f, total=30.0 * i) for i, f in enumerate(through.found.frames)))
+    assert replace(take, found=lost, path=None).leaps
+    assert not replace(take, found=lost).leaps  # the path passes it by
+
+
 FLOW = ["frames=8", "search_side=96", "output_side=96", "threads=1", "losses.camera_movement.weight=80"]
 NEARER, TREMBLES = slice(0, 5), 0.1  # frames; [rad]
 
@@ -230,7 +244,7 @@ def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weigh
     astray: tuple[Job, Stage, Starts],
 ) -> None:
     job, stage, starts = astray
-    found = _followed_from(job, stage, job.wanted, starts, quiet)
+    found = follow(stage, job.search, job.wanted, starts.homes, job.schedule, quiet, starts.guide)
     clip = WholeClip(stage, job.search, job.wanted, starts.homes[0])
     assert found.local is not None
     assert starts.guide is not None
@@ -240,5 +254,5 @@ def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weigh
     torch.testing.assert_close(whole, clip.totals(clip.residuals(found.x)))
     assert not again.gains(clip, found.x, found.totals)  # half the weight, by which each frame was searched
     assert again.gains(clip, found.x, whole)
-    farther = _followed(job, stage, job.wanted, starts, quiet)
+    farther = _followed_again(job, stage, job.wanted, starts, quiet, found)
     assert float((farther.x - found.x)[NEARER, 3].min()) > 0.4
