@@ -1,11 +1,13 @@
-"""A path that goes aside for some of its frames, past what stands before the person there.
+"""A path that goes aside for some of its frames, past what stands before the person there, or where a loss jumps.
 
-Least squares follow slopes, and a leaf that hides the person has none. So the whole path is tried a little aside, every
-way, at those frames; which of the ways each frame takes is chosen for all of them together, by dynamic programming; and
-it is taken where it costs less.
+Least squares follow slopes, and a leaf that hides the person has none; nor has a layer's depth, a median, where half of
+that layer leaves the frame. So the whole path is tried a little aside, every way, at those frames; which of the ways
+each frame takes is chosen for all of them together, by dynamic programming; and it is taken where it costs less.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -18,9 +20,24 @@ from .spline import bending
 from .whole_clip import WholeClip
 
 BESIDE = 2  # frames on either side that may go aside too
-EVERY = 2  # frames of which one is tried: the others gain what those around them do
-SWAY = 9.0  # total of one frame that the background's flow costs where a path goes aside by 1, in the units of x
-STEADY = 1.5  # [frames] over which it does
+STEADY = 1.5  # [frames] over which a path does
+
+
+@dataclass(frozen=True)
+class Tries:
+    """How much is tried.
+
+    Args:
+        every: frames of which one is tried: the others gain what those around them do.
+        sways: totals of one frame that the background's flow may cost where a path goes aside by 1, in the units of x;
+            what is best by each is scored.
+    """
+
+    every: int
+    sways: tuple[float, ...]
+
+
+FEW, MANY = Tries(2, (9.0,)), Tries(1, (9.0, 4.0))
 
 
 def go_aside(
@@ -30,18 +47,20 @@ def go_aside(
     wanted: Tensor,
     about: Tensor | None = None,
     lens_kept: bool = False,
+    tries: Tries = FEW,
 ) -> tuple[Tensor, Tensor]:
     """The path aside where that costs less, else as it is, and its residuals.
 
-    Takes as many evaluations of every :data:`EVERY`-th frame that may go aside as there are ways, one of all frames.
+    Takes as many evaluations of each frame that is tried as there are ways, one of all frames for each path aside.
 
     Args:
         clip: what it is a path for; every loss has residuals, and the search has ways aside.
         x: the path, (N, D).
         residuals: of it, (N, R).
-        wanted: frames that should go aside, (N,) bool.
+        wanted: frames that should go aside, (N,) bool; those beside them may too.
         about: path (N, D) whose own bends cost nothing, because the reference makes them; None is a straight one.
         lens_kept: whether the focal length is to stay as it is.
+        tries: how much is tried.
     """
     from scipy.ndimage import binary_dilation
 
@@ -53,14 +72,19 @@ def go_aside(
     costs = np.full((len(moves), len(x)), np.inf)
     costs[0] = 0.0
     for first, last in runs(frames):
-        tried = range(first, last, EVERY)
+        tried = range(first, last, tries.every)
         lost = np.stack([_lost(clip, x[i] + ways, residuals[i], i) for i in tried], axis=1)  # (W, T)
         costs[1:, first:last] = [np.interp(range(first, last), tried, cost) for cost in lost]
-    sway = SWAY * (moves[:, None] - moves).abs().sum(-1).numpy()
-    there = clip.inside(x + along(moves[torch.from_numpy(steadiest(costs, sway))], STEADY, clip.at))
-    found = clip.residuals(there)
-    before, after = (clip.mean_total(r) + bending(path, about, clip.at) for r, path in ((residuals, x), (found, there)))
-    return (there, found) if after < before - PROMISE else (x, residuals)
+    change = (moves[:, None] - moves).abs().sum(-1).numpy()
+    chosen = {tuple(steadiest(costs, sway * change).tolist()) for sway in tries.sways}
+    best, least = (x, residuals), clip.mean_total(residuals) + bending(x, about, clip.at) - PROMISE
+    for way in sorted(way for way in chosen if any(way)):
+        there = clip.inside(x + along(moves[list(way)], STEADY, clip.at))
+        found = clip.residuals(there)
+        total = clip.mean_total(found) + bending(there, about, clip.at)
+        if total < least:
+            best, least = (there, found), total
+    return best
 
 
 def _lost(clip: WholeClip, x: Tensor, residuals: Tensor, frame: int) -> NDArray:

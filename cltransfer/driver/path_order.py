@@ -46,7 +46,7 @@ class LeastPath:
         floor: how much more than that it may cost.
         residuals: weighted, (N, R); None where a loss has none, and of frames as they were found.
         about: path (N, D) that moves as the reference does, where what was added to it was filtered.
-        aside: whether it goes aside somewhere, past what is before the person.
+        aside: whether it goes aside somewhere, past what is before the person or where a loss jumps.
     """
 
     x: Tensor  # (N, D)
@@ -72,7 +72,7 @@ class LeastPath:
         order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
         kept = ", focal length kept" if self.lens_kept and self.knots != 1 else ""
         filtered = f", filtered over {self.filtered:g}" if self.filtered else ""
-        moved = (", refined as a whole" if self.refined else "") + (", aside past floaters" if self.aside else "")
+        moved = (", refined as a whole" if self.refined else "") + (", aside for some frames" if self.aside else "")
         return order + kept + filtered + moved
 
 

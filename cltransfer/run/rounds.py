@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..config.options import RunConfig
-from ..driver.aside import go_aside
+from ..driver.aside import FEW, MANY, go_aside
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
@@ -34,6 +35,7 @@ SEEN = 0.05  # total that floaters have to cost before anything is done about th
 PLACES = ("keypoints", "box", "orientation", "camera")  # of the features of a clip, those that are no maps
 AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that has more than that
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
+STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
         take = _searched(job, config, stage, target, starts, report)
-        if stage.scene is not job.stage.scene:
-            take = _with_floaters(job, config, take, report)
+        with_floaters = stage.scene is not job.stage.scene
+        take = _with_floaters(job, config, take, report) if with_floaters else _past_steps(job, config, take)
         stage, cameras = take.clip.stage, take.cameras
         clock.lap("search")
         shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
@@ -151,8 +153,7 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
-    effort = Effort(AMONG if config.joint > AMONG else 0, config.joint_steps)
-    first, left_out = _past_floaters(job, effort, first, _left_out(job, first))
+    first, left_out = _aside(job, config, first, _left_out(job, first))
     if not left_out.matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
@@ -162,20 +163,35 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     return second if there.better(left_out) else replace(first, left_out=left_out)
 
 
-def _past_floaters(job: Job, effort: Effort, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
-    """The path aside where floaters hide the person and refined among them, if it gains there more than it loses."""
+def _past_steps(job: Job, config: RunConfig, take: Take) -> Take:
+    """What was found in a scene that has no floaters, past steps of the losses."""
+    return take if take.path is None else _aside(job, config, take, LeftOut(0, take.total, take.total))[0]
+
+
+def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
+    """The path aside where floaters hide the person or a loss jumps, and refined, if it gains there more than it loses.
+
+    Presets that refine a path but once look for no steps, and refine none again.
+    """
     path, clip, stage = take.path, take.clip, job.stage
     told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
-    if path is None or path.steady or not told or left_out.among <= left_out.alone + SEEN:
+    several, dearer = config.joint > AMONG, left_out.among > left_out.alone + SEEN
+    if path is None or path.steady or not told or not (several or dearer):
         return take, left_out
     whole = replace(clip, stage=stage)
-    alone = clip.residuals(path.x) if path.residuals is None else path.residuals
     # the views of left_out once more, so not counted again
     among = stage.path_residuals(clip.reference, take.cameras, clip.defined)
-    hidden = whole.totals(among) - clip.totals(alone) > HIDDEN
-    x, seen = go_aside(whole, path.x, among, hidden, path.about, path.lens_kept)
+    totals = whole.totals(among)
+    wanted = torch.zeros_like(totals, dtype=torch.bool)
+    if dearer:
+        wanted |= totals - clip.totals(clip.residuals(path.x) if path.residuals is None else path.residuals) > HIDDEN
+    if several:
+        wanted |= totals > max(STEP_FLOOR, STEP * float(totals.median()))
+    x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, MANY if several else FEW)
+    if x is path.x and not dearer:
+        return take, left_out
     aside = replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
-    there = refined(whole, aside, effort)
+    there = refined(whole, aside, Effort(AMONG if several else 0, config.joint_steps))
     if there.x is path.x or there.residuals is None:
         return take, left_out
     residuals = clip.residuals(there.x)

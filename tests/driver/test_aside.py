@@ -13,7 +13,7 @@ from torch import Tensor
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import occluder
 from cltransfer.config import load_config
-from cltransfer.driver.aside import BESIDE, EVERY, go_aside, steadiest
+from cltransfer.driver.aside import BESIDE, FEW, MANY, go_aside, steadiest
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.pipeline.components import Components
@@ -53,7 +53,7 @@ def test_it_goes_past_what_hides_the_person_and_nowhere_else(behind: tuple[Whole
     torch.testing.assert_close(clip.totals(found), clip.totals(clip.residuals(x)))
     assert float((x - true)[:5].abs().max()) < 1e-3  # a way is 0.05 to 0.15
     assert float((x - true).diff(n=3, dim=0).abs().max()) < 0.02  # no jump
-    tried = len(SubjectOrbit().aside) * len(range(first - BESIDE, FRAMES, EVERY))
+    tried = len(SubjectOrbit().aside) * len(range(first - BESIDE, FRAMES, FEW.every))
     assert clip.stage.spent.evaluations - before == tried + 2 * FRAMES  # of the path, here once more
 
 

@@ -15,7 +15,7 @@ from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
-from cltransfer.driver.aside import EVERY
+from cltransfer.driver.aside import FEW
 from cltransfer.driver.follow import follow
 from cltransfer.driver.frame import Solved
 from cltransfer.driver.joint import Effort
@@ -31,7 +31,7 @@ from cltransfer.run.rounds import (
     Take,
     _followed_again,
     _left_out,
-    _past_floaters,
+    _aside,
     _searched,
     _total,
     _with_floaters,
@@ -175,10 +175,10 @@ def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(han
     left_out, frames = _left_out(job, take), len(take.x)
     assert take.path is not None
     assert take.path.residuals is not None  # so the path itself is not scored again
-    assert _past_floaters(job, UNREFINED, take, left_out)[0] is take  # another was tried, and not taken
-    ways = len(job.search.aside) * len(range(0, frames, EVERY))
+    assert _aside(job, config, take, left_out)[0] is take  # another was tried, and not taken
+    ways = len(job.search.aside) * len(range(0, frames, FEW.every))
     scored = ["what is chosen of all ways", "the same without floaters"]
-    assert cost(job, lambda: _past_floaters(job, UNREFINED, take, left_out)) == ways + len(scored) * frames
+    assert cost(job, lambda: _aside(job, config, take, left_out)) == ways + len(scored) * frames
 
 
 def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) 
     job = prepare(inputs, config, Clock(), silent, None)
     take = _searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
     left_out = _left_out(job, take)
-    assert _past_floaters(job, UNREFINED, take, left_out)[0] is take
+    assert _aside(job, config, take, left_out)[0] is take
     moved, there = _past_floaters(job, Effort(1, 4), take, left_out)
     assert there.among < 0.9 * left_out.among  # measured 0.81
     assert (there.alone, there.among) == pytest.approx((moved.total, _total(moved, job.stage)), abs=1e-6)
@@ -200,7 +200,7 @@ def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hang
     job, config, take = found_without_floaters(hanging)
     left_out, target = _left_out(job, take), take.clip.reference
     assert left_out.matters
-    past = cost(job, lambda: _past_floaters(job, UNREFINED, take, left_out))
+    past = cost(job, lambda: _aside(job, config, take, left_out))
     search = cost(
         job,
         lambda: _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
