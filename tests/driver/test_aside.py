@@ -57,6 +57,14 @@ def test_it_goes_past_what_hides_the_person_and_nowhere_else(behind: tuple[Whole
     assert clip.stage.spent.evaluations - before == tried + 2 * FRAMES  # of the path, here once more
 
 
+def test_more_tries_cost_more_and_lead_no_worse(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    residuals = clip.residuals(true)
+    hidden = clip.totals(residuals) > 1.0
+    few, many = (clip.mean_total(go_aside(clip, true, residuals, hidden, tries=tries)[1]) for tries in (FEW, MANY))
+    assert many < few < clip.mean_total(residuals)
+
+
 def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:
     clip, true = behind
     residuals = clip.residuals(true)
@@ -72,9 +80,11 @@ def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:
 def test_where_nothing_is_in_the_way_the_path_stays(behind: tuple[WholeClip, Tensor]) -> None:
     clip, true = behind
     residuals = clip.residuals(true)
+    before = clip.stage.spent.evaluations
     x, found = go_aside(clip, true, residuals, torch.arange(FRAMES) < 3)
     assert x is true
     assert found is residuals
+    assert clip.stage.spent.evaluations - before == len(SubjectOrbit().aside) * len(range(0, 3 + BESIDE, FEW.every))
     before = clip.stage.spent.evaluations
     assert go_aside(clip, true, residuals, torch.zeros(FRAMES, dtype=torch.bool))[0] is true
     assert clip.stage.spent.evaluations == before

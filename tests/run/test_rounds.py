@@ -18,7 +18,6 @@ from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import FEW
 from cltransfer.driver.follow import follow
 from cltransfer.driver.frame import Solved
-from cltransfer.driver.joint import Effort
 from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.starts import Starts
@@ -29,9 +28,10 @@ from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.run.rounds import (
     Take,
+    _aside,
     _followed_again,
     _left_out,
-    _aside,
+    _past_steps,
     _searched,
     _total,
     _with_floaters,
@@ -42,7 +42,6 @@ from cltransfer.scenes.person.lifted import load_person, save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.transfer import Inputs, Result, transfer
 
-UNREFINED = Effort(0, 1)
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
 
 
@@ -171,7 +170,7 @@ def cost(job: Job, step: Callable[[], object]) -> int:
 
 
 def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(hanging: Inputs) -> None:
-    job, _, take = found_without_floaters(hanging)
+    job, config, take = found_without_floaters(hanging)
     left_out, frames = _left_out(job, take), len(take.x)
     assert take.path is not None
     assert take.path.residuals is not None  # so the path itself is not scored again
@@ -189,11 +188,31 @@ def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) 
     take = _searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
     left_out = _left_out(job, take)
     assert _aside(job, config, take, left_out)[0] is take
-    moved, there = _past_floaters(job, Effort(1, 4), take, left_out)
+    moved, there = _aside(job, replace(config, joint=2, joint_steps=4), take, left_out)
     assert there.among < 0.9 * left_out.among  # measured 0.81
     assert (there.alone, there.among) == pytest.approx((moved.total, _total(moved, job.stage)), abs=1e-6)
     assert moved.path is not None
     assert (moved.path.refined, moved.path.aside) == (True, False)
+
+
+def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too() -> None:
+    least = ["preset=fast", "frames=8", "search_side=64", "output_side=96", "threads=1"]
+    config = load_config(overrides=[*least, "joint=2", "floaters=keep", "losses.camera_angle.weight=20"])
+    job = prepare(Inputs("builtin:plaza", "builtin:orbit"), config, Clock(), silent, None)
+    take = _searched(job, config, job.stage, job.wanted, job.starts, quiet)
+    assert take.path is not None
+    assert _past_steps(job, config, take) is take
+    x, clip = take.path.x.clone(), take.clip
+    x[5:, 0] += 0.15  # azimuth, as far as a way leads: a frame at 3
+    off = clip.residuals(x)
+    away = replace(take, path=replace(take.path, x=x, residuals=off, total=clip.mean_total(off)))
+    found = _past_steps(job, config, away)
+    assert found.path is not None
+    assert found.path.aside
+    assert found.left_out is None
+    assert found.total < 0.5 * away.total
+    assert found.total == pytest.approx(clip.total(found.x), abs=1e-6)
+    assert _past_steps(job, replace(config, joint=1), away) is away
 
 
 def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hanging: Inputs) -> None:
