@@ -46,7 +46,6 @@ def write_camera_path(path: Path, trajectory: Trajectory) -> None:
         "seconds": len(trajectory) / trajectory.fps,
         "is_cycle": False,
         "smoothness_value": 0,
-        "default_fov": frames[0]["fov"],
         "default_transition_sec": 1 / trajectory.fps,
         "camera_path": frames,
         "keyframes": _keyframes(frames, 1 / trajectory.fps),
@@ -56,7 +55,8 @@ def write_camera_path(path: Path, trajectory: Trajectory) -> None:
 def _keyframes(frames: Sequence[Mapping[str, Any]], usual: float) -> list[dict[str, Any]]:
     """What the viewer's "Load Path" reads: every camera with the seconds since the one before; the first has ``usual``.
 
-    As nerfstudio/viewer/render_panel.py has it, where a transition leads to its keyframe.
+    As nerfstudio/viewer/render_panel.py has it, where a transition leads to its keyframe. It takes a keyframe whose
+    ``fov`` is the file's ``default_fov`` for one without, so there is no ``default_fov``.
     """
     since = [usual, *(later["time"] - earlier["time"] for earlier, later in pairwise(frames))]
     return [
@@ -113,7 +113,7 @@ def _pose(path: Path, value: Any, field: str) -> Tensor:
     """Camera-to-world, (4, 4), of 16 numbers, row by row."""
     try:
         pose = torch.tensor(value, dtype=torch.float64).reshape(4, 4)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         raise InputError(path, field, "expected 16 numbers") from None
     R = pose[:3, :3]
     rotation = (R @ R.T - torch.eye(3, dtype=R.dtype)).abs().amax() < 1e-4 and torch.linalg.det(R) > 0

@@ -63,7 +63,8 @@ def test_the_viewer_loads_what_is_rendered(tmp_path):
     assert all(key["override_transition_enabled"] is True for key in keys)
     seconds = [key["override_transition_sec"] for key in keys]  # each since the keyframe before
     assert seconds == pytest.approx([0.05, 0.04, 0.06, 0.03, 0.07])
-    assert (data["default_fov"], data["default_transition_sec"]) == (frames[0]["fov"], pytest.approx(0.05))
+    assert data["default_transition_sec"] == pytest.approx(0.05)
+    assert all(abs(key["fov"] - data.get("default_fov", 0.0)) > 1e-3 for key in keys)  # else it takes none of its own
     assert (data["is_cycle"], data["smoothness_value"]) == (False, 0)
 
 
