@@ -48,18 +48,19 @@ def flow_motion(features: Features, times: Tensor) -> Motion:
 
 def _travelling(rates: Tensor, background: Tensor, person: Tensor) -> None:
     """Fill in the rates (N, 8) of a camera that travels, one word for each direction over the whole clip."""
-    net = background.nan_to_num(0).sum(0)
-    held = torch.where(person.isfinite(), person, 0.0).sum(0)
-    grows = abs(net[2]) > FLOOR[2]
-    if grows and abs(held[2]) < SAME * abs(net[2]):  # a dolly zoom
+    both = person.isfinite() & background.isfinite()  # where either is unknown neither tells of the other
+    moved, beside = (torch.where(both, motion, 0.0).sum(0) for motion in (person, background))
+    held = abs(moved) < SAME * abs(beside)
+    grows = bool(abs(background[:, 2].nansum()) > FLOOR[2])
+    if grows and held[2]:  # a dolly zoom
         rates[:, 3], rates[:, 4] = background[:, 2], person[:, 2].nan_to_num(0) - background[:, 2]
     else:
         # one who grows before a background that does not is walking or waving
         nearer = person[:, 2].where(person[:, 2].isfinite(), background[:, 2])
-        rates[:, 4] = nearer if grows and held[2] * net[2] > 0 else background[:, 2]
+        rates[:, 4] = nearer if grows and moved[2] * beside[2] > 0 else background[:, 2]
     for axis, aside, aimed in ((0, 5, 7), (1, 6, 6)):
         # a person held in place while the background goes by: the camera travels round, else along
-        follows = abs(held[axis]) < SAME * abs(net[axis])
+        follows = bool(held[axis])
         sign = 1.0 if follows == (axis == 0) else -1.0
         source = (
             background[:, axis] if follows else person[:, axis].where(person[:, axis].isfinite(), background[:, axis])

@@ -72,6 +72,21 @@ def test_a_person_who_walks_before_a_still_camera_does_not_move_it() -> None:
     assert named(replace(features, flow=flow)) == "static"
 
 
+@pytest.mark.parametrize(("motion", "name"), [({"right": -0.02}, "truck right"), ({"growth": 0.04}, "push in")])
+@pytest.mark.parametrize("seen", [8, 4, 2])
+def test_a_person_seen_in_some_frames_alone_is_not_held_in_place(
+    motion: dict[str, float], name: str, seen: int
+) -> None:
+    far, near = flowing(**motion), flowing(**{key: 2 * value for key, value in motion.items()})
+    flow, width = far.flow.clone(), SIZE[0]
+    below = torch.arange(width)[None, None, None] % 32 < 16  # of the background half is nearer: parallax
+    flow = torch.where(below | far.layers[:, 1:2], near.flow, flow)
+    layers = far.layers.clone()
+    layers[seen:, 2] |= layers[seen:, 1]
+    layers[seen:, 1] = False
+    assert named(replace(far, flow=flow, layers=layers)) == name
+
+
 def test_fast_zooms_and_pans_have_names_of_their_own() -> None:
     assert named(flowing(growth=0.15)) == "crash zoom"
     assert named(flowing(right=-0.2)) == "whip pan"
