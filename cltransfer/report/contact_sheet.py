@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..skeleton import VISIBLE
-from .picture import write_picture
+from .picture import DRAWABLE, write_picture
 
 if TYPE_CHECKING:
     from ..scenes.person.lift import Lift
@@ -60,7 +60,7 @@ def _tile(image: Tensor, found: Lift, view: int) -> np.ndarray:
         if confidence > VISIBLE:
             cv2.circle(frame, (round(x), round(y)), 2, SEEN, -1, cv2.LINE_AA)
     pixels, depth = found.cameras[view].project(found.subject.joints)
-    shown = torch.isfinite(pixels[0, :, 0]) & (depth[0] > 0)
+    shown = (pixels[0].abs() < DRAWABLE).all(-1) & (depth[0] > 0)  # false for what is not finite
     for x, y in pixels[0][shown].tolist():
         cv2.circle(frame, (round(x), round(y)), 5, FOUND, 1, cv2.LINE_AA)
     with_person = bool(torch.isfinite(found.features.require("box")[view, 0]))

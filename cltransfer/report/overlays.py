@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..features import Features
 from ..skeleton import JOINTS, VISIBLE
+from .picture import DRAWABLE
 
 BONES = tuple(
     (JOINTS.index(a), JOINTS.index(b))
@@ -62,11 +63,14 @@ def draw_flow(features: Features, fastest: float) -> np.ndarray:
         fastest: speed of full strength, > 0 [px].
 
     Returns:
-        (H, W, 3) uint8 RGB, with the wheel of directions in the lower left corner.
+        (H, W, 3) uint8 RGB, with the wheel of directions in the lower left corner, as far as it fits there.
     """
     flow = features.require("flow")[0].permute(1, 2, 0).numpy()
     picture = _wheel_colours(flow, fastest)
-    radius = max(6, min(picture.shape[:2]) // 8)
+    side = min(picture.shape[:2])
+    radius = min(max(6, side // 8), (side - 2) // 2)
+    if radius < 1:
+        return picture
     y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1].astype(np.float32)
     inside = x**2 + y**2 <= radius**2
     corner = picture[-2 * radius - 2 : -1, 1 : 2 * radius + 2]
@@ -105,7 +109,7 @@ def _skeleton(picture: np.ndarray, joints: list[list[float]], thick: int) -> Non
 
 
 def _placed(joint: list[float]) -> bool:
-    return all(map(math.isfinite, joint)) and max(map(abs, joint[:2])) < 30_000  # OpenCV's whole numbers end
+    return all(map(math.isfinite, joint)) and max(map(abs, joint[:2])) < DRAWABLE
 
 
 def _side(a: int, b: int) -> tuple[int, int, int]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..storage.files import atomic
 
 QUALITY = 92  # of a JPEG
+DRAWABLE = 30_000  # [px] from the picture's corner, up to which OpenCV can draw: its whole numbers end
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:

@@ -33,6 +33,12 @@ def test_four_directions_have_four_colours_and_none_is_white() -> None:
     assert unknown.tolist() == [128, 128, 128]
 
 
+@pytest.mark.parametrize("size", [(24, 13), (16, 9), (3, 3)])
+def test_of_small_pictures_the_wheel_is_as_large_as_fits(size: tuple[int, int]) -> None:
+    flow = torch.zeros(1, 2, size[1], size[0])
+    assert draw_flow(Features(size, flow=flow), 5.0).shape == (size[1], size[0], 3)
+
+
 def test_a_person_is_drawn_and_nobody_leaves_the_background_alone() -> None:
     features = sample_features(0, 1)
     frame = (features.image[0] * 255).byte()
