@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shlex
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -95,7 +96,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         (out / "videos").mkdir(exist_ok=True)
         for video in Path(made).iterdir():
             os.utime(video, (0, 0))  # the order in which they were written would tell methods apart
-            os.replace(video, out / "videos" / video.name)
+            shutil.move(video, out / "videos" / video.name)  # a folder that is mounted lies on another disk
     write_text(out / "README.txt", _readme(study, out))
     return study, key_of(out)
 
@@ -156,16 +157,16 @@ def _clip(where: ClipSource) -> Shown:
     as_is = replace(_kept(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
     clip, _ = open_clip(as_is)
     if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
-        _check_whole(where.path, len(clip.times))
+        _check_whole(where.path, len(clip.times), kept_frames(where.path))
     return Shown(clip.image, clip.times)
 
 
-def _check_whole(run: Path, count: int) -> None:
-    """Refuse a run whose frames were cut off: what can still be decoded of them looks like a shorter clip."""
+def _check_whole(run: Path, count: int, video: Path) -> None:
+    """Refuse a run whose ``video`` was cut off: its ``count`` frames look like a shorter clip."""
     metrics = read_json(run / METRICS) if (run / METRICS).is_file() else {}
     frames = metrics.get("frames", count) if isinstance(metrics, dict) else count
     if frames != count:
-        raise InputError(kept_frames(run), "video", f"has {count} frames, its run {frames}", "make the run anew")
+        raise InputError(video, "video", f"has {count} frames, its run {frames}", "make the run anew")
 
 
 def _reference(group: Sequence[ClipSource], given: ClipSource | None) -> Shown:
@@ -196,6 +197,7 @@ def _own_reference(group: Sequence[Path]) -> Shown:
     if not sheet.is_file():
         raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
     clip = read_clip(sheet, max_side=SHEET_SIDE)
+    _check_whole(group[0], len(clip.times), sheet)
     return Shown(reference_side(clip.image), clip.times)
 
 

@@ -253,18 +253,21 @@ def test_a_part_that_a_study_cannot_show_is_refused(tiny_run: Path, clips: Wante
 def test_a_run_whose_frames_were_cut_off_is_refused(tmp_path: Path) -> None:
     grey = torch.full((30, 3, 32, 48), 90, dtype=torch.uint8)
     runs = []
-    for name, kept in (("whole", 30), ("cut", 3)):
+    for name, kept, beside in (("whole", 30, 30), ("cut", 3, 30), ("sheet", 30, 4)):
         run = tmp_path / name
         (run / "video").mkdir(parents=True)
         (run / "DONE").touch()
         (run / "manifest.json").write_text('{"format": "cltransfer.run", "reference": {"sha256": "0"}}')
         (run / "metrics.json").write_text('{"frames": 30}')
         write_video(run / "video" / "frames.mkv", grey[:kept], torch.arange(kept) / 24, lossless=True)
-        write_video(run / "video" / "side_by_side.mp4", grey, torch.arange(30) / 24)
+        write_video(run / "video" / "side_by_side.mp4", grey[:beside], torch.arange(beside) / 24)
         runs.append(run)
-    wanted = Wanted(tuple(runs), ("A", "B"), (runs[0] / "video" / "frames.mkv",))
+    wanted = Wanted(tuple(runs[:2]), ("A", "B"), (runs[0] / "video" / "frames.mkv",))
     with pytest.raises(InputError, match=r"frames.mkv: video: has 3 frames, its run 30"):
         build_study(wanted, tmp_path / "page")
+    # the reference is cut from the one beside it
+    with pytest.raises(InputError, match=r"side_by_side.mp4: video: has 4 frames, its run 30"):
+        build_study(Wanted((runs[2], runs[0]), ("A", "B")), tmp_path / "page")
 
 
 def test_the_command_beside_the_page_can_be_pasted(clips: Wanted, tmp_path: Path) -> None:
