@@ -17,6 +17,8 @@ from kornia.geometry.conversions import camtoworld_graphics_to_vision_4x4, camto
 from kornia.geometry.linalg import inverse_transformation, transform_points
 from torch import Tensor
 
+VIEW_LIMIT = 64  # views that are looked from, evenly taken, of a set or path that has more
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -170,6 +172,12 @@ def fitted_size(size: tuple[int, int], side: int) -> tuple[int, int]:
     """
     scale = side / max(size)
     return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def evenly_taken(cameras: Camera, most: int) -> Camera:
+    """Those of the cameras, at most ``most``, that lie evenly along them, the first and the last among them."""
+    count = min(len(cameras), most)
+    return cameras[torch.linspace(0, len(cameras) - 1, count).round().long()]
 
 
 def in_one_frame(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) -> Camera:

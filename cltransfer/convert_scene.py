@@ -7,27 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import torch
 from torch import Tensor
 
-from .camera import Camera, fitted_size, in_one_frame
+from .camera import VIEW_LIMIT, Camera, evenly_taken, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
 from .scenes.load import load_scene
+from .scenes.meshes.compose import part_files
 from .scenes.meshes.mesh import Mesh
 from .scenes.nerf_grid import write_grid
-from .scenes.person.lifted import LABELS, SUBJECT
+from .scenes.person.lifted import SUBJECT, save_labels
 from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
-from .storage.files import atomic, read_json
+from .storage.files import read_json
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
 
 Representation = Literal["gaussian_splats", "nerf_grid"]
-VIEW_LIMIT = 64  # evenly taken from the views that are given
 
 
 @dataclass(frozen=True)
@@ -71,8 +70,7 @@ def given_views(sources: Sequence[str], side: int) -> Camera:
         raise UsageError("", "--view", "expected at least one", "a trajectory.json, SET:INDEX, or SET")
     cameras = [_views(source) for source in sources]
     all_views = in_one_frame(cameras, [fitted_size(camera.size, side) for camera in cameras])
-    count = min(len(all_views), VIEW_LIMIT)
-    return all_views[torch.linspace(0, len(all_views) - 1, count).round().long()]
+    return evenly_taken(all_views, VIEW_LIMIT)
 
 
 def _views(source: str) -> Camera:
@@ -144,7 +142,7 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
     if not surface_area(mesh) > 0:
         raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
     file = out / f"{scene.name}{'.ply' if representation == 'gaussian_splats' else '.safetensors'}"
-    _refuse_source(file, source)
+    _refuse_source(file, source, part_files(Path(source)) if source.lower().endswith((".yaml", ".yml")) else ())
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
         count, label = len(splats), splats.label
@@ -158,15 +156,13 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
     return {"file": str(file), "count": count, "up": scene.up.tolist(), "subject": scene.subject is not None}
 
 
-def _refuse_source(out: Path, source: str) -> None:
-    """Refuse to write over what was read, which is lost then."""
-    if out.exists() and Path(source).exists() and out.samefile(source):
-        raise UsageError(out, "--out", "is the scene itself", "name another one")
+def _refuse_source(out: Path, source: str, parts: Sequence[Path] = ()) -> None:
+    """Refuse to write over what was read, the ``source`` and its ``parts``, which is lost then."""
+    for read, what in ((Path(source), "the scene itself"), *((part, "a part of the scene") for part in parts)):
+        if out.exists() and read.exists() and out.samefile(read):
+            raise UsageError(out, "--out", f"is {what}", "name another one")
 
 
 def _write_person(folder: Path, subject: Subject, label: Tensor) -> None:
-    from safetensors.torch import save_file
-
     subject.save(folder / SUBJECT)
-    with atomic(folder / LABELS) as temporary:
-        save_file({"label": (label > 0.5).to(torch.uint8)}, temporary)
+    save_labels(folder, label)

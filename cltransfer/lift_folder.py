@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .camera import Camera, in_one_frame
+from .camera import VIEW_LIMIT, Camera, evenly_taken, in_one_frame
 from .config.options import RunConfig
 from .pipeline.components import Components
 from .reading.named_scenes import remember
@@ -29,7 +29,7 @@ class Lifting:
     Args:
         scene: a scene file.
         up: upwards in it; None takes the format's usual one.
-        view: trajectory files to look from; none looks from a ring around the person.
+        view: trajectory files to look from, 64 cameras evenly taken; none looks from a ring around the person.
         views: how many of a ring.
         person: which one, 0 for the one that most views see.
     """
@@ -68,7 +68,8 @@ def _given(files: tuple[Path, ...]) -> Camera | None:
         return None
     cameras = [Trajectory.load(file).camera for file in files]
     width = SIZE[0]
-    return in_one_frame(cameras, [(width, round(width * camera.size[1] / camera.size[0])) for camera in cameras])
+    sizes = [(width, round(width * camera.size[1] / camera.size[0])) for camera in cameras]
+    return evenly_taken(in_one_frame(cameras, sizes), VIEW_LIMIT)  # every pair of them is tried against all
 
 
 def lift_lines(folder: Path, found: Lift) -> str:

@@ -203,6 +203,21 @@ def test_a_scene_is_not_written_over_itself(room: tuple[str, str], tmp_path: Pat
     with pytest.raises(UsageError, match=r"box.ply: --out: is the scene itself"):
         bake_to_folder(str(tmp_path / "box.ply"), tmp_path, "gaussian_splats", 500)
     assert (tmp_path / "box.ply").read_bytes() == before
+    (tmp_path / "box.yaml").write_text("parts:\n  - file: box.ply\n")
+    with pytest.raises(UsageError, match=r"box.ply: --out: is a part of the scene"):
+        bake_to_folder(str(tmp_path / "box.yaml"), tmp_path, "gaussian_splats", 500)
+    assert (tmp_path / "box.ply").read_bytes() == before
+    bake_to_folder(str(tmp_path / "box.yaml"), tmp_path / "baked", "gaussian_splats", 500)
+
+
+def test_the_person_of_a_run_is_not_written_over(command: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text('{"format": "cltransfer.run"}')
+    (tmp_path / "subject.json").write_text("of the run")
+    trimesh.creation.box().export(tmp_path / "box.obj")
+    answer = command("bake", tmp_path / "box.obj", "--out", tmp_path)
+    assert (answer.code, answer.err.count("\n")) == (2, 1)
+    assert "expected another folder than that of a run, whose own subject and labels have the same names" in answer.err
+    assert (tmp_path / "subject.json").read_text() == "of the run"
 
 
 @pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])

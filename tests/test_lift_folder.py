@@ -23,3 +23,14 @@ def test_views_of_unlike_shape_are_looked_from_whole(tmp_path: Path) -> None:
     pixels, _ = both.project(corner)
     assert 630 < float(pixels[1, 0, 0]) < 640
     assert _given(()) is None
+
+
+def test_of_a_long_path_as_many_views_are_taken_as_every_pair_can_be_tried_of(tmp_path: Path) -> None:
+    eye = torch.stack([torch.linspace(-1, 1, 300), torch.zeros(300), torch.full((300,), -4.0)], dim=1)
+    camera = Camera.look_at(eye, torch.zeros(300, 3), torch.tensor([0.0, -1, 0]), 0.8, (160, 90))
+    Trajectory(camera, torch.arange(300, dtype=torch.float64)).save(tmp_path / "long.json")
+    taken = _given((tmp_path / "long.json",))
+    assert taken is not None
+    assert len(taken) == 64
+    torch.testing.assert_close(taken.center[[0, -1]], camera.center[[0, -1]])
+    assert float(taken.center.diff(dim=0).norm(dim=1).max()) < 2 / 55

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
-from ..storage.files import check_out
 from ..storage.run_files import refuse_run
 from .shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
 
@@ -110,7 +109,7 @@ def bake(
     most = 10_000_000 if representation == "gaussian_splats" else 512
     if detail is not None and not 2 <= detail <= most:
         raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
-    check_out(out)
+    refuse_run(out, "subject and labels", "baked")
     from ..convert_scene import bake_to_folder
     from ..scenes.person.lifted import SUBJECT
 

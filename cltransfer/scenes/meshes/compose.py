@@ -151,16 +151,25 @@ def _parts(path: Path, about: dict[str, Any]) -> list[Part]:
     return parts
 
 
-def _read(path: Path, part: Part, index: int, root: Path | None, up: tuple[float, float, float]) -> MeshFile:
-    """The file of one part; its own upwards is the scene's before the part was turned."""
+def part_files(path: Path, root: Path | None = None) -> list[Path]:
+    """The files that a YAML file composes, see :func:`read_composed`."""
+    return [_file(path, part, i, root) for i, part in enumerate(_parts(path, _read_yaml(path)))]
+
+
+def _file(path: Path, part: Part, index: int, root: Path | None) -> Path:
     named = root if root is not None else Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None
     folder = path.parent
     if named is not None and not (folder / part.file).is_file():
         folder = named
     try:
-        file = inside(folder, part.file, path, f"parts[{index}].file")
+        return inside(folder, part.file, path, f"parts[{index}].file")
     except InputError as error:
         raise InputError(path, error.field, error.reason, error.hint or _HINT) from None
+
+
+def _read(path: Path, part: Part, index: int, root: Path | None, up: tuple[float, float, float]) -> MeshFile:
+    """The file of one part; its own upwards is the scene's before the part was turned."""
+    file = _file(path, part, index, root)
     own_up = part.rotation.T @ torch.tensor(up, dtype=torch.float64)
     x, y, z = own_up.tolist()
     return read_mesh(file, Moment(part.time, part.animation), (x, y, z))
