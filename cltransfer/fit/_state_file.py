@@ -10,8 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from ..errors import InputError
-from ..storage.files import atomic
-from ..storage.tensor_file import check_tensor_file
+from ..storage.tensor_file import check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.state.1"
 LIMIT = 16 * 2**30  # bytes
@@ -22,14 +21,12 @@ def write_state(path: Path, state: Any) -> None:
 
     Raises:
         TypeError: something else is in it.
+        OSError: it cannot be written.
     """
-    from safetensors.torch import save_file
-
     tensors: dict[str, Tensor] = {}
     tree = _fold(state, tensors)
     meta = {"format": FORMAT, "tree": json.dumps(tree, allow_nan=False)}
-    with atomic(path) as temporary:
-        save_file(tensors, temporary, metadata=meta)
+    save_tensors(path, tensors, meta)
 
 
 def read_state(path: Path) -> Any:

@@ -15,8 +15,7 @@ from torch import Tensor
 from ..computer.memory import require_free
 from ..errors import InputError
 from ..renderers.kernels.grid_pack import Packed, pack
-from ..storage.files import atomic
-from ..storage.tensor_file import check_tensor_file
+from ..storage.tensor_file import check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.nerf_grid.1"
 LIMIT = 4 * 2**30  # bytes
@@ -103,10 +102,7 @@ class NerfGrid:
 
 def write_grid(path: Path, grid: NerfGrid) -> None:
     """Write ``grid`` as safetensors, whole or not at all."""
-    from safetensors.torch import save_file
-
-    with atomic(path) as temporary:
-        save_file({key: getattr(grid, key).contiguous() for key in KEYS}, temporary, metadata={"format": FORMAT})
+    save_tensors(path, {key: getattr(grid, key).contiguous() for key in KEYS}, {"format": FORMAT})
 
 
 def read_grid(path: Path) -> NerfGrid:

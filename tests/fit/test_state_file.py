@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import resource
 from collections import Counter
 
 import pytest
@@ -40,6 +41,17 @@ def test_what_is_no_plain_value_is_refused_and_nothing_is_written(tmp_path, valu
     with pytest.raises(TypeError, match="plain values and tensors, got"):
         write_state(tmp_path / "state.safetensors", {"a": [value]})
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_cannot_grow_is_an_error_of_the_system(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"state\.safetensors"):
+            write_state(tmp_path / "state.safetensors", {"a": torch.zeros(10_000)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not (tmp_path / "state.safetensors").exists()
 
 
 def test_a_pickle_is_never_opened(tmp_path):
