@@ -120,6 +120,7 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
     if reference.image is None:
         raise InputError(reference.name, "frames", "a feature file keeps none to draw on", "inspect the clip itself")
     fastest = _fastest(features)
+    page = write_page(folder, shown)  # first: a folder with pictures and no page is taken for somebody else's
     for i in range(len(features)):
         own = features[i]
         if features.has("keypoints"):
@@ -129,7 +130,7 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
             pictures[f"{i:04d}_flow.png"] = draw_flow(own, fastest)
         for name, picture in pictures.items():
             write_picture(folder / "frames" / name, picture)
-    return write_page(folder, shown)
+    return page
 
 
 def _fastest(features: Features) -> float:

@@ -114,7 +114,7 @@ class Subject:
             )
         except KeyError as error:
             raise InputError(path, str(error.args[0]), "field is missing") from None
-        except (TypeError, ValueError, RuntimeError, AttributeError) as error:
+        except (TypeError, ValueError, RuntimeError, AttributeError, OverflowError) as error:
             raise InputError(path, "", f"not a subject: {error}") from None
         for name, wrong, expected in subject._faults():
             raise InputError(path, name, f"expected {expected}, got {wrong}", "lift the scene again")

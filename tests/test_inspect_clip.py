@@ -84,6 +84,22 @@ def test_a_page_of_something_else_is_not_written_over(command: Any, laid_open: A
     check_page(tmp_path, MARK, "a page of `inspect`")
 
 
+def test_a_page_that_was_stopped_may_be_made_anew(
+    laid_open: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, picture: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr("cltransfer.report.picture.write_picture", full)
+        with pytest.raises(OSError, match="No space left"):
+            write_inspection(tmp_path, laid_open("builtin:push_in"))
+    (tmp_path / "frames").mkdir(exist_ok=True)
+    (tmp_path / "frames" / "0000.png").touch()
+    check_page(tmp_path, MARK, "a page of `inspect`")
+    write_inspection(tmp_path, laid_open("builtin:push_in"))
+
+
 def test_a_shot_of_a_scene_has_nobody_to_click_on(laid_open: Any, tmp_path: Path) -> None:
     page = write_inspection(tmp_path, laid_open("builtin:push_in")).read_text()
     assert "Click on the one" not in page

@@ -53,6 +53,7 @@ def test_left_is_left_of_facing() -> None:
         ({"format": "other"}, "format: expected 'cltransfer.subject'"),
         ({"facing": [2, 0, 0]}, "facing: expected a unit vector"),
         ({"height": -1}, "height must be positive"),
+        ({"height": 10**400}, "not a subject: int too large"),
         ({"metres_per_unit": -1}, "metres_per_unit: expected a number above 0 or null, got -1.0"),
         ({"metres_per_unit": 0}, "metres_per_unit: expected a number above 0 or null, got 0.0"),
         ({"metres_per_unit": math.inf}, "metres_per_unit: expected a number above 0 or null, got inf"),

@@ -87,6 +87,7 @@ def test_without_own_times_the_frame_rate_counts(tmp_path):
         ({"first": {"fov": 180}}, r"camera_path\[0\]\.fov: expected a number"),
         ({"first": {"fov": float("nan")}}, r"camera_path\[0\]\.fov: expected a number"),
         ({"first": {"camera_to_world": [1, 2]}}, r"camera_path\[0\]\.camera_to_world: expected 16 numbers"),
+        ({"first": {"camera_to_world": [10**400] * 16}}, r"camera_path\[0\]\.camera_to_world: expected 16 numbers"),
         (
             {"first": {"camera_to_world": [[1] * 3, 2]}},
             r"camera_path\[0\]\.camera_to_world: expected 16 numbers",
