@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..errors import InputError
+from ..errors import InputError, UsageError
 from ..renderers import Renderer
 from ..scenes import Scene
 from ..scenes.posed import PosedImages
@@ -58,6 +58,17 @@ class Views:
         """SHA-256 of all that a fit depends on."""
         parts = (self.camera.w2c, self.camera.K, self.image, self.aabb)
         return hashlib.sha256(b"".join(part.contiguous().numpy().tobytes() for part in parts)).hexdigest()
+
+    def check_near(self, near: float) -> None:
+        """Refuse a near plane that hides the middle of the box from most views: the set is in other units.
+
+        Raises:
+            UsageError: it does.
+        """
+        typical = float(self.camera.to_camera(self.aabb.mean(0)[None])[:, 0, 2].median())
+        if 0 < typical <= near:
+            reason = f"hides what is nearer than {near:g}, the middle of the scene is {typical:.2g} from the cameras"
+            raise UsageError("", "near", reason, f"near={0.05 * typical:.1g}")
 
     def split(self, every: int) -> tuple[Views, Views]:
         """Views to learn from, and every ``every``-th, held out, to score on."""

@@ -38,6 +38,7 @@ class GaussianSplatsFit:
         side: of the images, the longer one at most [px].
         hold_out: every so many-th view is scored on and not learnt from, >= 2.
         steps: of gradient descent.
+        near: nothing nearer to a camera is learnt, scene units, > 0.
         seed: of the start and of the order of the views.
 
     Raises:
@@ -49,6 +50,7 @@ class GaussianSplatsFit:
     side: int = 800
     hold_out: int = 8
     steps: int = 7000
+    near: float = GaussianSplats.near
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -57,6 +59,12 @@ class GaussianSplatsFit:
         for name, least in (("first", 100), ("hold_out", 2), ("steps", 1), ("side", 1)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        _ = self.renderer  # checks near
+
+    @property
+    def renderer(self) -> GaussianSplats:
+        """What draws as it was learnt: nothing fades before the near plane."""
+        return GaussianSplats(near=self.near, near_fade=0.0)
 
     def require(self) -> None:
         """Whether splats can be fitted here.
@@ -71,9 +79,11 @@ class GaussianSplatsFit:
 
         Raises:
             ModelError: there is no CUDA device, or gsplat is not installed.
-            UsageError: the folder holds a fit with other options or views, or something else.
+            UsageError: the folder holds a fit with other options or views, or something else, or ``near`` hides the
+                scene.
         """
         self.require()
+        views.check_near(self.near)
         key = {"as": "gaussian_splats", "options": asdict(self), "views": views.digest}
         if done := begun(folder, key):
             return done
@@ -83,7 +93,7 @@ class GaussianSplatsFit:
         since = time.perf_counter()
         self._descend(parameters, learn, random, report)
         splats = splats_of(parameters)
-        score = psnr(splats, held_out, GaussianSplats())
+        score = psnr(splats, held_out, self.renderer)
         count, seconds = len(splats), time.perf_counter() - since
         levels = [Level(count, count, score, self.steps, seconds, True)]
         write_splats(folder / SCENE, splats)
@@ -116,7 +126,7 @@ class GaussianSplatsFit:
                 Ks=K[view, None],
                 width=views.camera.size[0],
                 height=views.camera.size[1],
-                near_plane=GaussianSplats.near,
+                near_plane=self.near,
                 sh_degree=min(self.degree, 5 * self.degree * step // self.steps),
                 rasterize_mode="antialiased",
                 packed=False,

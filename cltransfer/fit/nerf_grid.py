@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate, max_pool3d
 
 from ..computer.memory import require_free
-from ..errors import InputError, UsageError
+from ..errors import InputError
 from ..registry import FITTERS
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes.nerf_grid import NerfGrid, read_grid, write_grid
@@ -111,7 +111,7 @@ class NerfGridFit:
             UsageError: the folder holds a fit with other options or views, or something else.
             ResourceError: a level needs more memory than is free.
         """
-        self._check_near(views)
+        views.check_near(self.near)
         key = {"as": "nerf_grid", "options": asdict(self), "views": views.digest}
         levels = begun(folder, key)
         for cells in self._sizes()[len(levels) :]:
@@ -126,16 +126,6 @@ class NerfGridFit:
             write_curve(folder, levels)
             _checkpoint(folder, len(levels) - 1).unlink(missing_ok=True)
         return levels
-
-    def _check_near(self, views: Views) -> None:
-        """Refuse a near plane that hides the middle of the box from most views: the set is in other units."""
-        depth = views.camera.to_camera(views.aabb.mean(0)[None])[:, 0, 2]
-        typical = float(depth.median())
-        if 0 < typical <= self.near:
-            reason = (
-                f"hides what is nearer than {self.near:g}, the middle of the scene is {typical:.2g} from the cameras"
-            )
-            raise UsageError("", "near", reason, f"near={0.05 * typical:.1g}")
 
     def _sizes(self) -> list[int]:
         """Cells of each level; the last is the budget."""

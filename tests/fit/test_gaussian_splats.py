@@ -8,6 +8,7 @@ import torch
 
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.fit.gaussian_splats import GaussianSplatsFit
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.ply import read_splats
 from cltransfer.scenes.splats import Splats
 
@@ -58,7 +59,21 @@ def test_a_folder_is_one_fits(quick, views, tmp_path):
         replace(quick, seed=1).fit(views, tmp_path / "out", lambda *step: None)
 
 
+def test_a_set_in_small_units_is_scored_as_it_is_learnt_and_one_that_cannot_be_seen_is_refused(quick, views, tmp_path):
+    camera = replace(views.camera, w2c=views.camera.w2c.clone())
+    camera.w2c[:, :3, 3] *= 0.01
+    small = replace(views, camera=camera, aabb=0.01 * views.aabb)
+    with pytest.raises(UsageError, match=r"^near: hides what is nearer than 0.1, .* \(near="):
+        quick.fit(small, tmp_path / "out", lambda *step: None)
+    assert quick.renderer == GaussianSplats(near=0.1, near_fade=0.0)
+    assert replace(quick, near=0.002).fit(small, tmp_path / "out", lambda *step: None)
+
+
 def test_options_out_of_range_are_named():
-    for options, line in (({"degree": 4}, "degree must be"), ({"steps": 0}, "steps must be at least 1")):
+    for options, line in (
+        ({"degree": 4}, "degree must be"),
+        ({"steps": 0}, "steps must be at least 1"),
+        ({"near": 0.0}, "near must be"),
+    ):
         with pytest.raises(ValueError, match=line):
             GaussianSplatsFit(**options)
