@@ -30,7 +30,9 @@ def fit(
             help="Options; `plugins show fit.nerf_grid` explains them, fit.gaussian_splats those of splats.",
         ),
     ] = None,
-    representation: Annotated[str, typer.Option("--as", help="nerf_grid; or gaussian_splats, which needs CUDA and the extra [cuda].")] = "nerf_grid",
+    representation: Annotated[
+        str, typer.Option("--as", help="nerf_grid; or gaussian_splats, which needs CUDA and the extra [cuda].")
+    ] = "nerf_grid",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -38,8 +40,8 @@ def fit(
 
     cltransfer fit POSED --as nerf_grid --out grid budget=200000 side=400
 
-    Without a budget cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply), and curve.csv
-    and curve.svg: what each level of detail reached.
+    Without a budget cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply),
+    and curve.csv and curve.svg: what each level of detail reached.
     """
     from ..config.layers import parse_overrides
     from ..registry import FITTERS

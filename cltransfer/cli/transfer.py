@@ -63,7 +63,8 @@ def transfer(
 
     Leaves trajectory.json, camera/camera_path.json (nerfstudio), metrics.json, metrics.csv, video/render.mp4,
     video/side_by_side.mp4 and strip.jpg (not of a feature file, which has no pictures), video/frames.mkv, subject.json,
-    config.yaml and report.html in the run folder, and prints the five metrics. Clips and scenes of your own need two networks: cltransfer models pull default.
+    config.yaml and report.html in the run folder, and prints the five metrics. Clips and scenes of your own need two
+    networks: cltransfer models pull default.
     """
     paths, overrides = split(arguments or [], 2)
     if resume is not None and out is not None and out.resolve() != resume.resolve():
