@@ -26,7 +26,7 @@ from cltransfer.progress import silent
 from cltransfer.run.flags import run_flags
 from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
-from cltransfer.run.rounds import (
+from cltransfer.run.take import (
     Take,
     _aside,
     _followed_again,

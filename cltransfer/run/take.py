@@ -1,0 +1,203 @@
+"""One search: a clip followed leanly or thoroughly, the path through it, and that past floaters and steps of a loss."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera, concatenate
+from ..config.options import RunConfig
+from ..driver.aside import FEW, MANY, go_aside
+from ..driver.follow import Path, follow
+from ..driver.frame import Solved
+from ..driver.joint import Effort
+from ..driver.path_order import LeastPath, least_path, refined
+from ..driver.second_guide import second_guide
+from ..driver.stage import Stage
+from ..driver.starts import Starts
+from ..driver.whole_clip import WholeClip
+from ..features import Features
+from .left_out import LeftOut
+from .preparation import Job
+
+Report = Callable[[int, Solved], None]
+
+SEEN = 0.05  # total that floaters have to cost before anything is done about them
+AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that has more than that
+HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
+STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
+
+
+@dataclass(frozen=True)
+class Take:
+    """What one search found.
+
+    Args:
+        clip: what was searched.
+        found: each frame's minimum.
+        path: its order; None where every frame was left as it was found.
+        left_out: what the search did not see, None where it saw everything.
+    """
+
+    clip: WholeClip
+    found: Path
+    path: LeastPath | None
+    left_out: LeftOut | None = None
+
+    @property
+    def x(self) -> Tensor:
+        """The path taken, (N, D)."""
+        return self.found.x if self.path is None else self.path.x
+
+    @property
+    def cameras(self) -> Camera:
+        """N cameras of the path taken, at the output size."""
+        return self.found.camera if self.path is None else self.clip.cameras(self.path.x)
+
+    @property
+    def total(self) -> float:
+        """Mean total in the scene that was searched, of all weights; a view that is blocked pays every penalty."""
+        return _total(self, self.clip.stage) if self.path is None else self.path.total
+
+    @property
+    def leaps(self) -> bool:
+        """Whether a frame of the path taken costs far more than the others."""
+        told = None if self.path is None else self.path.residuals
+        return self.found.leaps(self.found.totals if told is None else self.clip.totals(told))
+
+
+def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
+    """Find a path in the scene of ``stage``, and what becomes of it among the floaters that this may lack.
+
+    Args:
+        job: what is prepared.
+        config: of the run.
+        stage: renders and scores, with or without floaters.
+        target: what the losses are to meet, N frames.
+        starts: where to begin.
+        report: called after each frame.
+    """
+    take = _searched(job, config, stage, target, starts, report)
+    if stage.scene is job.stage.scene:
+        return _past_steps(job, config, take)
+    return _with_floaters(job, config, take, report)
+
+
+def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
+    """What was found without floaters, past them; or with them, where that is far worse there and the other gains more.
+
+    A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
+    """
+    first, left_out = _aside(job, config, first, _left_out(job, first))
+    if not left_out.matters:
+        return replace(first, left_out=left_out)
+    target = first.clip.reference
+    second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
+    there = LeftOut(job.floaters, _total(second, first.clip.stage), second.total)
+    job.stage.spent.evaluations += len(second.x)
+    return second if there.better(left_out) else replace(first, left_out=left_out)
+
+
+def _past_steps(job: Job, config: RunConfig, take: Take) -> Take:
+    """What was found in a scene that has no floaters, past steps of the losses."""
+    return take if take.path is None else _aside(job, config, take, LeftOut(0, take.total, take.total))[0]
+
+
+def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
+    """The path aside where floaters hide the person or a loss jumps, and refined, if it gains there more than it loses.
+
+    Presets that refine a path but once look for no steps, and refine none again.
+    """
+    path, clip, stage = take.path, take.clip, job.stage
+    told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
+    several, dearer = config.joint > AMONG, left_out.among > left_out.alone + SEEN
+    if path is None or path.steady or not told or not (several or dearer):
+        return take, left_out
+    whole = replace(clip, stage=stage)
+    # the views of left_out once more, so not counted again
+    among = stage.path_residuals(clip.reference, take.cameras, clip.defined)
+    totals = whole.totals(among)
+    wanted = torch.zeros_like(totals, dtype=torch.bool)
+    if dearer:
+        wanted |= totals - clip.totals(clip.residuals(path.x) if path.residuals is None else path.residuals) > HIDDEN
+    if several:
+        wanted |= totals > max(STEP_FLOOR, STEP * float(totals.median()))
+    x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, MANY if several else FEW)
+    if x is path.x and not dearer:
+        return take, left_out
+    aside = replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
+    there = refined(whole, aside, Effort(AMONG if several else 0, config.joint_steps))
+    if there.x is path.x or there.residuals is None:
+        return take, left_out
+    residuals = clip.residuals(there.x)
+    moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
+    found = LeftOut(job.floaters, moved.total, whole.mean_total(there.residuals))
+    return (replace(take, path=moved), found) if found.better(left_out) else (take, left_out)
+
+
+def _left_out(job: Job, take: Take) -> LeftOut:
+    """What floaters cost the cameras of ``take``, found in a scene without them."""
+    return LeftOut(job.floaters, take.total, _total(take, job.stage))
+
+
+def _total(take: Take, stage: Stage) -> float:
+    """Mean total of what was found, in the scene of ``stage``; a view that is blocked there pays every penalty.
+
+    Not counted as evaluations: of what is kept it is its score, as it is rendered for every result.
+    """
+    terms = stage.path_terms(take.clip.reference, take.cameras, guarded=True)
+    return float(stage.objective.totals(terms, take.clip.defined).mean())
+
+
+def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
+    """The frames of one round, and the path through them where one is asked for.
+
+    The clip is followed leanly where that is good enough, else thoroughly too. Frames lost on the way tell nothing as
+    long as the path passes them by; where it does not, there is a path through either, and the better one is taken.
+    """
+    clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
+    among, schedule = stage.reduced(starts.homes[0], config.lod), job.schedule
+
+    def taken(found: Path) -> Take:
+        found = _followed_again(job, among, target, starts, report, found)
+        return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
+
+    if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
+        return taken(follow(among, job.search, target, starts.homes, schedule, report, starts.guide))
+    first = follow(among, job.search, target, starts.homes, schedule.lean, report, starts.guide)
+    if first.local is None:
+        return taken(first)
+    poor = first.local.total > schedule.lean_limit or first.drifts
+    if not poor:
+        lean = taken(first)
+        if not lean.leaps:
+            return lean
+    second = follow(among, job.search, target, starts.homes, schedule, report, starts.guide)
+    return taken(_better(first, second)) if poor else min(lean, taken(second), key=lambda take: take.total)
+
+
+def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:
+    local = found.local
+    if local is not None and config.lod > 0:  # merged, the scene has other residuals
+        local = replace(local, residuals=clip.residuals(found.x))
+    return least_path(clip, found.x, local, job.noise, Effort(config.joint, config.joint_steps), guide)
+
+
+def _followed_again(job: Job, stage: Stage, target: Features, starts: Starts, report: Report, found: Path) -> Path:
+    """Once more at other distances, where part of ``found`` ended right and the rest would cost less at its own."""
+    if found.local is None or starts.guide is None or stage.scene.subject is None:
+        return found
+    clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
+    again = second_guide(clip, starts.guide, found.x, found.totals)
+    if again is None or not again.gains(clip, found.x, clip.totals(found.local.residuals)):
+        return found
+    homes = concatenate([starts.homes, again.first_views(clip)])
+    return _better(found, follow(stage, job.search, target, homes, job.schedule.lean, report, again.x))
+
+
+def _better(first: Path, second: Path) -> Path:
+    assert first.local is not None
+    return second if second.local is not None and second.local.total < first.local.total else first
