@@ -7,6 +7,7 @@ each frame takes is chosen for all of them together, by dynamic programming; and
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,11 @@ class Tries:
 
 
 FEW, MANY = Tries(2, (9.0,)), Tries(1, (9.0, 4.0))
+
+
+def as_a_whole(every: int) -> Tries:
+    """Of a path that stays what it is, static or linear: all frames go the same way, or none does."""
+    return Tries(every, (math.inf,))
 
 
 def go_aside(
@@ -76,7 +82,7 @@ def go_aside(
         lost = np.stack([_lost(clip, x[i] + ways, residuals[i], i) for i in tried], axis=1)  # (W, T)
         costs[1:, first:last] = [np.interp(range(first, last), tried, cost) for cost in lost]
     change = (moves[:, None] - moves).abs().sum(-1).numpy()
-    chosen = {tuple(steadiest(costs, sway * change).tolist()) for sway in tries.sways}
+    chosen = {tuple(steadiest(costs, np.where(change > 0, sway, 0.0) * change).tolist()) for sway in tries.sways}
     best, least = (x, residuals), clip.mean_total(residuals) + bending(x, about, clip.at) - PROMISE
     for way in sorted(way for way in chosen if any(way)):
         there = clip.inside(x + along(moves[list(way)], STEADY, clip.at))

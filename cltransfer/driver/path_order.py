@@ -72,8 +72,9 @@ class LeastPath:
         order = {None: "every frame", 1: "static", 2: "linear"}.get(self.knots, f"{self.knots} knots")
         kept = ", focal length kept" if self.lens_kept and self.knots != 1 else ""
         filtered = f", filtered over {self.filtered:g}" if self.filtered else ""
-        moved = (", refined as a whole" if self.refined else "") + (", aside for some frames" if self.aside else "")
-        return order + kept + filtered + moved
+        refined = ", refined as a whole" if self.refined else ""
+        aside = f", aside{'' if self.steady else ' for some frames'}" if self.aside else ""
+        return order + kept + filtered + refined + aside
 
 
 def orders(frames: int) -> list[int]:

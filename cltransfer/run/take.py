@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..config.options import RunConfig
-from ..driver.aside import FEW, MANY, go_aside
+from ..driver.aside import FEW, MANY, as_a_whole, go_aside
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
@@ -91,8 +91,10 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
-    first, left_out = _aside(job, config, first, _left_out(job, first))
-    if not left_out.matters:
+    before = _left_out(job, first)
+    first, left_out = _aside(job, config, first, before)
+    stands = first.path is not None and first.path.steady  # as a whole it is found anew by few steps
+    if not (replace(left_out, alone=before.alone) if stands else left_out).matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
     second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
@@ -114,7 +116,7 @@ def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[
     path, clip, stage = take.path, take.clip, job.stage
     told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
     several, dearer = config.joint > AMONG, left_out.among > left_out.alone + SEEN
-    if path is None or path.steady or not told or not (several or dearer):
+    if path is None or not told or not (several or dearer):
         return take, left_out
     whole = replace(clip, stage=stage)
     # the views of left_out once more, so not counted again
@@ -125,7 +127,12 @@ def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[
         wanted |= totals - clip.totals(clip.residuals(path.x) if path.residuals is None else path.residuals) > HIDDEN
     if several:
         wanted |= totals > max(STEP_FLOOR, STEP * float(totals.median()))
-    x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, MANY if several else FEW)
+    tries = MANY if several else FEW
+    if path.steady:  # it goes as a whole or not at all; of one that stands all frames are the same
+        if not bool(wanted.all()):
+            return take, left_out
+        tries = as_a_whole(len(path.x) if path.knots == 1 else tries.every)
+    x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, tries)
     if x is path.x and not dearer:
         return take, left_out
     aside = replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
