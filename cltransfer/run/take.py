@@ -93,7 +93,8 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     """
     before = _left_out(job, first)
     first, left_out = _aside(job, config, first, before)
-    stands = first.path is not None and first.path.steady  # as a whole it is found anew by few steps
+    # one that went as a whole may have lost so much alone that the floaters seem to cost little
+    stands = first.path is not None and first.path.steady
     if not (replace(left_out, alone=before.alone) if stands else left_out).matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
