@@ -68,7 +68,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     over = tuple(
         item for item in overrides if item not in below_engine and item.partition("=")[0].split(".")[0] in above
     )
-    return Sweep(Path(name).stem, _with_command_line(file, rows, above), rows, metrics, over)
+    return Sweep(Path(name).stem, _with_command_line(file, rows, above), rows, metrics, over, origins)
 
 
 def _found(name: str) -> Path:

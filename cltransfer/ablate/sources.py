@@ -1,10 +1,11 @@
-"""What a sweep names, looked for before its first trial: each is told with the key that it stands under."""
+"""What a sweep names, looked for before its first trial: each is told with its file and key."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from ..config.layers import origin
 from ..errors import CltransferError
 from ..reading.scene_source import split_scene
 from ..scenes.builtin import read_name
@@ -29,12 +30,12 @@ def check_sources(sweep: Sweep, digest: Digest | None = None) -> None:
     digest = digest or digests()
     for key, scene in _scenes(sweep).items():
         for name, source in (("scene", scene.scene), ("init", scene.init), ("subject", scene.subject)):
-            with _under(f"{key}.{name}"):
+            with _under(sweep, f"{key}.{name}"):
                 digest(source)
                 if name == "scene":
                     _check_scene(scene.scene)
     for i, reference in enumerate(sweep.file.references):
-        with _under(f"references[{i}]"):
+        with _under(sweep, f"references[{i}]"):
             if reference.startswith(DRAWN):
                 own_setup(reference.removeprefix(DRAWN))
             else:
@@ -64,10 +65,10 @@ def _check_reference(source: str) -> None:
 
 
 @contextmanager
-def _under(key: str) -> Iterator[None]:
-    """What is wrong within is told with the ``key`` of the file that it stands under."""
+def _under(sweep: Sweep, key: str) -> Iterator[None]:
+    """What is wrong within is told with the ``key`` that it stands under, and where that was written."""
     try:
         yield
     except CltransferError as error:
-        where = ": ".join(filter(None, (error.where, error.field)))
-        raise type(error)(key, where, error.reason, error.hint) from None
+        where = ": ".join(filter(None, (key, error.where, error.field)))
+        raise type(error)(origin(sweep.origins, key.partition("[")[0]), where, error.reason, error.hint) from None

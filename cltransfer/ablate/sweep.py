@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -92,6 +93,7 @@ class Sweep:
         rows: the first is what the others are held against.
         metrics: by which all rows are measured.
         over: of the command line, what lies on top of every row, item by item.
+        origins: where a key was written, the file or the command line.
     """
 
     name: str
@@ -99,6 +101,7 @@ class Sweep:
     rows: tuple[Row, ...]
     metrics: RunConfig
     over: tuple[str, ...] = ()
+    origins: Mapping[str, str] = field(default_factory=dict)
 
     def to_yaml(self) -> str:
         """The file as it was run, without the cluster, which no file may name."""

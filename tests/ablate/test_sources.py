@@ -1,4 +1,4 @@
-"""Whatever a sweep names and is not there is told before its first trial, once, with the key that it stands under."""
+"""Whatever a sweep names and is not there is told before its first trial, once, with its file and its key."""
 
 from __future__ import annotations
 
@@ -60,12 +60,18 @@ def test_what_is_not_there_is_refused_before_the_first_trial(
     kind, line = REFUSED[text]
     with pytest.raises(kind) as caught:
         ablate(read_sweep(written(text), ["preset=fast", "frames=1", "output_side=32"]), Options(tmp_path / "out"))
-    assert str(caught.value).startswith(line.format(folder=tmp_path))
+    assert str(caught.value).startswith(f"{tmp_path}/sweep.yaml: {line.format(folder=tmp_path)}")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_scene_in_whose_place_every_row_has_its_own_is_not_looked_for(written: Callable[[str], str]) -> None:
     text = "scenes: [nope.ply]\nrows: {{a: {{scene: 'builtin:room'}}, b: {}}}\n"
     check_sources(read_sweep(written(text.format("{scene: 'builtin:room-3-mesh'}"))))
-    with pytest.raises(InputError, match=r"^scenes\[0\]\.scene: "):
+    with pytest.raises(InputError, match=r"sweep\.yaml: scenes\[0\]\.scene: "):
         check_sources(read_sweep(written(text.format("{}"))))
+
+
+def test_what_the_command_line_names_is_told_as_that(written: Callable[[str], str]) -> None:
+    sweep = read_sweep(written("rows: {a: {}}\nreferences: ['builtin:pan']"), ["references=[nope.mp4]"])
+    with pytest.raises(InputError, match=r"^command line: references\[0\]: .*nope\.mp4: no such file"):
+        check_sources(sweep)
