@@ -6,7 +6,7 @@ the command line's alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -39,8 +39,9 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     Args:
         name: a path, or one of :func:`ablations`.
         overrides: ``seeds=[0]``, ``scenes=[a.ply]``, ``references=[b.mp4]``, ``metrics.``.. and ``engine.backend=dask``
-            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics; an
-            option of a component switches it on in no row that sets it to null.
+            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics. An
+            option of a component goes over those that have it, and where no row has it over all; ``losses.NAME={}``
+            and ``search.NAME={}`` over all.
 
     Raises:
         UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
@@ -62,13 +63,19 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     located = {**_located(written, path, fence), **_located(said, COMMAND_LINE, None)}
     origins = Layer.written(said, COMMAND_LINE).over(Layer.written(written, path)).origins
     file = _typed({**merge(written, said), **located}, path, origins)
-    rows = tuple(_row(file, row, above, path, fence) for row in file.rows)
-    _check_cases(file, rows, origins, path)
-    metrics = _metrics(file, above, origins, path)
     over = tuple(
         item for item in overrides if item not in below_engine and item.partition("=")[0].split(".")[0] in above
     )
-    return Sweep(Path(name).stem, _with_command_line(file, rows, above), rows, metrics, over, origins)
+    plain = {key: value for key, value in above.items() if key not in SECTIONS}
+    own = [_row(file, row, plain, path, fence) for row in file.rows]
+    known = {(section, name) for row in own for section in SECTIONS for name in getattr(row.config, section)}
+    laid = {row.name: _over(above, row.config, known) for row in own}
+    rows = tuple(_row(file, row, laid[row], path, fence) for row in file.rows)
+    _check_cases(file, rows, origins, path)
+    measured = _over(above, _metrics(file, plain, origins, path), known)
+    metrics = _metrics(file, measured, origins, path)
+    file = _with_command_line(file, rows, laid, measured)
+    return Sweep(Path(name).stem, file, rows, metrics, over, origins)
 
 
 def _found(name: str) -> Path:
@@ -182,19 +189,21 @@ def _row(file: SweepFile, name: str, above: Mapping[str, Any], where: Any, fence
     if own is not None and len(file.scenes) != 1:
         raise UsageError(where, f"{key}.scene", f"stands in for one scene, the sweep has {len(file.scenes)}")
     scene = None if own is None else _scene(own, where, f"{key}.scene", fence, file.scenes[0])
-    config = _config([_base(file, where), (overrides, f"{where}: {key}"), (_over(overrides, above), COMMAND_LINE)])
+    config = _config([_base(file, where), (overrides, f"{where}: {key}"), (above, COMMAND_LINE)])
     return Row(name, config, None if scene in file.scenes else scene)
 
 
-def _over(row: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """What of ``above`` goes over ``row``: all but options of a component that the row is there to leave out."""
+def _over(above: Mapping[str, Any], own: RunConfig, known: Collection[tuple[str, str]]) -> dict[str, Any]:
+    """What of ``above`` goes over a config that is ``own`` without it.
+
+    An option asks for no component that ``own`` lacks where one of the rows has it: those are ``known``.
+    """
     kept = dict(above)
     for section in SECTIONS:
-        own, said = row.get(section), above.get(section)
-        if isinstance(own, Mapping) and isinstance(said, Mapping):
-            left_out = [name for name, options in own.items() if options is None]
-            kept[section] = {name: options for name, options in said.items() if not options or name not in left_out}
-    return kept
+        said, there = above.get(section), getattr(own, section)
+        if isinstance(said, Mapping):
+            kept[section] = {n: o for n, o in said.items() if not o or n in there or (section, n) not in known}
+    return {key: value for key, value in kept.items() if value or not above[key]}
 
 
 def _metrics(file: SweepFile, above: Mapping[str, Any], origins: Mapping[str, str], where: Any) -> RunConfig:
@@ -244,14 +253,15 @@ def _config(written: Iterable[tuple[Mapping[str, Any], str]]) -> RunConfig:
     return lay_config([*layers, layer_of({"threads": 1}, "a sweep")])
 
 
-def _with_command_line(file: SweepFile, rows: Iterable[Row], above: Mapping[str, Any]) -> SweepFile:
-    """``file`` with what the command line lays over every row, and below what the metrics say."""
-    own = {row.name: file.rows[row.name] or {} for row in rows}
-    written = {name: merge(values, _over(values, above)) for name, values in own.items()}
+def _with_command_line(
+    file: SweepFile, rows: Iterable[Row], laid: Mapping[str, Mapping[str, Any]], measured: Mapping[str, Any]
+) -> SweepFile:
+    """``file`` with what the command line lays over each of its rows, and below what the metrics say."""
+    written = {row.name: merge(file.rows[row.name] or {}, laid[row.name]) for row in rows}
     for row in rows:
         if row.scene is not None:
             written[row.name]["scene"] = asdict(row.scene)
-    return replace(file, rows=written, metrics=merge(_measuring(above), file.metrics))
+    return replace(file, rows=written, metrics=merge(_measuring(measured), file.metrics))
 
 
 def _check_cases(file: SweepFile, rows: tuple[Row, ...], origins: Mapping[str, str], where: Any) -> None:

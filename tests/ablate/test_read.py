@@ -110,6 +110,26 @@ def test_the_file_that_is_left_says_what_the_command_line_laid_over_every_row(wr
     assert {row.config.frames for row in again.rows} == {2}
 
 
+BOXES = "rows: {orbit: {}, box: {frames: 3, search: {paper_box: {}}}, quick: {preset: fast}}\n"
+
+
+def test_an_option_of_one_search_or_renderer_replaces_that_of_no_row(written: Written) -> None:
+    sweep = read_sweep(written(BOXES), ["search.subject_orbit.nearest=0.6", "search.paper_box.angle=1.0"])
+    found = [row.config.search for row in sweep.rows]
+    assert found == [
+        {"subject_orbit": {"nearest": 0.6}},
+        {"paper_box": {"angle": 1.0}},
+        {"subject_orbit": {"nearest": 0.6}},
+    ]
+    again = read_sweep(written(sweep.to_yaml()))
+    assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
+    sweep = read_sweep("renderer", ["renderer.mesh.samples=2"])
+    assert [list(row.config.renderer) for row in sweep.rows] == [["gaussian_splats"], ["mesh"], ["nerf_grid"]]
+    assert list(sweep.metrics.renderer) == ["gaussian_splats"]
+    sweep = read_sweep(written(BOXES), ["search.se3_jaws.translation=2"])  # which no row has, so that all are to
+    assert {name for row in sweep.rows for name in row.config.search} == {"se3_jaws"}
+
+
 def test_an_option_on_top_of_every_row_brings_nothing_back_that_a_row_leaves_out(written: Written) -> None:
     sweep = read_sweep("key_joints", ["losses.shot_size.weight=20"])
     losses = {row.name: row.config.losses for row in sweep.rows}
@@ -120,6 +140,11 @@ def test_an_option_on_top_of_every_row_brings_nothing_back_that_a_row_leaves_out
     assert sweep.metrics.losses["framing"]["weight"] == 20
     again = read_sweep(written(sweep.to_yaml()))
     assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
+    sweep = read_sweep("losses_x_optimiser", ["losses.framing.weight=20"])  # in whose presets some have no such loss
+    assert [row.name for row in sweep.rows if "framing" in row.config.losses] == [
+        "five losses, Adam",
+        "five losses, CMA-ES",
+    ]
     sweep = read_sweep(written("rows: {a: {losses: {framing: null}}, b: {steps: 3}}\n"), ["losses.framing={}"])
     assert all("framing" in row.config.losses for row in sweep.rows)  # which asks for it, in every row
 
