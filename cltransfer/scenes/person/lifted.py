@@ -168,7 +168,8 @@ def lifted_scene(
 
 def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any]) -> Path:
     """Where the cache keeps the person of this scene, drawn with this renderer and read with these extractors."""
-    used = {n: reading(e) for n, e in sorted(extractors.items()) if e.family == "image" and WANTED & set(e.provides)}
+    steps = make_plan(WANTED, extractors, CLIP_SOURCE, "image").steps
+    used = [[step.name, reading(step.extractor), step.hidden] for step in steps]
     drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
     known = [__version__, scene.digest, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
     text = json.dumps(known, default=str)

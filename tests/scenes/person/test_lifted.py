@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import torch
 
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, UsageError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.mesh import Mesh
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
@@ -27,6 +28,37 @@ def test_the_cache_keeps_a_person_for_what_has_drawn_it() -> None:
     assert cached_lift(scene, GaussianSplats(near=1.0), {}) != kept
     assert cached_lift(scene, Mesh(), {}) != cached_lift(scene, NerfGridRenderer(), {})
     assert cached_lift(scene, GaussianSplats(threads=2), {}) == kept
+
+
+@dataclass(frozen=True)
+class Brightened:
+    """A helper that what finds a person reads; no network."""
+
+    gain: float = 1.0
+
+    family: ClassVar[str] = "image"
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("bright",)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Reads image and scene alike."""
+
+    shift: int = 0
+
+    family: ClassVar[str] = "both"
+    requires: ClassVar[tuple[str, ...]] = ("bright",)
+    provides: ClassVar[tuple[str, ...]] = ("box", "keypoints", "subject", "orientation")
+
+
+def test_the_cache_keeps_a_person_for_all_that_has_read_it() -> None:
+    scene = named_scene("courtyard")
+    asked = ({"a": Brightened(gain), "b": Found(shift)} for gain in (1.0, 5.0) for shift in (0, 50))
+    assert len({cached_lift(scene, GaussianSplats(), extractors) for extractors in asked}) == 4
+    beside = {"a": Brightened(), "b": Found(), "c": replace(Found(), shift=3)}
+    with pytest.raises(UsageError, match="b and c both provide"):
+        cached_lift(scene, GaussianSplats(), beside)
 
 
 def test_labels_come_back_with_the_person(tmp_path: Path) -> None:
