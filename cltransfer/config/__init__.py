@@ -15,10 +15,8 @@ from typing import Any
 from ..errors import UsageError
 from ..registry import LOSSES
 from ..registry.typed import nearest, typed
-from .layers import ONE_EACH, Layer, origin, parse_overrides, read_yaml, told
+from .layers import COMMAND_LINE, ONE_EACH, Layer, origin, parse_overrides, read_yaml, told
 from .options import SECTIONS, RunConfig
-
-COMMAND_LINE = "command line"
 
 
 def to_yaml(config: RunConfig) -> str:

@@ -11,10 +11,12 @@ from typing import Any
 from ..errors import InputError, UsageError
 from ..storage.files import check_yaml, read_text
 
+COMMAND_LINE = "command line"
 YAML_LIMIT = 2**20  # bytes
 PLAIN = "a number, text, true, false, null, a list or a mapping"
 MISREAD = re.compile(r"[-+]?(0[0-7_]+|[1-9][0-9_]*(:[0-5]?[0-9])+|[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*)")
 """What YAML 1.1 reads in base 8 or 60."""
+NAMED = ("renderer", "extractors", "losses", "search")  # sections of components by name
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
 
 
@@ -105,33 +107,38 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
     for item in overrides:
         key, equals, text = item.partition("=")
         if not equals or not key:
-            raise UsageError("", item, "expected key=value")
-        _refuse_interpolation(item, "", key)
+            raise UsageError(COMMAND_LINE, item, "expected key=value")
+        _refuse_interpolation(item, COMMAND_LINE, key)
         try:
             check_yaml(text, yaml.SafeLoader)
         except ValueError as error:
-            raise UsageError("", key, str(error)) from None
+            raise UsageError(COMMAND_LINE, key, str(error)) from None
         except yaml.YAMLError:
-            raise UsageError("", key, f"not a YAML value: {text}") from None
+            raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}") from None
         for twice in _named_twice(yaml.compose(text, yaml.SafeLoader)):
-            raise UsageError("", key, f"expected each key once, {twice!r} is there twice")
+            raise UsageError(COMMAND_LINE, key, f"expected each key once, {twice!r} is there twice")
         try:
             value = yaml.safe_load(text) if text else None
         except (yaml.YAMLError, ValueError):  # a date without such a day, a number without digits
-            raise UsageError("", key, f"not a YAML value: {text}") from None
-        _refuse_misread(text, "", key, yaml.SafeLoader)
-        _refuse_interpolation(value, "", key)
+            raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}") from None
+        _refuse_misread(text, COMMAND_LINE, key, yaml.SafeLoader)
+        _refuse_interpolation(value, COMMAND_LINE, key)
         for foreign in _foreign(value):
-            raise UsageError("", key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own")
+            raise UsageError(
+                COMMAND_LINE, key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own"
+            )
         *parents, last = key.split(".")
         target = nested
         for parent in parents:
             below = target.setdefault(parent, {})
             if not isinstance(below, dict):
                 came = f"{parent}={'null' if below is None else below} before it says that there is none"
-                raise UsageError("", key, f"expected {parent} as a mapping, {came}", f"{parent}.NAME=null, one by one")
+                raise UsageError(
+                    COMMAND_LINE, key, f"expected {parent} as a mapping, {came}", f"{parent}.NAME=null, one by one"
+                )
             target = below
-        target.update(merge({last: target.get(last)}, {last: value}))  # what was said of its parts before stays
+        inside = any(parent in NAMED for parent in parents)
+        target.update(merge({last: target.get(last)}, {last: value}, inside))  # what was said of its parts before stays
     return nested
 
 
@@ -188,16 +195,22 @@ def _foreign(value: Any) -> Iterator[Any]:
         yield value
 
 
-def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """``above`` over ``below``, key by key; null stays, to be removed when all is merged."""
+def merge(below: Mapping[str, Any], above: Mapping[str, Any], inside: bool = False) -> dict[str, Any]:
+    """``above`` over ``below``, key by key; null stays, to be removed when all is merged.
+
+    Args:
+        below: values.
+        above: values that count where both have one.
+        inside: whether the keys stand inside a section, where ``search`` is the name of somebody's option.
+    """
     merged = dict(below)
     for key, value in above.items():
         old = merged.get(key)
         if isinstance(old, Mapping) and isinstance(value, Mapping):
-            merged[key] = merge(old, value)
+            merged[key] = merge(old, value, inside or key in NAMED)
         else:
             merged[key] = value
-        if key in ONE_EACH and isinstance(value, Mapping):
+        if not inside and key in ONE_EACH and isinstance(value, Mapping):
             named = [name for name, options in value.items() if options is not None]
             if len(named) == 1:  # naming another renderer replaces the one below
                 merged[key] = {named[0]: merged[key][named[0]]}

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.config import load_config, presets, to_yaml
-from cltransfer.config.layers import parse_overrides
+from cltransfer.config.layers import merge, parse_overrides
 from cltransfer.config.options import RunConfig
 from cltransfer.errors import UsageError
 
@@ -163,11 +163,31 @@ def test_a_mistake_is_named_with_what_was_meant(override: str, message: str) -> 
 
 
 def test_a_part_of_what_was_said_not_to_be_there_is_refused() -> None:
-    line = "losses.framing: expected losses as a mapping, losses=null before it says that there is none "
+    line = "command line: losses.framing: expected losses as a mapping, losses=null before it says that there is none "
     with pytest.raises(UsageError, match=f"^{line}"):
         parse_overrides(["losses=null", "losses.framing={}"])
-    with pytest.raises(UsageError, match=r"^seed.low: expected seed as a mapping, seed=3 before it"):
+    with pytest.raises(UsageError, match=r"^command line: seed.low: expected seed as a mapping, seed=3 before it"):
         parse_overrides(["seed=3", "seed.low=1"])
+
+
+def test_only_a_section_holds_one_component_and_not_an_option_of_its_name() -> None:
+    said = [
+        "losses.nest.search.width=2",
+        "losses.nest.search={steps: 4}",
+        "search.subject_orbit={}",
+        "search.paper_box={}",
+    ]
+    assert parse_overrides(said) == {
+        "losses": {"nest": {"search": {"width": 2, "steps": 4}}},
+        "search": {"subject_orbit": {}, "paper_box": {}},
+    }
+    below = {"losses": {"nest": {"search": {"steps": 3}}}, "search": {"subject_orbit": {}}}
+    above = {"losses": {"nest": {"search": {"width": 2}}}, "search": {"paper_box": {}}}
+    assert merge(below, above) == {
+        "losses": {"nest": {"search": {"steps": 3, "width": 2}}},
+        "search": {"paper_box": {}},
+    }
+    assert merge({"metrics": below}, {"metrics": above})["metrics"]["search"] == {"paper_box": {}}
 
 
 def test_what_only_resembles_a_number_of_another_base_is_read() -> None:
