@@ -120,13 +120,16 @@ def _jerk(result: Result) -> float:
 
 
 def directions(objective: Objective, reference: Features, rendered: Features) -> Iterator[tuple[str, Way]]:
-    """Signed means over the frames of the residuals that a loss names in ``signs``; with its name where two say so."""
+    """Signed means over the frames of what a loss names in ``signs``; with its name where two say so.
+
+    That is its residuals, or its ``directions`` where a residual may be a cost and no direction.
+    """
     told = Counter(sign for loss in objective.losses.values() for sign in getattr(loss, "signs", ()))
     told[JERK] += 1
     for name, loss in objective.losses.items():
         signs = getattr(loss, "signs", ())
         if signs and all(reference.has(feature) and rendered.has(feature) for feature in loss.requires):
-            columns = loss.residuals(reference, rendered).double().T
+            columns = getattr(loss, "directions", loss.residuals)(reference, rendered).double().T
             for sign, values in zip(signs, columns):
                 own = sign if told[sign] == 1 else f"{sign}, {name}"
                 yield own, Way(float(values.nanmean()), loss.unit, int(values.isfinite().sum()))

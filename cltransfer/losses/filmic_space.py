@@ -114,6 +114,12 @@ class FilmicSpace:
             return _skip(log_depth_ratios(second) - log_depth_ratios(first))
         return space_differences(first, second, self.mismatch)
 
+    def directions(self, reference: Features, rendered: Features) -> Tensor:
+        """Signed differences of both log ratios, (B, 2), NaN where a side lacks the layer: that is no direction."""
+        check_pair(reference, rendered)
+        least = 0.0 if self.mode == "faithful" else self.min_area
+        return log_depth_ratios(layer_depths(rendered, least)) - log_depth_ratios(layer_depths(reference, least))
+
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,); NaN where undefined."""
         return self.residuals(reference, rendered).abs().sum(-1)

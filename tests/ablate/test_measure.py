@@ -81,6 +81,18 @@ def test_a_frame_without_a_value_is_not_counted_as_one_that_has_it() -> None:
     assert [*counts, ways(rendered)["larger"].defined] == [2, 1, 0]
 
 
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+@pytest.mark.parametrize(("layer", "sign"), [(0, "foreground farther"), (2, "background farther")])
+def test_a_layer_that_a_side_lacks_is_neither_farther_nor_nearer(mode: str, layer: int, sign: str) -> None:
+    without = filmed()
+    without.require("layers")[:, layer] = False
+    losses = Objective(load_config(overrides=[f"losses.filmic_space.mode={mode}"]).build("losses"))
+    for reference, rendered in ((filmed(), without), (without, filmed()), (without, without)):
+        found = dict(directions(losses, reference, rendered))
+        other = next(name for name in SIGNS[3:] if name != sign)
+        assert (found[sign].defined, found[other].defined, found[other].mean) == (0, 2, 0.0)
+
+
 def test_two_losses_that_say_the_same_of_their_residuals_are_told_apart() -> None:
     losses = load_config().build("losses")
     half = replace(losses["shot_size"], joints="all")
