@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -53,6 +54,7 @@ class Interval:
         mean, low, high: None where they cannot be told.
         clips: that have a value, ``of`` how many.
         defined: frames of these clips that have a value.
+        most: the same where each clip counts those of the method that has most of it.
         reason: why something is None, or clips are missing.
     """
 
@@ -62,6 +64,7 @@ class Interval:
     clips: int
     of: int
     defined: int = 0
+    most: int = 0
     reason: str = ""
 
 
@@ -160,13 +163,15 @@ def _some(names: list[str]) -> str:
     return f"{', '.join(names[:FEW])}{more} {'is' if len(names) == 1 else 'are'}"
 
 
-def interval(values: list[float | None], seed: int = 0, defined: int = 0, reasons: Iterable[str] = ()) -> Interval:
+def interval(
+    values: list[float | None], seed: int = 0, frames: tuple[int, int] = (0, 0), reasons: Iterable[str] = ()
+) -> Interval:
     """Mean of the clips' values and its percentile bootstrap interval; clips without a value are counted, not used.
 
     Args:
         values: of the clips.
         seed: of the bootstrap.
-        defined: frames that have a value.
+        frames: that have a value, and at most, see :class:`Interval`.
         reasons: why clips have none.
     """
     from scipy.stats import bootstrap
@@ -177,27 +182,30 @@ def interval(values: list[float | None], seed: int = 0, defined: int = 0, reason
     said = [f"{clips} no value", *dict.fromkeys(filter(None, reasons))] if lacking else []
     reason = "; ".join(said)
     if len(known) == 0:
-        return Interval(None, None, None, 0, len(values), defined, reason)
+        return Interval(None, None, None, 0, len(values), *frames, reason)
     if len(known) == 1:
         alone = "; ".join(["one clip has no interval", *said])
-        return Interval(float(known[0]), None, None, 1, len(values), defined, alone)
+        return Interval(float(known[0]), None, None, 1, len(values), *frames, alone)
     drawn = bootstrap(
         (known,), np.mean, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="percentile",
         rng=np.random.default_rng(seed),
     )  # fmt: skip
     low, high = (float(bound) for bound in drawn.confidence_interval)
-    return Interval(float(known.mean()), low, high, len(known), len(values), defined, reason)
+    return Interval(float(known.mean()), low, high, len(known), len(values), *frames, reason)
 
 
 def summarise(rows: list[ClipScore], seed: int = 0) -> dict[str, dict[str, Interval]]:
     """Interval of each term by method, over all clips; a clip that could not be scored counts as one without values."""
     terms = list(dict.fromkeys(name for row in rows for name in row.means))
     by_method: dict[str, list[ClipScore]] = {}
+    most: Counter[tuple[str, str]] = Counter()  # of clip and term
     for row in rows:
         by_method.setdefault(row.method, []).append(row)
-    return {method: {term: _over_clips(found, term, seed) for term in terms} for method, found in by_method.items()}
+        for term, defined in row.defined.items():
+            most[row.clip, term] = max(most[row.clip, term], defined)
+    return {m: {term: _over_clips(found, term, seed, most) for term in terms} for m, found in by_method.items()}
 
 
-def _over_clips(rows: list[ClipScore], term: str, seed: int) -> Interval:
-    defined = sum(row.defined.get(term, 0) for row in rows)
-    return interval([row.means.get(term) for row in rows], seed, defined, [row.lacking.get(term, "") for row in rows])
+def _over_clips(rows: list[ClipScore], term: str, seed: int, most: Counter[tuple[str, str]]) -> Interval:
+    frames = sum(row.defined.get(term, 0) for row in rows), sum(most[row.clip, term] for row in rows)
+    return interval([row.means.get(term) for row in rows], seed, frames, [row.lacking.get(term, "") for row in rows])

@@ -55,7 +55,7 @@ def clips_csv(rows: Sequence[ClipScore]) -> str:
 
 def methods_csv(summary: Summary) -> str:
     """One row a method and term: mean, interval, clips; undefined is an empty cell."""
-    head = ["method", "term", "mean", "low", "high", "clips", "of", "frames", "reason"]
+    head = ["method", "term", "mean", "low", "high", "clips", "of", "frames", "most_frames", "reason"]
     return csv_text(
         [head, *([m, t, *asdict(found).values()] for m, terms in summary.items() for t, found in terms.items())]
     )
@@ -75,8 +75,8 @@ def methods_latex(summary: Summary) -> str:
 
 
 def _table(summary: Summary) -> Table:
-    terms, best, most = _terms(summary), _best(summary), _most_frames(summary)
-    rows = tuple((method, *(_cell(found[t], most[t]) for t in terms)) for method, found in summary.items())
+    terms, best = _terms(summary), _best(summary)
+    rows = tuple((method, *(_cell(found[t]) for t in terms)) for method, found in summary.items())
     bold = {(i, j + 1) for i, method in enumerate(summary) for j, term in enumerate(terms) if (method, term) in best}
     return Table(("method", *terms), rows, frozenset(bold))
 
@@ -85,31 +85,26 @@ def _terms(summary: Summary) -> list[str]:
     return list(dict.fromkeys(term for terms in summary.values() for term in terms))
 
 
-def _most_frames(summary: Summary) -> dict[str, int]:
-    """Frames that have a value in the method that has most, by term."""
-    return {term: max(terms[term].defined for terms in summary.values()) for term in _terms(summary)}
-
-
 def _best(summary: Summary) -> set[tuple[str, str]]:
-    """Method and term of the lowest mean, unless two share it, a method lacks a clip or one has more frames.
+    """Method and term of the lowest mean, unless two share it, a method lacks a clip or has fewer frames of one.
 
     Movement is measured from frame to frame, so that who has fewer of them moves more.
     """
     best = set()
-    for term, most in _most_frames(summary).items():
+    for term in _terms(summary):
         found = {method: terms[term] for method, terms in summary.items()}
         means = {method: value.mean for method, value in found.items() if value.mean is not None}
         if len(found) > 1 and means and all(value.clips == value.of for value in found.values()):
             lowest = [method for method, mean in means.items() if mean == min(means.values())]
-            if len(lowest) == 1 and all(value.defined == most for value in found.values()):
+            if len(lowest) == 1 and all(value.defined == value.most for value in found.values()):
                 best.add((lowest[0], term))
     return best
 
 
-def _cell(found: Interval, most: int) -> str:
+def _cell(found: Interval) -> str:
     text = number(found.mean)
     if found.low is not None and found.high is not None:
         text += f" [{number(found.low)}, {number(found.high)}]"
     if found.clips < found.of:
         return f"{text} ({found.clips}/{found.of})"
-    return text if found.defined == most else f"{text} ({found.defined}/{most} frames)"
+    return text if found.defined == found.most else f"{text} ({found.defined}/{found.most} frames)"

@@ -91,7 +91,7 @@ def test_a_few_frames_that_survived_are_never_the_best() -> None:
     table = methods_markdown(summarise([few, *ROWS[1:]]))
     assert "**" not in table
     assert "(5/8 frames)" in table
-    assert methods_csv(summarise([few, *ROWS[1:]])).splitlines()[0].endswith("clips,of,frames,reason")
+    assert methods_csv(summarise([few, *ROWS[1:]])).splitlines()[0].endswith("clips,of,frames,most_frames,reason")
 
 
 def test_nobody_is_the_best_whose_movement_is_measured_over_shorter_steps() -> None:
@@ -99,6 +99,20 @@ def test_nobody_is_the_best_whose_movement_is_measured_over_shorter_steps() -> N
     table = methods_markdown(summarise(sparse))
     assert "**" not in table
     assert "(4/8 frames)" in table
+
+
+def test_frames_that_are_missing_of_one_clip_are_not_made_up_for_by_another() -> None:
+    other = [
+        ClipScore("a", "c1", {"framing": 0.01}, {"framing": 10}),
+        ClipScore("a", "c2", {"framing": 0.03}, {"framing": 4}),
+    ]
+    swapped = [
+        ClipScore("b", "c1", {"framing": 0.02}, {"framing": 4}),
+        ClipScore("b", "c2", {"framing": 0.04}, {"framing": 10}),
+    ]
+    table = methods_markdown(summarise([*other, *swapped]))
+    assert "**" not in table
+    assert table.count("(14/20 frames)") == 2
 
 
 def test_why_a_term_has_no_value_is_told_once() -> None:
