@@ -19,10 +19,11 @@ from .pipeline.components import Components
 from .pipeline.scores import Scores, score
 from .progress import Progress, silent
 from .reading.frames import check_maps, read_frames
+from .reading.in_time import in_other_steps, in_time, own_steps
 from .report.data import Flag, ReportData
 from .storage.run_files import kept_frames
 
-ROUNDED = 0.0011  # [s]: videos keep milliseconds, and a step has two of them
+OWN_STEPS = "compares two frames of each side, whose steps are not equally long: give both one frame rate"
 
 
 def evaluate(
@@ -64,18 +65,20 @@ def evaluate(
     features, read = read_frames(taught, plan, whom, progress, both.original)
     if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):
         raise InputError(reference, "person", f"none found in {len(times)} frames")
-    rendered, seen = read_frames(made, plan, who, progress, times)
+    steps = both.original.diff(), times.diff()
+    rendered, seen = read_frames(made, in_time(plan, *steps), who, progress, times)
     alike = plan.hiding(features.reasons.keys() ^ rendered.reasons.keys())
     if alike != plan:
         features = read_frames(taught, alike, whom, progress, both.original)[0]
-        rendered = read_frames(made, alike, who, progress, times)[0]
-    rendered = in_time(rendered, both.original.diff(), times.diff())
+        rendered = read_frames(made, in_time(alike, *steps), who, progress, times)[0]
     objective = parts.objective
     scores = score(objective, features, rendered, plan.missing)
     passes = 2 * len(times) * plan.passes * (1 if alike == plan else 2)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     notes += undefined(scores, objective.defined(features), features, rendered)
+    if own := own_steps(plan, objective.losses) if in_other_steps(*steps) else []:
+        notes.append(f"{', '.join(own)}: {OWN_STEPS}")
     notes.append(weight_note(objective.losses, features.size[0]))
     told = tuple(Flag(None, note) for note in notes if note)
     return ReportData(title, both.original, scores, None, None, None, taught, made, told, spent)
@@ -99,16 +102,3 @@ def undefined(scores: Scores, defined: Tensor, reference: Features, rendered: Fe
         if others := int((lost[name] & ~gone).sum()):
             parts.append(f"{name} undefined in {others}{' more' * bool(gone.any())} of {count} frames")
     return [*notes, f"render: {'; '.join([*parts, 'each missing term costs its penalty in the total'])}"]
-
-
-def in_time(rendered: Features, original: Tensor, shown: Tensor) -> Features:
-    """Features of a render whose steps take ``shown`` [s], with the flow of steps of ``original`` [s], (P - 1,) each.
-
-    Steps that differ by no more than their times are rounded are the same.
-    """
-    other = (original - shown).abs() > ROUNDED
-    if not rendered.has("flow") or not bool(other.any()):
-        return rendered
-    flow = rendered.require("flow")
-    share = torch.cat([torch.ones(1), torch.where(other, original / shown, 1.0)]).to(flow)
-    return replace(rendered, flow=flow * share[:, None, None, None])

@@ -1,0 +1,75 @@
+"""Movement of a render in the steps of its reference, where the two have other steps in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..features import Features
+from ..pipeline.plan import Plan, Step
+
+ROUNDED = 0.0011  # [s]: videos keep milliseconds, and a step has two of them
+
+
+@dataclass(frozen=True, eq=False)
+class InTime:
+    """Flow of the steps of a render as it were in those of its reference: a step of every plan, of no registry.
+
+    Args:
+        share: that a step of the render is to be of, (N,), 1 for the first frame.
+    """
+
+    share: Tensor  # (N,)
+
+    family: ClassVar[str] = "image"
+    requires: ClassVar[tuple[str, ...]] = ("flow",)
+    provides: ClassVar[tuple[str, ...]] = ("flow",)
+    whole_clip: ClassVar[bool] = True
+
+    def read_clip(self, found: Features, load: Callable[[int, int], Features]) -> Features:
+        """Every frame's flow by its share."""
+        flow = found.require("flow")
+        return replace(found, flow=flow * self.share.to(flow)[:, None, None, None])
+
+
+def in_time(plan: Plan, original: Tensor, shown: Tensor) -> Plan:
+    """``plan`` for frames whose steps take ``shown`` [s], with the flow of steps of ``original`` [s], (N - 1,) each.
+
+    What is read from flow is read from that, but for what reads whole clips. Steps that differ by no more than their
+    times are rounded are the same.
+    """
+    if not in_other_steps(original, shown) or not any("flow" in step.extractor.provides for step in plan.steps):
+        return plan
+    other = (original - shown).abs() > ROUNDED
+    share = torch.cat([torch.ones(1, dtype=original.dtype), torch.where(other, original / shown, 1.0)])
+    after = _after(plan, {"flow"})
+    before = [step for step in plan.steps if step not in after]
+    return replace(plan, steps=(*before, Step("in_time", InTime(share)), *after))
+
+
+def in_other_steps(original: Tensor, shown: Tensor) -> bool:
+    """Whether any of the steps [s], (N - 1,) each, takes another time than its counterpart."""
+    return bool(((original - shown).abs() > ROUNDED).any())
+
+
+def own_steps(plan: Plan, losses: Mapping[str, Any]) -> list[str]:
+    """Losses that compare what is read from two frames of each side and is no flow, which nobody can put in time."""
+    between = [step for step in plan.steps if getattr(step.extractor, "needs_before", False)]
+    names = {name for step in between if "flow" not in step.extractor.provides for name in step.extractor.provides}
+    names |= {name for step in _after(plan, names) for name in step.extractor.provides}
+    return [name for name, loss in losses.items() if not names.isdisjoint(loss.requires)]
+
+
+def _after(plan: Plan, names: set[str]) -> list[Step]:
+    """Steps that follow from any of ``names``, in order."""
+    known, found = set(names), []
+    for step in plan.steps:
+        takes = {*step.extractor.requires, *getattr(step.extractor, "uses", ())} - set(step.hidden)
+        if not step.whole_clip and not known.isdisjoint(takes):
+            known.update(step.extractor.provides)
+            found.append(step)
+    return found
