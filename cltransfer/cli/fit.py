@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import Json, Quiet, show
+from .shared import Allow, Json, Quiet, show
 
 
 def fit(
@@ -31,8 +31,12 @@ def fit(
         ),
     ] = None,
     representation: Annotated[
-        str, typer.Option("--as", help="nerf_grid; or gaussian_splats, which needs CUDA and the extra [cuda].")
+        str,
+        typer.Option(
+            "--as", help="nerf_grid; or gaussian_splats, which needs CUDA and the extra [cuda]; or a plugin's."
+        ),
     ] = "nerf_grid",
+    allow_plugin: Allow = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -44,8 +48,10 @@ def fit(
     and curve.csv and curve.svg: what each level of detail reached.
     """
     from ..config.layers import parse_overrides
+    from ..plugins import allow
     from ..registry import FITTERS
 
+    allow(allow_plugin or [])
     fitter = FITTERS.build(representation, parse_overrides(overrides or []))
     fitter.require()
     from ..fit._folder import check_folder

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from cltransfer.cli.app import app
 from cltransfer.errors import UsageError
+from cltransfer.registry import FITTERS
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import NerfGrid
 
@@ -49,6 +50,39 @@ def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
         assert isinstance(got.exception, UsageError)
         assert line in str(got.exception)
     assert not (tmp_path / "out").exists()
+
+
+PLUGIN = """
+from dataclasses import dataclass
+from cltransfer.registry import FITTERS
+
+@FITTERS.register("mine")
+@dataclass(frozen=True)
+class Mine:
+    side: int = 16
+    shade: float = 0.5
+
+    def require(self):
+        pass
+
+    def fit(self, views, folder, report):
+        folder.mkdir()
+        (folder / "scene.txt").write_text(f"{len(views.image)} views, {self.shade}")
+        return []
+"""
+
+
+def test_somebody_else_s_fitter_fits_where_it_is_allowed(posed, tmp_path):
+    (tmp_path / "mine.py").write_text(PLUGIN)
+    words = ["fit", str(posed), "--as", "mine", "-o", str(tmp_path / "out"), "shade=0.25", "-q"]
+    got = CliRunner().invoke(app, words)
+    assert "fitter 'mine': no such component" in str(got.exception)
+    try:
+        got = CliRunner().invoke(app, [*words, "--allow-plugin", str(tmp_path / "mine.py")])
+        assert got.exit_code == 0, got.exception
+        assert (tmp_path / "out" / "scene.txt").read_text().endswith("views, 0.25")
+    finally:
+        FITTERS._classes.pop("mine", None)
 
 
 @pytest.mark.parametrize("value", ["${oc.env:HOME}", '"\\x24{oc.env:HOME}"'])
