@@ -1,4 +1,4 @@
-"""Frames of one video or image file, strictly: a damaged file is an error, never a shorter clip."""
+"""Frames of one video or image file, strictly: what its decoder finds damaged is an error, never a shorter clip."""
 
 from __future__ import annotations
 
@@ -31,6 +31,9 @@ IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
 _MIRRORED = (2, 4, 5, 7)
 _TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
 _PNG = b"\x89PNG\r\n\x1a\n"
+_DRAWN = (b"IHDR", b"PLTE", b"tRNS", b"pHYs", b"gAMA", b"cHRM", b"sRGB", b"IDAT", b"IEND")
+"""Chunks of a PNG that its picture needs: others are kept unpacked by the decoder, of any size, or refuse it all."""
+_BY_FRAME = ("mjpeg", "png")  # pictures of their own: a decoder that is told to says which of them is damaged
 
 # Playlists and scripts that open other files are no clips, whatever their name ends in.
 _OPTIONS = {
@@ -38,6 +41,8 @@ _OPTIONS = {
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,png_pipe,jpeg_pipe",
     "err_detect": "explode",
 }
+_PROBED = ",".join(sorted(name for name in av.codecs_available if "png" not in name))
+"""Codecs of which frames are decoded to open a video; those of PNGs have all their chunks yet."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
                 end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
             if packet.stream.index != stream.index:
                 continue
-            for raw in stream.decode(packet):
+            for raw in stream.decode(_drawn_packet(packet, stream)):
                 frame = _checked(path, count, raw, stream, exif)
                 if before is not None and (frame.size != before.size or frame.time <= before.time):
                     what = "size" if frame.size != before.size else "time"
@@ -111,6 +116,8 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     source = _image_source(path) if demuxer else str(path.absolute())  # "10:30.mp4" would name a protocol, 10
     try:
         limited = {**_OPTIONS, "max_pixels": str(_pixel_limit(path))}
+        if demuxer is None:
+            limited["codec_whitelist"] = _PROBED
         with av.open(source, "r", format=demuxer, options=limited) as container:
             yield container, _video_stream(path, container)
     except av.FFmpegError as error:
@@ -126,20 +133,27 @@ def _image_source(path: Path) -> str | io.BytesIO:
     # the decoder fills up a JPEG that ends early without a word
     if data.startswith(b"\xff\xd8") and not jpeg_ends(data):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
-    return io.BytesIO(_without_exif(data)) if data.startswith(_PNG) and b"eXIf" in data else str(path.absolute())
+    return io.BytesIO(_drawn(data)) if data.startswith(_PNG) else str(path.absolute())
 
 
-def _without_exif(data: bytes) -> bytes:
-    """A PNG without the chunk that holds its EXIF, for which the decoder would refuse all of it if that is damaged."""
-    view, kept, begin, at = memoryview(data), bytearray(), 0, len(_PNG)
+def _drawn(data: bytes) -> bytes:
+    """A PNG of no chunks but those that its picture needs."""
+    view, kept, at = memoryview(data), bytearray(_PNG), len(_PNG)
     while at < len(data):
         end = at + 12 + int.from_bytes(data[at : at + 4], "big")  # length, name, content, checksum
-        if data[at + 4 : at + 8] == b"eXIf":
-            kept += view[begin:at]
-            begin = end
+        if data[at + 4 : at + 8] in _DRAWN:
+            kept += view[at:end]
         at = end
-    kept += view[begin:]
     return bytes(kept)
+
+
+def _drawn_packet(packet: av.Packet, stream: VideoStream) -> av.Packet:
+    """A packet of a video; one of PNGs as :func:`_drawn` has it."""
+    if stream.codec_context.name != "png" or packet.size == 0:
+        return packet
+    drawn = av.Packet(_drawn(bytes(packet)))
+    drawn.pts, drawn.dts, drawn.time_base = packet.pts, packet.dts, packet.time_base
+    return drawn
 
 
 def _video_stream(path: Path, container: InputContainer) -> VideoStream:
@@ -150,6 +164,10 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     _check_size(path, "size", (stream.codec_context.width, stream.codec_context.height))
     if stream.frames > SCAN_LIMIT:
         raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, the header says {stream.frames}")
+    if stream.codec_context.name == "apng":
+        raise InputError(path, "video", "is of APNG", "re-encode it")
+    if stream.codec_context.name in _BY_FRAME:
+        stream.codec_context.options = {"err_detect": "explode"}
     stream.thread_type = "AUTO"
     stream.codec_context.thread_count = thread_count()
     return stream
@@ -219,6 +237,8 @@ def _check_complete(path: Path, container: InputContainer, stream: VideoStream, 
     promised = stream.frames
     if "mp4" in container.format.name:  # the index knows what the edit list cuts off, the header does not
         promised = sum(not entry.is_discard for entry in stream.index_entries)
+    elif "avi" in container.format.name:  # whose header counts frames that were dropped too
+        promised = len(stream.index_entries) or promised
     if promised and count != promised:
         raise InputError(path, "frames", f"the header says {promised}, decoded {count}", hint)
     if "matroska" in container.format.name and container.duration:

@@ -1,8 +1,11 @@
 import json
 import struct
+import subprocess
+import sys
 import time
 import tracemalloc
 import zlib
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -13,7 +16,7 @@ import torch
 from PIL import Image, ImageOps
 
 from cltransfer.clips.clip import read_clip, write_video
-from cltransfer.clips.decoding import _without_exif
+from cltransfer.clips.decoding import _drawn
 from cltransfer.errors import InputError, ResourceError, UsageError
 
 VIDEOS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "video"
@@ -232,16 +235,80 @@ def test_pillow_does_not_warn_of_an_exif_by_itself(tmp_path, block, recwarn):
     assert [str(one.message) for one in recwarn if "PIL" in one.filename] == []
 
 
-def test_a_png_of_many_chunks_takes_little_memory_without_its_exif():
-    rest = b"\0\0\0\0teSt\0\0\0\0" * 50_000
-    block = b"\0\0\0\4eXIfdata\0\0\0\0"
-    data = b"\x89PNG\r\n\x1a\n" + block + rest + block + block + rest
+def chunk(name: bytes, data: bytes) -> bytes:
+    return len(data).to_bytes(4, "big") + name + data + zlib.crc32(name + data).to_bytes(4, "big")
+
+
+def test_a_png_of_many_chunks_takes_little_memory_without_those_that_nobody_sees():
+    shown = chunk(b"IDAT", b"")
+    block = chunk(b"eXIf", b"data")
+    data = b"\x89PNG\r\n\x1a\n" + block + shown * 50_000 + block + chunk(b"zTXt", b"a") + shown * 50_000
     tracemalloc.start()
-    without = _without_exif(data)
+    drawn = _drawn(data)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert without == data.replace(block, b"")
+    assert drawn == data[:8] + shown * 100_000
     assert most < 3 * len(data)
+
+
+PEAK = """
+import sys
+from cltransfer.clips.clip import read_clip
+print(*read_clip(sys.argv[1]).image.shape)
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+
+
+@pytest.mark.parametrize("kind", ["folder", "video"])
+def test_text_in_a_png_is_not_unpacked(tmp_path, kind):
+    Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / "plain.png")
+    plain = (tmp_path / "plain.png").read_bytes()
+    packed = zlib.compress(bytes(300_000_000), 1)
+    bomb = plain[:33] + b"".join(chunk(b"zTXt", name + b"\0\0" + packed) for name in (b"a", b"b")) + plain[33:]
+    if kind == "folder":
+        given = tmp_path / "bombs"
+        given.mkdir()
+        for i in range(2):
+            (given / f"{i}.png").write_bytes(bomb)
+    else:
+        given = tmp_path / "bombs.mov"
+        with av.open(str(given), "w") as container:
+            stream = container.add_stream("png", rate=24)
+            stream.width, stream.height, stream.pix_fmt = *smooth(1).shape[:1:-1], "rgb24"
+            for i in range(2):
+                packet = av.Packet(bomb)
+                packet.stream, packet.pts, packet.dts, packet.time_base = stream, i, i, Fraction(1, 24)
+                container.mux(packet)
+    done = subprocess.run([sys.executable, "-c", PEAK, str(given)], capture_output=True, text=True, check=True)
+    shape, peak = done.stdout.splitlines()
+    assert shape.startswith("2 3 ")
+    assert int(peak) < 800_000  # [kB]; 300 of it by importing
+
+
+def test_a_jpeg_that_is_damaged_inside_is_refused(tmp_path):
+    coarse = torch.nn.functional.interpolate(noise(1, (16, 12)).float(), (192, 256), mode="bicubic")[0]
+    Image.fromarray(coarse.clamp(0, 255).byte().permute(1, 2, 0).numpy()).save(tmp_path / "0.jpg", quality=90)
+    data = bytearray((tmp_path / "0.jpg").read_bytes())
+    data[len(data) // 2 : -2] = bytes(len(data) - 2 - len(data) // 2)  # its end is there
+    refused(damaged(tmp_path / "0.jpg", data), "video")
+
+
+def test_an_avi_is_as_long_as_the_frames_that_it_has(tmp_path):
+    ticks = (0, 1, 2, 3, 7, 8, 9)  # what is missing is an empty chunk in the file, and counted by its header
+    with av.open(str(tmp_path / "a.avi"), "w") as container:
+        stream = container.add_stream("mjpeg", rate=24)
+        stream.height, stream.width, stream.pix_fmt = *smooth(1).shape[2:], "yuvj444p"
+        stream.codec_context.time_base = Fraction(1, 24)
+        for tick, rgb in zip(ticks, smooth(7)):
+            frame = av.VideoFrame.from_ndarray(rgb.permute(1, 2, 0).contiguous().numpy(), format="rgb24")
+            frame = frame.reformat(format="yuvj444p")
+            frame.pts, frame.time_base = tick, Fraction(1, 24)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    clip = read_clip(tmp_path / "a.avi")
+    torch.testing.assert_close(clip.times, seconds(*ticks) / 24, atol=1e-6, rtol=0)
+    data = (tmp_path / "a.avi").read_bytes()
+    refused(damaged(tmp_path / "cut.avi", data[: len(data) * 3 // 4]), "video")
 
 
 def test_exif_that_cannot_be_read_is_told_once_a_folder(tmp_path, caplog):
