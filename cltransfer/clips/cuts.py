@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable
+from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +27,7 @@ LEFT = 0.25  # of a side, at least, that is picture, as letterbox.MOST has it: l
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # changes on either side that say what is usual
 SAME = 0.002  # change at most of a frame that is shown again
+BLOCK = 256  # pictures that are compared at a time
 REPEATS = 3  # times that a frame is shown again at most; more is a still camera
 
 
@@ -48,7 +50,8 @@ def find_cuts(small: np.ndarray) -> list[int]:
 def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     """First and last frame of every shot, without frames that show nothing."""
     small = _without_bars(small)
-    shown = np.flatnonzero(small.std((1, 2), dtype=np.float32).max(1) >= FLAT)
+    varied = [block.std((1, 2), dtype=np.float32).max(1) for block in _blocks(small)]
+    shown = np.flatnonzero(np.concatenate(varied) >= FLAT)
     if len(shown) < 2:
         return [(int(only), int(only)) for only in shown]
     pictures = small[shown]
@@ -134,12 +137,26 @@ def small_pictures(path: Path, fps: float | None = None) -> tuple[np.ndarray, np
         (time, frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray())
         for time, frame in timed_frames(path, fps)
     )
-    times, small = zip(*frames)
-    return np.array(times), np.stack(small)
+    times, small = array("d"), bytearray()
+    for time, picture in frames:
+        times.append(time)
+        small += picture.tobytes()
+    return np.array(times), np.frombuffer(small, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
 
 
 def _changes(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One minus correlation, (F,) in [0, 2], and part of the pixels in another bin of colour, (F,) in [0, 1]."""
+    change, moved = zip(*(_block_changes(*both) for both in zip(_blocks(before), _blocks(after))))
+    return np.concatenate(change), np.concatenate(moved)
+
+
+def _blocks(small: np.ndarray) -> Iterator[np.ndarray]:
+    for start in range(0, len(small), BLOCK):
+        yield small[start : start + BLOCK]
+
+
+def _block_changes(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Those of few frames, of which floats are made."""
     a, b = (x.reshape(len(x), -1).astype(np.float32) for x in (before, after))
     a, b = a - a.mean(1, keepdims=True), b - b.mean(1, keepdims=True)
     norm = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)

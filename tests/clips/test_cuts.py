@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import av
@@ -31,6 +32,16 @@ def test_bars_do_not_hide_a_cut(bars: tuple[int, int], seeds: tuple[int, int]) -
     clip[:, :rows] = clip[:, 18 - rows :] = 0
     clip[:, :, :columns] = clip[:, :, 32 - columns :] = 0
     assert find_cuts(clip) == [10]
+
+
+def test_a_long_clip_takes_little_more_than_its_small_pictures() -> None:
+    clip = np.concatenate([drawn(seed, 600) for seed in range(5)])
+    tracemalloc.start()
+    cuts = find_cuts(clip)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert cuts == [600, 1200, 1800, 2400]  # of blocks that end elsewhere
+    assert most < 3 * clip.nbytes  # of all at once it is 20
 
 
 @pytest.mark.parametrize(
