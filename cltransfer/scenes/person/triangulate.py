@@ -9,6 +9,8 @@ from torch import Tensor
 
 from ...camera import Camera
 
+BLOCK = 2**18  # errors of pairs that are looked at together: 10 MB
+
 
 @dataclass(frozen=True)
 class Triangulated:
@@ -44,12 +46,9 @@ def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float)
     P = (cameras.K @ cameras.w2c[:, :3])[views]  # (V, 3, 4)
     xy = pixels[views].double()
     pairs = torch.combinations(torch.arange(len(views)), 2)  # (M, 2)
-    points = _intersect(P[pairs], xy[pairs])  # (M, 3)
-    errors = _reprojection(P, xy, points)  # (M, V)
-    close = errors < tolerance
-    agreeing = close.sum(1)
-    mean_error = torch.where(close, errors, 0.0).sum(1) / agreeing.clamp_min(1)
-    best = close[int((agreeing - mean_error / (2 * tolerance)).argmax())]  # most views, then the closest
+    blocks = pairs.split(max(1, BLOCK // len(views)))  # few pairs at a time: M V errors grow with the cube of V
+    agreeing = torch.cat([_agreeing(_of_pairs(P, xy, block), tolerance) for block in blocks])  # (M,)
+    best = _of_pairs(P, xy, pairs[int(agreeing.argmax())][None])[0] < tolerance
     if int(best.sum()) < 2:
         return Triangulated(torch.full((3,), float("nan"), dtype=torch.float64), agreed, error)
     point = _intersect(P[best][None], xy[best][None])
@@ -57,6 +56,19 @@ def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float)
     error[views] = final
     agreed[views] = final < tolerance
     return Triangulated(point[0], agreed, error)
+
+
+def _of_pairs(P: Tensor, xy: Tensor, pairs: Tensor) -> Tensor:
+    """Errors (M, V) [px] in every view of the points that pairs (M, 2) of views see."""
+    return _reprojection(P, xy, _intersect(P[pairs], xy[pairs]))
+
+
+def _agreeing(errors: Tensor, tolerance: float) -> Tensor:
+    """How good points with errors (M, V) [px] are, (M,): by most views, then by the closest."""
+    close = errors < tolerance
+    count = close.sum(1)
+    mean_error = torch.where(close, errors, 0.0).sum(1) / count.clamp_min(1)
+    return count - mean_error / (2 * tolerance)
 
 
 def _intersect(P: Tensor, xy: Tensor) -> Tensor:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import pytest
 import torch
 
 from cltransfer.camera import Camera
+from cltransfer.scenes.person import triangulate as module
 from cltransfer.scenes.person.triangulate import triangulate
 
 
@@ -43,6 +45,27 @@ def test_a_pair_that_meets_behind_a_camera_does_not_spoil_the_rest() -> None:
     pixels[0] = torch.tensor([-4000.0, 180.0])  # its rays meet others behind the cameras: infinite errors
     found = triangulate(cameras, pixels, torch.ones(6, dtype=torch.bool), 8.0)
     torch.testing.assert_close(found.point, POINT[0], atol=1e-6, rtol=0)
+
+
+def test_pairs_are_looked_at_a_few_at_a_time_to_the_same_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = ring(10)
+    pixels = cameras.project(POINT)[0][:, 0]
+    pixels[[1, 4, 7]] += torch.tensor([60.0, -40.0], dtype=torch.float64)
+    sizes: list[int] = []
+    plain = module._of_pairs
+
+    def counted(P: torch.Tensor, xy: torch.Tensor, pairs: torch.Tensor) -> torch.Tensor:
+        sizes.append(len(pairs))
+        return plain(P, xy, pairs)
+
+    monkeypatch.setattr(module, "_of_pairs", counted)
+    found = []
+    for block in (module.BLOCK, 70):
+        monkeypatch.setattr(module, "BLOCK", block)
+        found.append(triangulate(cameras, pixels, torch.ones(10, dtype=torch.bool), 8.0))
+    assert sizes == [45, 1, 7, 7, 7, 7, 7, 7, 3, 1]
+    torch.testing.assert_close(found[0].point, found[1].point, atol=1e-12, rtol=0)
+    assert torch.equal(found[0].agreed, found[1].agreed)
 
 
 def test_fewer_than_two_views_leave_the_point_unknown() -> None:
