@@ -24,6 +24,8 @@ def find_letterbox(image: Tensor) -> tuple[int, int, int, int]:
     bright = image.amax(0).amax(0) > BLACK  # (H, W): lit on any frame
     top, bottom = _bars(bright)
     left, right = _bars(bright[top:bottom].T)
+    if (top, bottom) == (0, len(bright)):  # rows of a narrow picture are not half lit before its bars beside are gone
+        top, bottom = _bars(bright[:, left:right])
     return left, top, right, bottom
 
 

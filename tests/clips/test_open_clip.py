@@ -205,6 +205,14 @@ def test_an_upright_picture_in_a_wide_frame_has_bars() -> None:
     assert find_letterbox(frames) == (328, 0, 632, 540)
 
 
+@pytest.mark.parametrize("picture", [(219, 30, 421, 330), (60, 30, 580, 330), (40, 60, 600, 300)])
+def test_bars_on_all_four_sides_are_all_bars(picture: tuple[int, int, int, int]) -> None:
+    left, top, right, bottom = picture
+    frames = torch.zeros(3, 3, 360, 640, dtype=torch.uint8)
+    frames[:, :, top:bottom, left:right] = 200
+    assert find_letterbox(frames) == picture
+
+
 def test_a_dark_picture_and_a_thing_before_black_are_no_letterbox() -> None:
     whole = (0, 0, *SIZE)
     assert find_letterbox(torch.zeros(3, 3, SIZE[1], SIZE[0], dtype=torch.uint8)) == whole
