@@ -143,8 +143,7 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
     """The mesh with the colours and the texture of a trimesh visual; ``looks`` are of the materials by name.
 
     Raises:
-        InputError: a colour or a texture coordinate is no sensible number, a texture is not there, or there are not as
-            many colours of faces as triangles.
+        InputError: a colour or a texture coordinate is no sensible number, or a texture is not there.
         ResourceError: vertices of each face's own take more memory than is free.
     """
     if visual.kind == "vertex":
@@ -199,9 +198,6 @@ def _vertex_painted(mesh: Mesh, visual: Any) -> Mesh:
 def _face_painted(path: Path, mesh: Mesh, visual: Any) -> Mesh:
     """Each face has vertices of its own, so that its colour ends where it does."""
     colors = np.asarray(visual.face_colors, np.float32)[:, :3] / 255
-    if len(colors) != len(mesh):
-        reason = f"expected a colour of each of {len(mesh)} triangles, got {len(colors)}"
-        raise InputError(path, "faces", reason, "store triangles only, or colours of vertices")
     require_free(FACE_BYTES * len(mesh), path, f"{len(mesh)} faces of a colour each", "thin the file")
     corners = mesh.vertices[mesh.faces.long()].reshape(-1, 3)
     faces = torch.arange(len(corners), dtype=torch.int32).reshape(-1, 3)

@@ -29,6 +29,7 @@ from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
 from .mtl import LIBRARY_LIMIT, ObjFiles, check_images, looks_of
 from .ply_colors import own_visual
+from .ply_faces import of_triangles
 from .rig import subject_of_rig
 from .textures import Textures, image_of
 
@@ -78,6 +79,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     else:
         data = read_limited(path)
         {".obj": check_obj, ".ply": check_ply}[suffix](path, data)
+        data = of_triangles(path, data) if suffix == ".ply" else data
     found = list(_geometries(path, data, suffix, beside))
     visuals = [geometry.visual for _, _, geometry in found]
     if suffix == ".obj" and files.given:
