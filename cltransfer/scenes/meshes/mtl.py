@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
 from .textures import FORMATS, image_of
 
+WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
+JOINED = "the libraries of this file"  # that it names, as one
 LIBRARY_LIMIT = 4 * 2**20  # bytes; trimesh takes up to 45 times what the file does
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
@@ -28,6 +30,45 @@ _CLAMPED = re.compile(r"-clamp\s+on\s", re.IGNORECASE)
 
 class ObjFiles(Beside):
     """The files of an OBJ; before the name of an image an MTL may have options."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, LIBRARY_LIMIT)
+        self.libraries: list[Path] = []  # that it names, in order
+        self._joined = b""
+
+    def named(self, line: str) -> list[str]:
+        """The libraries of a line: one whose name has spaces, or several with spaces between."""
+        alone = os.path.isfile(self.path.parent / line) or not line.strip()
+        return [line] if alone else line.split()
+
+    def join(self, names: Sequence[str], without: Collection[str]) -> str:
+        """The name of a library that holds those of ``names``, and beside each material of ``without`` a plain one.
+
+        Raises:
+            InputError: one is not there, empty, or they are larger than a library may be.
+        """
+        from trimesh.util import decode_text
+
+        texts = []
+        for name in dict.fromkeys(names):
+            self.libraries.append(self.find(name))
+            texts.append(decode_text(read_limited(self.libraries[-1], LIBRARY_LIMIT)))
+        text = "\n".join(texts)
+        text += "".join(_plain(text, material) for material in sorted(without))
+        self._joined = text.encode()
+        if len(self._joined) > LIBRARY_LIMIT:
+            raise InputError(self.path, "mtllib", f"expected at most {LIBRARY_LIMIT} bytes, got {len(self._joined)}")
+        return JOINED
+
+    def get(self, name: str) -> bytes:
+        """Bytes of the file ``name``, or of what was joined."""
+        if name == JOINED and self._joined:
+            return self._joined
+        data = super().get(name)
+        self.libraries = self.libraries or [self.given[0]]
+        return data
+
+    __getitem__ = get
 
     def find(self, name: str) -> Path:
         """The file ``name`` beside or below, with or without options; see :meth:`Beside.find`."""
@@ -42,6 +83,19 @@ def _options(name: str) -> str:
     """What stands before the name of an image."""
     options = _OPTIONS.match(name)
     return options[0] if options else ""
+
+
+def _plain(text: str, material: str) -> str:
+    """What a library says of ``material``, under its name for faces without places, without an image."""
+    lines = [f"\nnewmtl {material}{WITHOUT}"]
+    current = None
+    for line in text.splitlines():
+        key, *words = line.split() or [""]
+        if key.lower() == "newmtl":
+            current = " ".join(words)
+        elif current == material and key.lower() != "map_kd":
+            lines.append(line)
+    return "\n".join([*lines, ""])
 
 
 def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
@@ -85,11 +139,11 @@ def _transform(options: str) -> Array | None:
     return np.array([[su, 0, ou], [0, sv, 1 - sv - ov]])  # an MTL counts from the bottom: v' = sv v + ov
 
 
-def check_images(library: Path, visuals: Iterable[Any]) -> None:
+def check_images(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
     """Refuse a material whose image was not opened.
 
     Args:
-        library: the .mtl that says what they show.
+        libraries: the .mtl files that say what they show.
         visuals: those of trimesh; without places in a texture one shows no image.
 
     Raises:
@@ -99,7 +153,7 @@ def check_images(library: Path, visuals: Iterable[Any]) -> None:
     bare = {one.name for one in materials if one is not None and image_of(one) is None}
     if not bare:
         return
-    for name, image in _images(library).items():
+    for library, name, image in ((file, *both) for file in libraries for both in _images(file).items()):
         if name in bare:
             reason = f"{image[:80]!r} of material {name[:40]!r} cannot be decoded"
             raise InputError(library, "map_Kd", reason, f"expected {', '.join(FORMATS)}")

@@ -27,7 +27,8 @@ from .mesh import Mesh
 from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
-from .mtl import LIBRARY_LIMIT, ObjFiles, check_images, looks_of
+from .mtl import ObjFiles, check_images, looks_of
+from .obj_text import readable
 from .ply_colors import own_visual
 from .ply_faces import of_triangles
 from .rig import subject_of_rig
@@ -70,7 +71,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(path, "", f"no mesh has the suffix {suffix!r}", f"expected {', '.join(SUFFIXES)}")
-    files, rig = ObjFiles(path, LIBRARY_LIMIT) if suffix == ".obj" else Beside(path), None
+    files, rig = ObjFiles(path) if suffix == ".obj" else Beside(path), None
     looks: Mapping[str, Look] = {}
     beside: Any = files
     if suffix in (".glb", ".gltf"):
@@ -79,12 +80,13 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     else:
         data = read_limited(path)
         {".obj": check_obj, ".ply": check_ply}[suffix](path, data)
-        data = of_triangles(path, data) if suffix == ".ply" else data
+        data = readable(path, data, files) if isinstance(files, ObjFiles) else of_triangles(path, data)
     found = list(_geometries(path, data, suffix, beside))
     visuals = [geometry.visual for _, _, geometry in found]
-    if suffix == ".obj" and files.given:
-        check_images(files.given[0], visuals)
+    if isinstance(files, ObjFiles):
+        check_images(files.libraries, visuals)
         looks = looks_of(visuals)
+        visuals = [_with_vertex_colours(geometry, looks) for _, _, geometry in found]
     least = {name: look.least for name, look in looks.items()}
     textures = Textures(path, [getattr(visual, "material", None) for visual in visuals], least)
     parts = [_part(path, looks, textures, *part) for part in found]
@@ -157,6 +159,15 @@ def _is_invented(visual: Any) -> bool:
     """Whether an OBJ or a PLY shows the grey image that trimesh makes up for texture coordinates without a texture."""
     image = image_of(getattr(visual, "material", None))
     return image is not None and image.format is None
+
+
+def _with_vertex_colours(geometry: Any, looks: Mapping[str, Look]) -> Any:
+    """The look of an OBJ: the colours of its vertices, if any, where its material is drawn without an image."""
+    material = getattr(geometry.visual, "material", None)
+    bare = material is not None and image_of(material) is None and looks[material.name].cutoff == 0
+    if bare and geometry.vertex_attributes.get("color") is not None:
+        geometry.visual = _own_colours(geometry)
+    return geometry.visual
 
 
 def _own_colours(geometry: Any) -> Any:

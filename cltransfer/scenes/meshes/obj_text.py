@@ -1,0 +1,141 @@
+"""An OBJ as trimesh reads it right.
+
+It takes one library, counts back from the end of the file, closes inlets, and knows one kind of corner a material.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...renderers.kernels import Array
+from .mtl import WITHOUT, ObjFiles
+from .polygons import fans_hold, triangles_of
+
+_LIBRARY = re.compile(rb"^mtllib[ \t]+(.*?)[ \t]*$", re.MULTILINE)
+_LONG = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){4}", re.MULTILINE)
+_BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
+_REST = re.compile(rb"/\S*|#.*")  # of a corner behind the number of its vertex; of a line, a remark
+_NUMBERED = (b"v", b"vt", b"vn")  # what the numbers of a corner are of, in this order
+_PLACED = re.compile(rb"^f[ \t]+-?\d+/-?\d", re.MULTILINE)
+_BARE = re.compile(rb"^f[ \t]+-?\d+(?://|[ \t])", re.MULTILINE)
+
+
+def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
+    """The file with one library, absolute numbers, inlets left open, and materials of one kind of face.
+
+    Faces without places in a texture that share a material with others get one of its name and
+    :data:`.mtl.WITHOUT`, else the others would lose theirs.
+
+    Args:
+        path: for error lines.
+        data: of the file.
+        files: gives the libraries; what they are is told to it.
+
+    Raises:
+        InputError: a vertex or a polygon is no numbers, or a polygon names a vertex that is not there.
+    """
+    text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    names = [name for line in _LIBRARY.findall(text) for name in files.named(line.decode("utf-8", "replace"))]
+    bare = bool(names and _PLACED.search(text) and _BARE.search(text))
+    if len(names) < 2 and not bare and not _LONG.search(text) and not _BACK.search(text):
+        return data
+    lines = text.split(b"\n")
+    if _BACK.search(text):
+        lines = _counted(lines)
+    if _LONG.search(text):
+        lines = _cut(path, lines)
+    renamed = _rename(lines) if bare else frozenset()
+    if len(names) > 1 or renamed:
+        joined = files.join(names, renamed).encode()
+        lines = [line for line in lines if not _LIBRARY.match(line)]
+        lines.insert(0, b"mtllib " + joined)
+    return b"\n".join(lines)
+
+
+def _counted(lines: Sequence[bytes]) -> list[bytes]:
+    """The lines with numbers that count back from where they stand as those that count from the first."""
+    before, counted = [0, 0, 0], list(lines)
+    for i, line in enumerate(lines):
+        key = line[:2].rstrip()
+        if key in _NUMBERED:
+            before[_NUMBERED.index(key)] += 1
+        elif key == b"f" and b"-" in line:
+            counted[i] = b"f " + b" ".join(_corner(word, before) for word in _words(line))
+    return counted
+
+
+def _corner(word: bytes, before: Sequence[int]) -> bytes:
+    numbers = word.split(b"/")
+    back = [number[:1] == b"-" and number[1:].isdigit() for number in numbers]
+    return b"/".join(
+        b"%d" % (count + 1 + int(number)) if is_back else number
+        for number, count, is_back in zip(numbers, before, back)
+    )
+
+
+def _cut(path: Path, lines: Sequence[bytes]) -> list[bytes]:
+    """The lines with those of polygons that are no fan replaced by their triangles."""
+    xyz = _numbers(path, "vertices", [line[1:] for line in lines if line.startswith((b"v ", b"v\t"))])[:, :3]
+    long: dict[int, list[int]] = {}  # lines, by corners
+    for i, line in enumerate(lines):
+        if line.startswith((b"f ", b"f\t")) and (count := len(_words(line))) > 3:
+            long.setdefault(count, []).append(i)
+    cut = list(lines)
+    for places in long.values():
+        index = _numbers(path, "faces", [_REST.sub(b"", lines[i][1:]) for i in places]).astype(np.int64) - 1  # (F, k)
+        if not 0 <= index.min() <= index.max() < len(xyz):
+            raise InputError(path, "faces", f"name vertex {index.max() + 1} of {len(xyz)}")
+        points = xyz[index]  # (F, k, 3)
+        for f in np.flatnonzero(~fans_hold(points)):
+            corners = _words(lines[places[f]])
+            triangles = (b"f " + b" ".join(corners[c] for c in three) for three in triangles_of(points[f]))
+            cut[places[f]] = b"\n".join(triangles)
+    return b"\n".join(cut).split(b"\n")
+
+
+def _words(line: bytes) -> list[bytes]:
+    """What follows the first word, without a remark."""
+    return line.partition(b"#")[0].split()[1:]
+
+
+def _numbers(path: Path, what: str, rows: Sequence[bytes]) -> Array:
+    """The numbers of rows, (R, C) float64, as many of each as of the shortest.
+
+    Raises:
+        InputError: there are not three of each, or something else.
+    """
+    try:
+        flat = np.array(b" ".join(rows).split(), np.float64)
+        if rows and len(flat) == len(rows) * len(rows[0].split()) >= 3 * len(rows):
+            return flat.reshape(len(rows), -1)
+        words = [row.split() for row in rows]
+        least = min((len(row) for row in words), default=3)
+        if least >= 3:
+            return np.array([row[:least] for row in words], np.float64).reshape(-1, least)
+    except ValueError:
+        pass
+    raise InputError(path, what, "expected three numbers or more of each")
+
+
+def _rename(lines: list[bytes]) -> frozenset[str]:
+    """Give faces without places in a texture another material, in ``lines``; the names of those that share theirs."""
+    kinds: dict[bytes, set[bool]] = {}
+    faces: list[tuple[int, bytes, bool]] = []  # line, material, whether it has places
+    material = b""
+    for i, line in enumerate(lines):
+        if line.startswith((b"usemtl ", b"usemtl\t")):
+            material = line[6:].strip()
+        elif line.startswith((b"f ", b"f\t")):
+            placed = bool(_PLACED.match(line))
+            kinds.setdefault(material, set()).add(placed)
+            faces.append((i, material, placed))
+    both = {name for name, found in kinds.items() if len(found) == 2 and name}
+    for i, name, placed in faces:
+        if name in both and not placed:
+            lines[i] = b"usemtl %s%s\n%s\nusemtl %s" % (name, WITHOUT.encode(), lines[i], name)
+    return frozenset(name.decode("utf-8", "replace") for name in both)
