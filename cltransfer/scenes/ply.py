@@ -11,6 +11,7 @@ from numpy.lib.recfunctions import unstructured_to_structured
 from plyfile import PlyData, PlyElement
 
 from ..errors import InputError
+from ..renderers.kernels import Array
 from ..storage.files import atomic
 from .columns import Columns, affordable_degree, drawable
 from .ply_compressed import CHUNK, PACKED, from_compressed, ranges
@@ -20,6 +21,7 @@ from .splats import SH_DEGREES, Splats
 _HINT = "is it a Gaussian-splat PLY?"
 
 POSITION, COLOR = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
+FILTER = "filter_3D"  # of Mip-Splatting, a standard deviation [scene units] by which each Gaussian is drawn wider
 SCALE, ROTATION = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
 
 
@@ -92,7 +94,8 @@ def _check_elements(path: Path, elements: dict[str, Element]) -> None:
         ("float", "float32", "double", "float64"),
     )
     rest = _rest_names(vertex.types)
-    _require(path, vertex, rest, ("float", "float32", "double", "float64"))
+    filters = (FILTER,) if FILTER in vertex.types else ()
+    _require(path, vertex, (*rest, *filters), ("float", "float32", "double", "float64"))
     _check_rest(path, len(rest))
 
 
@@ -153,6 +156,19 @@ def _harmonic_names(count: int, degree: int) -> list[str]:
     return [f"f_rest_{channel * count // 3 + k}" for k in range((degree + 1) ** 2 - 1) for channel in range(3)]
 
 
+def _filter(columns: Columns, width: Array) -> None:
+    """Gaussians as they were trained, under the 3D filter of Mip-Splatting (Yu et al., CVPR 2024), ``width`` (N,) wide.
+
+    They are wider, and by as much thinner as their volume has grown.
+    """
+    for first in range(0, len(width), BLOCK):
+        rows = slice(first, first + BLOCK)
+        square = np.exp(2 * columns["log_scales"][rows].astype(np.float64))
+        wider = square + width[rows, None].astype(np.float64) ** 2
+        columns["log_scales"][rows] = 0.5 * np.log(wider)
+        columns["opacity"][rows] *= np.sqrt((square / wider).prod(1))
+
+
 def _from_trained(path: Path, elements: dict[str, Element], harmonics: Sequence[str]) -> Columns:
     """Values of the INRIA layout, read block by block: opacity is a logit, scales are logarithms."""
     vertex = elements["vertex"]
@@ -166,5 +182,7 @@ def _from_trained(path: Path, elements: dict[str, Element], harmonics: Sequence[
             for k, one in enumerate(properties):
                 columns[name][first : first + BLOCK, k] = rows[one]
     columns["opacity"] = 1 / (1 + np.exp(-columns["opacity"][:, 0]))
+    if FILTER in vertex.types:
+        _filter(columns, read_columns(path, elements, "vertex", (FILTER,))[FILTER])
     columns["sh"] = columns["sh"].reshape(vertex.count, -1, 3)
     return columns

@@ -119,6 +119,18 @@ def test_the_trained_layout_is_decoded(tmp_path):
     assert all(getattr(got, n).dtype == torch.float32 for n in ("means", "scales", "quats", "opacity", "sh", "label"))
 
 
+def test_the_filter_that_gaussians_were_trained_under_makes_them_wider_and_thinner(tmp_path):
+    plain = read(tmp_path, trained([GOOD_ROW]))
+    for width in (0.0, 0.2):
+        found = read(tmp_path, trained([(*GOOD_ROW, width)], (*NAMES, "filter_3D")))
+        wider = (plain.scales**2 + width**2).sqrt()
+        torch.testing.assert_close(found.scales, wider)
+        torch.testing.assert_close(found.opacity * wider.prod(1), plain.opacity * plain.scales.prod(1))
+    refused = trained([(*GOOD_ROW, math.nan)], (*NAMES, "filter_3D"))
+    with pytest.raises(InputError, match="not finite"):
+        read(tmp_path, refused)
+
+
 def test_properties_are_found_by_name_in_any_order_among_others(tmp_path):
     names, row = ("nx", *reversed(NAMES), "confidence"), (9.0, *reversed(GOOD_ROW), 9.0)
     assert torch.equal(read(tmp_path, trained([row], names)).means, torch.tensor([[1.0, 2, 3]]))
