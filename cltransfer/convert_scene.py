@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from torch import Tensor
 
-from .camera import VIEW_LIMIT, Camera, evenly_taken, fitted_size, in_one_frame
+from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
 from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
@@ -69,8 +69,7 @@ def given_views(sources: Sequence[str], side: int) -> Camera:
     if not sources:
         raise UsageError("", "--view", "expected at least one", "a trajectory.json, SET:INDEX, or SET")
     cameras = [_views(source) for source in sources]
-    all_views = in_one_frame(cameras, [fitted_size(camera.size, side) for camera in cameras])
-    return evenly_taken(all_views, VIEW_LIMIT)
+    return in_one_frame(cameras, [fitted_size(camera.size, side) for camera in cameras])
 
 
 def _views(source: str) -> Camera:

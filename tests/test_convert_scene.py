@@ -94,11 +94,11 @@ def test_views_come_from_trajectories_and_posed_sets_at_one_size(room: tuple[str
 
 def test_whether_a_view_is_a_trajectory_is_told_by_what_it_holds(tmp_path: Path) -> None:
     frame = {"file_path": "a.png", "transform_matrix": torch.eye(4).tolist()}
-    (tmp_path / "transforms_train.json").write_text(json.dumps({"w": 64, "h": 36, "fl_x": 50, "frames": [frame] * 5}))
+    (tmp_path / "transforms_train.json").write_text(json.dumps({"w": 64, "h": 36, "fl_x": 50, "frames": [frame] * 99}))
     Trajectory(room_cameras(2, (64, 36)), torch.tensor([0.0, 1.0]).double()).save(tmp_path / "cameras.json")
     row = torch.tensor([[0.0, 1, 0, 0, 36], [1, 0, 0, 0, 64], [0, 0, -1, 0, 50]]).ravel()
     np.save(tmp_path / "poses.npy", np.concatenate([row, [1, 9]])[None].repeat(3, 0))
-    for name, count in (("transforms_train.json", 5), ("cameras.json", 2), ("poses.npy", 3)):
+    for name, count in (("transforms_train.json", 99), ("cameras.json", 2), ("poses.npy", 3)):
         assert len(given_views([str(tmp_path / name)], 64)) == count
     (tmp_path / "notes.txt").write_text("no views")
     with pytest.raises(InputError, match=r"notes.txt: is no posed image set"):

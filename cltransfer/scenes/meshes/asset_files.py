@@ -7,7 +7,8 @@ import re
 from pathlib import Path
 from urllib.parse import unquote
 
-from ...errors import InputError
+from ...computer.memory import require_free
+from ...errors import CltransferError, InputError, ResourceError
 
 LIMIT = 2**30  # bytes of one file
 
@@ -37,6 +38,7 @@ def read_limited(path: Path, limit: int = LIMIT) -> bytes:
 
     Raises:
         InputError: it is no file, empty, or larger than ``limit`` bytes.
+        ResourceError: it is larger than what is free.
     """
     if not path.is_file():
         raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
@@ -45,6 +47,7 @@ def read_limited(path: Path, limit: int = LIMIT) -> bytes:
         raise InputError(path, "", "file is empty")
     if size > limit:
         raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
+    require_free(size, path, "its bytes", "make the file smaller")
     return path.read_bytes()
 
 
@@ -61,7 +64,7 @@ class Beside:
     def __init__(self, path: Path, first: int = LIMIT) -> None:
         self.path, self._first = path, first
         self.given: list[Path] = []
-        self.refused: InputError | None = None
+        self.refused: CltransferError | None = None
         self._read: dict[Path, bytes] = {}
 
     def find(self, name: str) -> Path:
@@ -82,7 +85,7 @@ class Beside:
         limit = self._first if found == self.given[0] else LIMIT
         try:
             self._read[key] = self._read.get(key) or read_limited(found, limit)
-        except InputError as error:
+        except (InputError, ResourceError) as error:
             self.refused = self.refused or error
             raise
         return self._read[key]

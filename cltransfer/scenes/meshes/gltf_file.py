@@ -24,6 +24,8 @@ ZERO_BYTES = 8  # of a number that a sparse array does not store
 DATA = "data:"
 EXTENSIONS = {"KHR_materials_unlit", "EXT_texture_webp", TRANSFORM, GLOSSY}  # that are read
 
+INSTANCES = "EXT_mesh_gpu_instancing"  # which a file may name as one that can be done without: a forest of one tree
+
 _JSON, _BIN = 0x4E4F534A, 0x004E4942  # chunk types
 
 
@@ -182,6 +184,8 @@ def _check_limits(path: Path, tree: dict[str, Any]) -> None:
             raise InputError(path, kind, "expected a list of objects")
         if len(entries) > NODE_LIMIT:
             raise InputError(path, kind, f"expected at most {NODE_LIMIT}, got {len(entries)}")
+    if any(INSTANCES in (node.get("extensions") or {}) for node in tree.get("nodes", [])):
+        raise InputError(path, "nodes", f"{INSTANCES} is not read", "export every instance as a node")
     for index, about in enumerate(tree.get("accessors", [])):
         count = about.get("count", 0)
         if not isinstance(count, int) or not 0 < count <= COUNT_LIMIT:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ...errors import InputError
+from ...errors import InputError, ResourceError
 from ...renderers.kernels import Array
 from ...subject import Subject
 from ..ply_header import HEADER_LIMIT
@@ -143,7 +143,7 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
                 elif invented:
                     geometry.visual = _own_colours(geometry)
                 yield str(node), transform, geometry
-    except (InputError, MemoryError):
+    except (InputError, ResourceError, MemoryError):
         raise
     except Exception as error:  # trimesh lets any exception of its parsers through
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"

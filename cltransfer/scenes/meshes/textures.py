@@ -20,6 +20,7 @@ FORMATS = ("PNG", "JPEG", "WEBP")  # that are decoded; other decoders are many, 
 IMAGE_LIMIT = 2**26  # pixels of one texture
 TOTAL_LIMIT = 2**30  # pixels of all
 PIXEL_BYTES = 24  # of a texture while it is decoded and packed
+DEEP = 257  # levels of 16 bits for one of 8
 HINT = "make the textures smaller"
 _DAMAGED = (OSError, ValueError, SyntaxError, EOFError, struct.error)  # that Pillow raises of what it cannot decode
 _DECODED = (*FORMATS, "MPO", None)  # MPO: a JPEG with further pictures behind it; None: what trimesh made of them
@@ -107,7 +108,12 @@ class Textures:
 
 def _pixels(path: Path, image: Any) -> Array:
     """RGBA (h, w, 4) uint8 of an image that is not decoded yet."""
+    from PIL import Image
+
     try:
+        if image.mode.startswith("I"):  # 16 bits of grey, which would be cut off at 255
+            gray = np.asarray(image).astype(np.float32) / DEEP
+            image = Image.fromarray(gray.round().astype(np.uint8))
         return np.array(image.convert("RGBA"))
     except _DAMAGED:
         name = image.info.get("file_path")  # as an OBJ names it

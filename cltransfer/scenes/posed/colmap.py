@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
 from .assemble import View, find_image, lens_of, posed_images, rigid
-from .colmap_tables import Calibration, Shot, Tables
+from .colmap_tables import STRAIGHTEN, Calibration, Shot, Tables
 from .lens import Lens
 
 # number of parameters of each lens model we know the formula of, by COLMAP's name
@@ -62,7 +62,7 @@ def _root(model: Path) -> Path:
 def _lens(model: Path, key: int, camera: Calibration) -> Lens:
     where = f"camera {key}"
     if camera.model not in FOCALS:
-        raise InputError(model, where, f"lens {camera.model} cannot be straightened", "run: colmap image_undistorter")
+        raise InputError(model, where, f"lens {camera.model} cannot be straightened", STRAIGHTEN)
     focals = FOCALS[camera.model]
     parameters = list(camera.parameters)
     focal, center, bend = parameters[:focals], parameters[focals : focals + 2], parameters[focals + 2 :]

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...renderers.kernels import Array
 from .assemble import IMAGE_LIMIT, POINT_LIMIT
-from .colmap_tables import MODELS, Calibration, Shot, Tables
+from .colmap_tables import MODELS, STRAIGHTEN, Calibration, Shot, Tables
 
 BYTE_LIMIT = 2**30
 NAME_LIMIT = 4096
@@ -81,7 +81,7 @@ def _cameras(file: _Reader) -> dict[int, Calibration]:
     for _ in range(file.count("cameras", IMAGE_LIMIT)):
         key, number, width, height = file.take("IiQQ")
         if number not in MODELS:
-            raise InputError(file.path, f"camera {key}", f"no lens model has the number {number}")
+            raise InputError(file.path, f"camera {key}", f"lens model {number} is not known here", STRAIGHTEN)
         name, parameters = MODELS[number]
         cameras[key] = Calibration(name, (width, height), file.take(f"{parameters}d"))
     return cameras

@@ -19,6 +19,7 @@ MODELS = {  # COLMAP's number -> name and count of parameters
     9: ("RADIAL_FISHEYE", 5),
     10: ("THIN_PRISM_FISHEYE", 12),
 }
+STRAIGHTEN = "run: colmap image_undistorter"
 COUNTS = dict(MODELS.values())  # name -> count of parameters
 
 

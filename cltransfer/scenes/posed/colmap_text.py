@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...renderers.kernels import Array
 from ...storage.files import read_lines
 from .assemble import IMAGE_LIMIT, POINT_LIMIT
-from .colmap_tables import COUNTS, Calibration, Shot, Tables
+from .colmap_tables import COUNTS, STRAIGHTEN, Calibration, Shot, Tables
 
 BYTE_LIMIT = 2**30
 LINE_LIMIT = 2**24  # characters; an image lists in one line all the points it sees
@@ -54,6 +54,8 @@ def _cameras(path: Path) -> dict[int, Calibration]:
             continue
         key, model, *rest = [*line.split(), "", ""]
         values = _numbers(path, where, rest[:-2])
+        if key.isdecimal() and model.isupper() and model not in COUNTS:
+            raise InputError(path, where, f"lens model {model[:40]} is not known here", STRAIGHTEN)
         if not key.isdecimal() or model not in COUNTS or len(values) != 2 + COUNTS[model]:
             raise InputError(path, where, "expected CAMERA_ID MODEL WIDTH HEIGHT and the model's parameters")
         cameras[int(key)] = Calibration(model, (float(values[0]), float(values[1])), tuple(values[2:].tolist()))

@@ -66,6 +66,14 @@ def test_extensions_that_are_read_may_be_required(bar, with_texture, image_file,
     assert texture[0, 0, 0] > 240
 
 
+def test_many_instances_of_a_node_are_not_taken_for_one(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    tree["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
+    tree["extensionsUsed"] = ["EXT_mesh_gpu_instancing"]
+    with pytest.raises(InputError, match="nodes: EXT_mesh_gpu_instancing is not read"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
 def test_a_name_that_is_too_long_for_a_file_is_refused_in_one_line(bar, write_gltf, tmp_path):
     path = write_gltf(tmp_path / "bar.gltf", *bar(), "a" * 5000)
     with pytest.raises(InputError, match=r"bar.gltf: uri: no such file 'a{80}'"):

@@ -103,6 +103,20 @@ def test_materials_that_trimesh_turns_into_base_colours_are_held_against_the_mem
         read_mesh(path)
 
 
+def test_a_file_is_read_where_there_is_memory_for_it(picture, write_obj, tmp_path, monkeypatch):
+    (tmp_path / "wood.png").write_bytes(picture() + bytes(2**20))
+    path = write_obj(tmp_path)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**19)
+    with pytest.raises(ResourceError, match=r"wood.png: memory: its bytes need 1 MB, 0 MB are free"):
+        read_mesh(path)
+
+
+def test_sixteen_bits_of_grey_are_as_bright_as_eight(write_obj, tmp_path):
+    Image.fromarray(np.array([[0, 30000], [257, 65535]], np.uint16)).save(tmp_path / "wood.png")
+    (pixels,) = read_mesh(write_obj(tmp_path)).mesh.textures
+    assert pixels[..., 0].tolist() == [[0, 117], [1, 255]]
+
+
 def test_an_alpha_that_is_no_share_is_refused(bar, with_texture, picture, write_glb, tmp_path):
     tree, blob = with_texture(bar(), picture())
     for cutoff in (float("nan"), 2):

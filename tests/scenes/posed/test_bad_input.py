@@ -111,7 +111,7 @@ def model(root: Path, **files: bytes) -> Path:
     [
         ({"cameras": b"\1\0\0"}, "cameras.bin: body: cut off"),
         ({"cameras": struct.pack("<Q", 2**60)}, "cameras.bin: cameras: expected at most"),
-        ({"cameras": struct.pack("<QIiQQ4d", 1, 1, 99, 8, 6, 5, 5, 4, 3)}, "no lens model has the number 99"),
+        ({"cameras": struct.pack("<QIiQQ4d", 1, 1, 99, 8, 6, 5, 5, 4, 3)}, "lens model 99 is not known here"),
         ({"cameras": struct.pack("<QIiQQ8d", 1, 1, 5, 8, 6, *[1.0] * 8)}, "lens OPENCV_FISHEYE cannot be straightened"),
         ({"cameras": struct.pack("<QIiQQ4d", 1, 2, 1, 8, 6, 5, 5, 4, 3)}, "camera 1, which is not in the model"),
         ({"images": struct.pack("<Q", 1)}, "images.bin: body: cut off"),
@@ -129,6 +129,7 @@ def test_a_damaged_binary_model_is_named(tmp_path: Path, files: dict[str, bytes]
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
+        ("cameras", "1 EUCM 8 6 5 5 4 3 1 1", r"cameras.txt: line 1: lens model EUCM is not known here \(run: colmap"),
         ("cameras", "1 PINHOLE 8 6 5 5 4", r"cameras.txt: line 1: expected CAMERA_ID"),
         ("cameras", "1 PINHOLE 8 6 5 5 4 x", r"cameras.txt: line 1: expected numbers"),
         ("images", "1 1 0 0 0 0 0 2 1", r"images.txt: line 1: expected IMAGE_ID"),
