@@ -147,7 +147,7 @@ def _local(objective: Objective, found: list[Solved], residuals: list[Tensor], d
 def _hidden(objective: Objective, defined: Tensor) -> Tensor:
     """Frames (N,) in which nothing is known of the joints, of a clip that shows them elsewhere."""
     placing = torch.tensor(["keypoints" in loss.requires for loss in objective.losses.values()])
-    seen = (defined & placing).any(1)
+    seen = (defined & placing & objective.weighs).any(1)
     return ~seen & seen.any()
 
 

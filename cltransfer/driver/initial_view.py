@@ -13,6 +13,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..errors import UsageError
 from ..features import Features
+from ..placement import frame_joints, shows_person, visible_joints
 from ..scenes.posed import named_camera
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
@@ -120,10 +121,15 @@ def _stands(read: Tensor | None) -> Tensor:
 
 
 def first_seen(features: Features, placed: Tensor) -> Features:
-    """The first of N frames that tells where to stand, (N,) bool, by a person's joints if any does; else the first."""
+    """The first of N frames that tells where to stand, (N,) bool, by a person's visible joints if any does.
+
+    Else by joints that are somewhere, outside the frame, else the first.
+    """
     if features.has("keypoints"):
-        seen = placed & torch.isfinite(features.require("keypoints")[..., 0]).any(1)
-        placed = seen if bool(seen.any()) else placed
+        joints = frame_joints(features, "all")
+        for seen in (placed & visible_joints(joints).any(1), placed & shows_person(joints)):
+            if bool(seen.any()):
+                return features[int(seen.int().argmax())]
     return features[int(placed.int().argmax())]
 
 

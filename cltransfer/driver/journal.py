@@ -35,6 +35,7 @@ from ..errors import InputError, ResourceError
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of the cameras, rows, columns
 RECORD_LIMIT = 2**24  # bytes; a batch of 1,000 candidates with 30 residuals takes 240 kB
+VIEW = "the view of init"  # what a file holds that --init names
 
 
 class Journal:
@@ -171,6 +172,8 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
     if not isinstance(recorded, dict):
         raise InputError(path, "header", "not a journal")
     others = [key for key in sorted({*now, *recorded}) if recorded.get(key) != now.get(key)]
+    if "init" in others:  # of which it follows
+        others = [key for key in others if key != VIEW]
     for key in others[:1]:
         reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
         raise InputError(path, key, reason, _begun_so(key, recorded.get(key), len(others) - 1))

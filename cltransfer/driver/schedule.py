@@ -81,7 +81,8 @@ def make_schedule(
     tolerance = max(config.tolerance, QUIET * noise)
     free = config.zoom == "free"
     if config.zoom == "auto" and "filmic_space" in objective.names:
-        free = bool(objective.defined(reference)[:, objective.names.index("filmic_space")].any())
+        space = objective.names.index("filmic_space")
+        free = bool(objective.weighs[space]) and bool(objective.defined(reference)[:, space].any())
     note = _why_cma_alone(config, search, objective) if config.engine == "refine" else ""
     generations = min(POLISH.generations, len(reference)) * (TWICE if config.joint > 1 else 1)
     return Schedule(

@@ -125,8 +125,13 @@ class Objective:
         return torch.tensor([self.moves(loss) for loss in self.losses.values()])
 
     def placed(self, reference: Features) -> Tensor:
-        """Frames (N,) bool of which some term tells where to stand: one that needs no motion."""
-        return (self.defined(reference) & ~self.of_motion).any(1)
+        """Frames (N,) bool of which some term tells where to stand: one that needs no motion, and weighs something."""
+        return (self.defined(reference) & ~self.of_motion & self.weighs).any(1)
+
+    @property
+    def weighs(self) -> Tensor:
+        """Terms (L,) bool that count: one of weight 0 is measured alone."""
+        return self.weights > 0
 
     def residuals(self, reference: Features, rendered: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; their group norms add up to the total.

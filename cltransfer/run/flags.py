@@ -51,7 +51,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")
     if not result.schedule.free_lens:
         space = result.verified.term("filmic_space")
-        known = space is not None and space.defined
+        known = space is not None and space.defined and result.objective.losses[space.name].weight > 0
         why = "" if known else ": without filmic space it cannot be told apart from distance"
         yield Flag(None, f"focal length kept{why}")
 

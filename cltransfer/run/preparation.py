@@ -19,7 +19,7 @@ from ..computer.threads import default_count, set_threads, thread_count
 from ..config.options import RunConfig
 from ..driver.guard import READ, Guard
 from ..driver.initial_view import any_view, given_view
-from ..driver.journal import Journal
+from ..driver.journal import VIEW, Journal, fingerprint
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
 from ..driver.starts import Starting, Starts
@@ -179,7 +179,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     check_result(len(reference), output)  # rather than after the search
     journal = None
     if record is not None:
-        journal = record.open(_header(inputs, config, parts, search, scene, reference))
+        held = {} if view is None else {VIEW: fingerprint(view)}
+        journal = record.open(_header(inputs, config, parts, search, scene, reference) | held)
     told = parts.objective.defined(reference.features).any(0).tolist()
     objective = replace(parts.objective, silent=frozenset(n for n, there in zip(parts.losses, told) if not there))
     stage = Stage(scene, parts.renderer, plan, objective, small, guard=_guard(config, scene), journal=journal)

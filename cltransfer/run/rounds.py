@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from ..camera import Camera
+from ..camera import Camera, concatenate
 from ..config.options import RunConfig
 from ..driver.follow import Path
 from ..driver.frame import Solved
@@ -94,7 +94,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             return made, UNSEEN
         if not bias.known:
             return made, f"no {'further ' if number else ''}{UNBIASED}"
-        target, starts = corrected(job.wanted, bias), Starts(cameras[0], take.clip.about(cameras[0], take.x))
+        homes = cameras[0] if config.warm_start else concatenate([cameras[0], job.starts.homes])
+        target, starts = corrected(job.wanted, bias), Starts(homes, take.clip.about(cameras[0], take.x))
     return made, ""
 
 

@@ -11,7 +11,7 @@ import torch
 
 from cltransfer.camera import Camera, resized
 from cltransfer.config import load_config
-from cltransfer.driver.initial_view import COARSE, Aim, best_of_orbit, given_view
+from cltransfer.driver.initial_view import COARSE, Aim, best_of_orbit, first_seen, given_view
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, UsageError
 from cltransfer.features import Features
@@ -63,6 +63,17 @@ def test_a_principal_point_that_no_search_keeps_is_told(
     assert caplog.messages == [f"--init {path}: principal point: {where}; the search begins as if it were there"] * int(
         told
     )
+
+
+def test_the_frame_to_stand_by_is_one_that_shows_the_person() -> None:
+    features = sample_features(0, 4)
+    joints = features.require("keypoints").clone()
+    joints[0], joints[1:3, :, 2] = torch.nan, 0.0  # behind the camera, outside the frame
+    placed = torch.tensor([False, True, True, True])
+    for shown, expected in ((joints, 3), (torch.cat([joints[:3], joints[:1]]), 1)):
+        found = first_seen(replace(features, keypoints=shown), placed)
+        torch.testing.assert_close(found.require("keypoints"), shown[expected][None], equal_nan=True)
+    assert torch.equal(first_seen(features, placed).require("keypoints"), features.require("keypoints")[1:2])
 
 
 @pytest.mark.parametrize("degrees", [15.0, 40.0, 70.0])

@@ -55,6 +55,17 @@ def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(
         assert not make_schedule(config, search, objective, replace(still, keypoints=other)).still
 
 
+def test_a_loss_that_weighs_nothing_frees_no_lens_and_places_nobody() -> None:
+    for override, free in (
+        ("losses.filmic_space.weight=0", False),
+        ("losses.filmic_space=null", False),
+        ("seed=0", True),
+    ):
+        assert schedule(override).free_lens is free
+    weightless = [f"losses.{name}.weight=0" for name in ("shot_size", "framing", "filmic_space", "camera_angle")]
+    assert (schedule(*weightless[:3]).placed, schedule(*weightless).placed) == (True, False)
+
+
 def test_two_frames_do_not_tell_that_nothing_moves() -> None:
     assert schedule().polish is None
 

@@ -18,7 +18,8 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.driver.journal import _begun_so, _read
+from cltransfer.driver.journal import VIEW, Journal, _begun_so, _read
+from cltransfer.errors import InputError
 from cltransfer.features import OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.reading.reference import Reading, read_reference
@@ -127,6 +128,20 @@ def test_a_run_is_resumed_in_its_folder_however_that_is_named_and_in_no_other(
     words = ("transfer", "-c", run / "config.yaml", "-q", "seed=5", "--resume", run, "--out")
     assert "--out: a run is resumed in its own folder" in command(*words, tmp_path / "other").err
     assert "the run was begun with 0, this is 5" in command(*words, tmp_path / "other" / ".." / "run").err
+
+
+def test_a_journal_is_of_what_the_initial_view_s_file_held(tmp_path: Path) -> None:
+    begun = {"init": "view.json", VIEW: 1, "threads": 2}
+    Journal(tmp_path / "a", begun, False)
+    Journal(tmp_path / "a", begun, True)
+    with pytest.raises(
+        InputError, match=rf"{VIEW}: the run was begun with 1, this is 2 \(start over with another --out"
+    ):
+        Journal(tmp_path / "a", {**begun, VIEW: 2}, True)
+    with pytest.raises(
+        InputError, match=r"init: the run was begun with 'view.json', .* \(go on with --init view.json, or"
+    ):
+        Journal(tmp_path / "a", {"init": "auto", "threads": 2}, True)
 
 
 def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
