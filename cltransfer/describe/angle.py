@@ -13,6 +13,7 @@ from ..losses.filmic_space import layer_depths
 HEIGHTS = ("low angle", "eye level", "high angle", "overhead")
 # Pitch is measured about the person's middle: at eye level a near camera looks down on that by up to 25 degrees.
 HEIGHT_BOUNDS = (math.radians(-8), math.radians(25), math.radians(65))
+STEEP = math.radians(82)  # from right above or below nobody has a side, and no camera is canted
 DUTCH = math.radians(12)  # of roll: bodies lean by less before a level camera
 
 SIDES = ("front", "three-quarter front", "profile", "three-quarter back", "back")
@@ -29,14 +30,19 @@ def height_class(orientation: Tensor) -> Tensor:
 
 
 def side_class(orientation: Tensor) -> Tensor:
-    """Index (N,) into :data:`SIDES` of yaw, pitch, roll (N, 3) [rad]; -1 where undefined."""
+    """Index (N,) into :data:`SIDES` of yaw, pitch, roll (N, 3) [rad]; -1 where undefined, as from right above."""
     yaw = torch.remainder(orientation[:, 0] + math.pi, 2 * math.pi) - math.pi
-    return _classed(yaw.abs(), SIDE_BOUNDS)
+    return _classed(yaw.abs(), SIDE_BOUNDS).masked_fill(_steep(orientation), -1)
 
 
 def dutch_class(orientation: Tensor) -> Tensor:
     """1 where the camera is canted, 0 where it is level, (N,), of yaw, pitch, roll (N, 3) [rad]; -1 where undefined."""
-    return _classed(orientation[:, 2].abs(), (DUTCH,))
+    return _classed(orientation[:, 2].abs(), (DUTCH,)).masked_fill(_steep(orientation), -1)
+
+
+def _steep(orientation: Tensor) -> Tensor:
+    """Where the camera looks down, or up, too steeply for yaw and roll to mean anything, (N,) bool."""
+    return orientation[:, 1].abs() > STEEP
 
 
 def staging_class(features: Features) -> Tensor:

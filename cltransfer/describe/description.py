@@ -179,11 +179,11 @@ def _canted(dutch: Track, moves: Movement) -> str:
 def _angle(height: Track, side: Track, canted: str) -> str | None:
     if height.usual() is None:
         return None
-    return ", ".join(filter(None, (height.usual(), f"from {_article(side.usual())}", canted)))
+    return ", ".join(filter(None, (height.usual(), _from(side.usual()), canted)))
 
 
-def _article(side: str | None) -> str:
-    return f"the {side}" if side in ("front", "back") else f"{side}"
+def _from(side: str | None) -> str:
+    return f"from the {side}" if side in ("front", "back") else f"from {side}" if side else ""
 
 
 def _sentence(name: str, words: str | None) -> str:

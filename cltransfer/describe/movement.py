@@ -14,6 +14,7 @@ STILL = 0.009  # apparent motion over the clip below which nothing moves [frame 
 BESIDE = 0.6  # part of the leading motion that another needs to be named beside it
 SHAKY = 0.022  # back and forth, per second, from which a hand holds the camera [frame sides / s]
 RESTLESS = 2.0  # back and forth over the net motion from which holding is all the camera does, or going and coming back
+HOLDS = 2.0  # [s] whose back and forth is held against the net motion, which does not grow with the clip as that does
 TURNS = 3  # of all motions that go back and forth, from which it shakes: a move that comes back turns once
 ALSO = 0.15  # of what goes back and forth most, from which another motion counts among them
 SLACK = 0.05  # of its range that a motion has to go back for a turn
@@ -81,7 +82,7 @@ def movement(motion: Motion) -> Movement:
     order = net.abs().argsort(descending=True).tolist()
     largest = float(net[order[0]].abs())
     named = dict(zip(PRIMITIVES, net.tolist()))
-    if handheld and wasted > RESTLESS * largest:
+    if handheld and min(wasted, HOLDS * shake) > RESTLESS * largest:
         return Movement("handheld", (), True, named, shake)
     if not handheld and (word := _returning(track, largest)):
         return Movement(word, (), False, named, shake, returns=True)
@@ -100,7 +101,8 @@ def _returning(track: Tensor, largest: float) -> str:
     if float(farthest.max()) <= max(RESTLESS * largest, 2 * STILL):
         return ""
     most = int(farthest.argmax())
-    return _word(PRIMITIVES[most], float(away[away[:, most].abs().argmax(), most]))
+    there = dict(zip(PRIMITIVES, away[away[:, most].abs().argmax()].tolist()))
+    return "dolly zoom" if _compensates(PRIMITIVES[most], there) else _word(PRIMITIVES[most], there[PRIMITIVES[most]])
 
 
 def _restless(track: Tensor) -> bool:
@@ -130,15 +132,20 @@ def turns(track: Tensor) -> int:
 
 
 def _lead(primitive: str, motion: Motion, net: dict[str, float]) -> str:
-    dolly, zoom = net["dolly"], net["zoom"]
-    together = min(abs(dolly), abs(zoom)) > COMPENSATED * max(abs(dolly), abs(zoom))
-    if primitive in ("dolly", "zoom") and together and dolly * zoom < 0:
+    if _compensates(primitive, net):
         return "dolly zoom"
     if primitive == "zoom" and _fastest(motion, "zoom") > CRASH:
         return "crash zoom"
     if primitive == "pan" and _fastest(motion, "pan") > WHIP:
         return "whip pan"
     return _word(primitive, net[primitive])
+
+
+def _compensates(primitive: str, net: dict[str, float]) -> bool:
+    """Whether the zoom takes back what the dolly does to the person's size, and ``primitive`` is one of them."""
+    dolly, zoom = net["dolly"], net["zoom"]
+    together = min(abs(dolly), abs(zoom)) > COMPENSATED * max(abs(dolly), abs(zoom))
+    return primitive in ("dolly", "zoom") and together and dolly * zoom < 0
 
 
 def _fastest(motion: Motion, primitive: str) -> float:

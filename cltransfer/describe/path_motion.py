@@ -22,10 +22,12 @@ def path_motion(path: Trajectory, subject: Subject) -> Motion:
         pan, tilt, roll = -turn[:, 1:2] * lens, -turn[:, :1] * lens, -turn[:, 2:]
         anchor = camera.to_camera(subject.anchor[None])[:, 0]
         distance = anchor.norm(dim=1)
-        step = (R[1:] @ (camera.center[1:] - camera.center[:-1])[..., None])[..., 0] / distance[1:, None] * lens
+        step = (R[1:] @ (camera.center[1:] - camera.center[:-1])[..., None])[..., 0]  # [scene units], along the axes
+        forward = step[:, 2] / (distance[1:] * distance[:-1]).sqrt()  # towards the person the log of the distances
+        step = step / distance[1:, None] * lens
         rates[1:, 2:3] = roll
         rates[1:, 3] = camera.focal.log().diff()
-        rates[1:, 4] = -distance.log().diff()
+        rates[1:, 4] = forward
         rates[1:, [0, 5, 7]] = _split(pan, step[:, :1], spare=True)
         rates[1:, [1, 6]] = _split(tilt, -step[:, 1:2], spare=False)
     return Motion(rates, path.times, float("nan"))
@@ -34,9 +36,11 @@ def path_motion(path: Trajectory, subject: Subject) -> Motion:
 def _split(turn: torch.Tensor, travel: torch.Tensor, spare: bool) -> torch.Tensor:
     """Turn (M, 1) and travel (M, 1) along one axis as turn, travel and, where ``spare``, travel round, (M, 2 or 3).
 
-    A turn that keeps the subject in place while the camera travels belongs to the travel.
+    A turn that keeps the subject in place while the camera travels belongs to the travel: by the slope of one over the
+    other, as both may come back to where they were.
     """
-    held = bool((turn + travel).sum().abs() < SAME * travel.sum().abs())
+    along = (travel * travel).sum()
+    held = bool(along > 0) and bool((1 + (turn * travel).sum() / along).abs() < SAME)
     none = torch.zeros_like(turn)
     if not spare:
         return torch.cat([none if held else turn, travel], dim=1)
