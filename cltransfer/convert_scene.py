@@ -99,12 +99,12 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
     if out.suffix.lower() != ".ply":
         raise UsageError(out, "--out", "expected a .ply file")
     _refuse_source(out, source)
-    unseen = options.floaters == "drop" and options.k == options.prune == 0 and not views
-    cameras = None if unseen else given_views(views, options.side)
     scene = load_scene(source)
     if not isinstance(scene.geometry, Splats):
         kind = type(scene.geometry).__name__
         raise UsageError(source, "scene", f"expected Gaussian splats, got {kind}", "only these can be simplified")
+    unseen = options.floaters == "drop" and options.k == options.prune == 0 and not views
+    cameras = None if unseen else given_views(views, options.side)
     splats: Splats = (without_floaters(scene) if options.floaters == "drop" else scene).geometry
     solid = len(splats)
     if cameras is not None and options.prune > 0:

@@ -108,6 +108,13 @@ def test_whether_a_view_is_a_trajectory_is_told_by_what_it_holds(tmp_path: Path)
         given_views([str(tmp_path / "huge.json")], 64)
 
 
+def test_what_is_no_scene_of_splats_is_told_before_its_views_are_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        simplify_file(str(tmp_path / "gone.ply"), tmp_path / "out.ply", [], Simplification())
+    with pytest.raises(UsageError, match="expected Gaussian splats, got Mesh"):
+        simplify_file("builtin:courtyard-0-mesh", tmp_path / "out.ply", [], Simplification())
+
+
 @pytest.mark.parametrize("order", [("high", "wide"), ("wide", "high")])
 def test_no_view_is_cut_to_the_shape_of_another(tmp_path: Path, order: tuple[str, str]) -> None:
     up = torch.tensor([0.0, -1, 0])

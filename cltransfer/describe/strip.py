@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 HIGH = 120  # [px] of the frames
 WIDE = 7.2  # width of their row over its height
+DOTS: Any = {"marker": "o", "markersize": 1.5}  # one frame, or one between two that were not read, is no line
 STYLE: Any = {"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8, "axes.titlesize": 9}
 
 
@@ -77,7 +78,7 @@ def _angle(ax: Axes, shown: Description) -> None:
         degrees = torch.rad2deg(shown.orientation[:, column]).numpy()
         if column == 0:  # a line that crosses the back of the body is broken there
             degrees = np.where(np.abs(np.diff(degrees, prepend=degrees[:1])) > 180, np.nan, degrees)
-        ax.plot(shown.times, degrees, label=name)
+        ax.plot(shown.times, degrees, label=name, **DOTS)
     words = [shown.tracks[name].usual() for name in ("height", "side", "dutch")]
     ax.set_title(f"angle [degrees]: {', '.join(word for word in words if word) or 'not told'}", loc="left")
     ax.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1), borderpad=0)
@@ -87,7 +88,7 @@ def _movement(ax: Axes, shown: Description) -> None:
     track = shown.motion.track
     for i, name in enumerate(PRIMITIVES):
         if float(track[:, i].abs().max()) > STILL:
-            ax.plot(shown.times, track[:, i], label=name)
+            ax.plot(shown.times, track[:, i], label=name, **DOTS)
     if ax.lines:
         ax.legend(frameon=False, ncols=len(PRIMITIVES), loc="lower right", bbox_to_anchor=(1, 1), borderpad=0)
     else:

@@ -134,7 +134,7 @@ def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
     def draw(figure: Figure) -> None:
         axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (name, values) in zip(axes, rows):
-            ax.plot(times, values, color=_MAIN)
+            ax.plot(times, values, color=_MAIN, marker="o", markersize=2)  # one frame alone is no line
             ax.set_ylim(0, 1.15 * float(values.max()))
             ax.set_title(name, pad=3)
             ax.grid(axis="y")

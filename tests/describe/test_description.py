@@ -154,3 +154,15 @@ def test_the_strip_is_the_same_twice(tmp_path: Path) -> None:
     write_strip(tmp_path / "b.svg", shown, image)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     assert "shot size" in (tmp_path / "a.svg").read_text()
+
+
+def test_one_frame_is_a_dot_in_the_strip(tmp_path: Path) -> None:
+    drawn = []
+    for nothing in (False, True):
+        features = sample_features(1, 1)
+        orientation = features.require("orientation") * (torch.nan if nothing else 1.0)
+        motion = flow_motion(features, TIMES[:1])
+        alone = replace(features, orientation=orientation)
+        write_strip(tmp_path / "a.svg", describe_features("one", alone, TIMES[:1], motion, {}), None)
+        drawn.append((tmp_path / "a.svg").read_text().count("<use "))
+    assert drawn[0] == drawn[1] + 3  # yaw, pitch and roll

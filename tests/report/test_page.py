@@ -80,6 +80,17 @@ def test_one_frame_makes_a_page(report):
         report.render_frames[:1],
     )
     assert page(one).count("<img") == 2
+    assert len(re.findall(r"<use [^>]*y=", page(one))) > len(
+        re.findall(r"<use [^>]*y=", page(replace(one, trajectory=None)))
+    )
+
+
+def test_what_is_as_good_as_the_first_view_is_neither_better_nor_worse(report):
+    for share, word in ((1.0, ""), (2.0, "better"), (0.5, "worse")):
+        held = replace(report.scores, terms=report.scores.terms[:1], totals=torch.ones(4, dtype=torch.float64))
+        text = page(replace(report, scores=held, baseline=replace(held, totals=share * held.totals)))
+        row = text.partition('<tr class="total')[2].partition("</tr>")[0]
+        assert [found for found in ("better", "worse") if f'class="{found}"' in row] == [word] * bool(word)
 
 
 def test_a_flag_of_every_frame_is_one_line(report):
