@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import resource
 import shutil
@@ -183,15 +184,21 @@ def _child_seconds() -> float:
 @pytest.fixture(scope="session")
 def tiny_run(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a finished run on the built-in scenes; copy it before you damage it."""
-    folder = tmp_path_factory.mktemp("tiny") / "run"
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own  # one run for all workers
+    folder = shared / "tiny" / "run"
+    folder.parent.mkdir(exist_ok=True)
     count = str(threads.default_count())  # as a run in this process takes them, whatever one before it has set
-    subprocess.run(
-        [sys.executable, "-m", "cltransfer", "transfer", "--quiet", "--out", str(folder), *TINY],
-        env={**os.environ, "CLTRANSFER_CACHE": str(cache), threads.VARIABLE: count},
-        stdout=subprocess.DEVNULL,
-        check=True,
-        timeout=240,
-    )
+    with (shared / "tiny.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "DONE").is_file():
+            subprocess.run(
+                [sys.executable, "-m", "cltransfer", "transfer", "--quiet", "--out", str(folder), *TINY],
+                env={**os.environ, "CLTRANSFER_CACHE": str(cache), threads.VARIABLE: count},
+                stdout=subprocess.DEVNULL,
+                check=True,
+                timeout=240,
+            )
     return folder
 
 

@@ -15,8 +15,10 @@ from cltransfer.config.options import RunConfig
 from cltransfer.evaluate import evaluate
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
+from cltransfer.progress import silent
 from cltransfer.registry import EXTRACTORS
 from cltransfer.run.folder import write_run
+from cltransfer.run.preparation import Clock, prepare
 from cltransfer.scenes import Scene
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lift import Lift, LiftOptions, summary
@@ -134,17 +136,17 @@ def test_a_clip_against_itself_scores_zero_on_every_defined_term(config: RunConf
 
 def test_a_clip_is_read_whole_with_the_shift_of_its_scene(config: RunConfig, lifted: Lift, blue_network: Path) -> None:
     network = {"model": str(blue_network), "kind": "disparity", "align": "shift", "width": 32, "height": 16}
-    short = replace(
-        config, preset="fast", frames=3, generations=2, extractors={**config.extractors, "depth_onnx": network}
-    )
-    result = transfer(Inputs(str(SCENE), str(CLIP)), short)
-    assert result.alignment is not None
-    given = EXTRACTORS.build("depth_onnx", {**network, "affine": list(result.alignment.affine)})
-    assert result.reference.image is not None
-    image = result.reference.image.float() / 255
-    seen = given(Features(result.reference.features.size, image=image)).depth
-    torch.testing.assert_close(result.reference.features.depth, seen)
-    assert result.verified.term("filmic_space").defined == 3
+    overrides = ["preset=fast", "frames=3", "search_side=64", "output_side=320"]
+    short = replace(load_config(overrides=overrides), extractors={**config.extractors, "depth_onnx": network})
+    job = prepare(Inputs(str(SCENE), str(CLIP)), short, Clock(), silent, None)
+    assert job.alignment is not None
+    given = EXTRACTORS.build("depth_onnx", {**network, "affine": list(job.alignment.affine)})
+    assert job.reference.image is not None
+    image = job.reference.image.float() / 255
+    seen = given(Features(job.reference.features.size, image=image)).depth
+    torch.testing.assert_close(job.reference.features.depth, seen)
+    (space,) = (i for i, name in enumerate(job.stage.objective.losses) if name == "filmic_space")
+    assert bool(job.stage.objective.defined(job.reference.features)[:, space].all())
 
 
 @pytest.fixture(scope="module")

@@ -89,21 +89,21 @@ def values_of(metrics: dict[str, Any]) -> dict[str, tuple[float | None, int]]:
 
 
 def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
-    fresh: Callable[..., Any], sweep_file: SweepFile, cache: Path, tmp_path: Path
+    command: Callable[..., Any], sweep_file: SweepFile, cache: Path, tmp_path: Path
 ) -> None:
     file, out = sweep_file(ROWS), tmp_path / "out"
-    command = [str(file), "--out", str(out), "engine.workers=1", "--json"]
+    words = [str(file), "--out", str(out), "engine.workers=1", "--json"]
     for sent, code, says in (
         (signal.SIGKILL, -signal.SIGKILL, ""),
         (signal.SIGINT, 130, f"error: interrupted (the same command goes on from here: {out})\n"),
     ):
-        status, said, complained = stopped([*command, "--quiet"], cache, out, sent)
+        status, said, complained = stopped([*words, "--quiet"], cache, out, sent)
         assert (status, said) == (code, "")
         assert complained.endswith(says)
         assert says or not complained  # before the words Python may tell of an interrupt that an import ignored
     interrupted = keys(out)
     assert 2 <= len(interrupted) < 4
-    done = fresh("ablate", *command)
+    done = command("ablate", *words)
     assert done.code == 0, done.err
     assert keys(out)[: len(interrupted)] == interrupted
     assert len(set(keys(out))) == len(keys(out)) == 3
@@ -113,7 +113,7 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     assert {"table.csv", "table.md", "table.tex", "summary.json", "ablation.yaml"} <= {p.name for p in out.iterdir()}
     assert "| no framing | 1 | 0 |" in (out / "table.md").read_text()
     made_by, _, again = (out / "ablation.yaml").read_text().partition("\n")
-    assert made_by == f"# made by: cltransfer ablate {' '.join(command)}"
+    assert made_by == f"# made by: cltransfer ablate {' '.join(words)}"
     assert again == read_sweep(str(file), ["engine.workers=1"]).to_yaml()
     sweep = read_sweep(str(file), ["engine.workers=1"])
     unbroken = [run_trial(trial, Job()) for trial in trials(sweep, {})]
@@ -211,38 +211,33 @@ def test_no_row_is_measured_in_what_its_own_renderer_draws(
 def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
     fresh: Callable[..., Any], sweep_file: SweepFile, fatal: Path, tmp_path: Path
 ) -> None:
-    file = sweep_file("{full: {}, kills: {losses: {fatal: {how: kill}}}, raises: {losses: {fatal: {}}}}")
-    command = ("ablate", file, "--out", tmp_path / "out", "--allow-plugin", fatal, "--quiet", "engine.workers=2")
-    answer = fresh(*command)
+    """By a plugin that is a file, and one that is installed: a folder of its name is not imported in its place."""
+    info, name = tmp_path / "site" / "cl_deadly-1.2.dist-info", "deadly"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: cl-deadly\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text(f"[cltransfer.plugins]\n{name} = cl_deadly\n")
+    code = fatal.read_text().replace('register("fatal")', f'register("{name}")')
+    (tmp_path / "site" / "cl_deadly.py").write_text(code)
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "other.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
+    path = os.pathsep.join(filter(None, (str(tmp_path / "site"), os.environ.get("PYTHONPATH"))))
+    file = sweep_file("{full: {}, kills: {losses: {fatal: {how: kill}}}, raises: {losses: {deadly: {}}}}")
+    plugins = ("--allow-plugin", fatal, "--allow-plugin", name)
+    command = ("ablate", file, "--out", tmp_path / "out", *plugins, "--quiet", "engine.workers=2")
+    answer = fresh(*command, PYTHONPATH=path)
     assert answer.code == 1, answer.err
     assert "Failed: 2 of 3 trials." in answer.out
     assert (
-        "- raises, builtin:static in builtin:courtyard, seed 0: loss 'fatal': expected values of shape (2,), it raised "
-        "ArithmeticError: the loss has no answer" in answer.out
+        "- raises, builtin:static in builtin:courtyard, seed 0: loss 'deadly': expected values of shape (2,), it "
+        "raised ArithmeticError: the loss has no answer" in answer.out
     )
     assert "- kills, builtin:static in builtin:courtyard, seed 0: its process was killed (out of memory?)" in answer.out
+    assert not (tmp_path / "ran").exists()
     assert len(set(keys(tmp_path / "out"))) == len(keys(tmp_path / "out")) == 3
-    again = fresh(*command)
+    again = fresh(*command, PYTHONPATH=path)
     told = "2 of 3 trials. 2 of them in an earlier run: --retry runs them again."
     assert (again.code, again.out) == (1, answer.out.replace("2 of 3 trials.", told))  # all from the ledger
     assert len(keys(tmp_path / "out")) == 3
-
-
-def test_workers_import_the_installed_plugin_that_was_allowed_and_no_folder_of_its_name(
-    fresh: Callable[..., Any], sweep_file: SweepFile, fatal: Path, tmp_path: Path
-) -> None:
-    info = tmp_path / "site" / "cl_fatal-1.2.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: cl-fatal\nVersion: 1.2\n")
-    (info / "entry_points.txt").write_text("[cltransfer.plugins]\nfatal = cl_fatal\n")
-    (tmp_path / "site" / "cl_fatal.py").write_text(fatal.read_text())
-    (tmp_path / "fatal").mkdir()
-    (tmp_path / "fatal" / "other.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
-    path = os.pathsep.join(filter(None, (str(tmp_path / "site"), os.environ.get("PYTHONPATH"))))
-    file = sweep_file("{raises: {losses: {fatal: {}}}}")
-    answer = fresh("ablate", file, "--out", tmp_path / "out", "--allow-plugin", "fatal", *TINIER, PYTHONPATH=path)
-    assert "ArithmeticError: the loss has no answer" in answer.out, answer.err
-    assert not (tmp_path / "ran").exists()
 
 
 def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(

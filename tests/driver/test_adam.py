@@ -140,7 +140,6 @@ def test_every_evaluation_is_counted(solved: Callable[..., Result], preset: str,
 def test_a_descent_never_ends_above_its_start(solved: Callable[..., Result], preset: str) -> None:
     found = solved(preset, "adam.iterations=4")
     for i, frame in enumerate(found.kept.found.frames):
-        assert frame.total >= 0
         assert frame.total == pytest.approx(float(found.searched.totals[i]), rel=1e-4, abs=1e-6)
     later = found.searched.totals[1:].mean()
     assert float(later) < 0.985 * float(found.held.totals[1:].mean())  # uphill, the first frame alone gains 0.2 %

@@ -32,10 +32,10 @@ def silent(step: str, done: int, total: int) -> None:
 
 @pytest.fixture(scope="module")
 def fitted(views, tmp_path_factory):
-    """A fit in full, about ten seconds on one core."""
+    """A fit in full, about three seconds on one core."""
     folder = tmp_path_factory.mktemp("fit")
     told: list[tuple[str, int, int]] = []
-    options = NerfGridFit(first=8000, most=130_000, steps=250, rays=1024, degree=0)
+    options = NerfGridFit(first=8000, most=64_000, steps=160, rays=768, degree=0)
     levels = options.fit(views, folder, lambda *step: told.append(step))
     return options, folder, levels, told
 
@@ -59,6 +59,13 @@ def test_cells_are_added_only_while_held_out_views_gain(fitted):
     for before, after in pairwise(levels):
         assert before.kept
         assert after.kept == (after.psnr >= before.psnr + options.gain)
+
+
+def test_a_level_that_gains_less_than_asked_for_is_not_kept_and_the_last(views, tmp_path):
+    options = NerfGridFit(first=500, most=64_000, steps=40, rays=256, degree=0, gain=3.0)
+    levels = options.fit(views, tmp_path, silent)
+    assert [level.kept for level in levels] == [True] * (len(levels) - 1) + [False]
+    assert len(levels) == 3  # the next one would be of 64,000 cells or less, and is not begun
 
 
 def test_the_grid_that_is_left_scores_what_the_last_kept_level_says(fitted, views):

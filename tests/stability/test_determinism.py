@@ -41,16 +41,16 @@ def test_a_global_seed_changes_nothing_and_is_not_changed(solve: Callable[..., A
     assert torch.equal(before, torch.get_rng_state())
 
 
-def test_two_processes_leave_the_same_trajectory(tmp_path: Path) -> None:
-    for name, salt in (("a", "1"), ("b", "2")):
-        subprocess.run(
-            [sys.executable, "-m", "cltransfer", "transfer", "-q", "--out", name, *SHORT],
-            cwd=tmp_path,
-            env={**os.environ, "CLTRANSFER_CACHE": str(tmp_path / "cache"), "PYTHONHASHSEED": salt},
-            stdout=subprocess.DEVNULL,
-            check=True,
-            timeout=200,
-        )
-    assert (tmp_path / "a" / "trajectory.json").read_bytes() == (tmp_path / "b" / "trajectory.json").read_bytes()
-    first, second = (json.loads((tmp_path / name / "metrics.json").read_text())["metrics"] for name in "ab")
+def test_two_processes_leave_the_same_trajectory(tiny_run: Path, tmp_path: Path) -> None:
+    """The one of ``tiny_run``, and one with another salt of hashes and a cache of its own."""
+    other = tmp_path / "other"
+    subprocess.run(
+        [sys.executable, "-m", "cltransfer", "transfer", "-q", "-c", tiny_run / "config.yaml", "--out", other],
+        env={**os.environ, "CLTRANSFER_CACHE": str(tmp_path / "cache"), "PYTHONHASHSEED": "2"},
+        stdout=subprocess.DEVNULL,
+        check=True,
+        timeout=200,
+    )
+    assert (tiny_run / "trajectory.json").read_bytes() == (other / "trajectory.json").read_bytes()
+    first, second = (json.loads((run / "metrics.json").read_text())["metrics"] for run in (tiny_run, other))
     assert first == second

@@ -102,4 +102,6 @@ def test_the_other_side_of_a_scene_is_searched_past_what_stands_there(
     filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None]
 ) -> None:
     reference, _ = filmed("orbit", frames=3, azimuth=-1.2, distance=4.0, coverage=0.5)
-    sound(solve(reference, scene="builtin:plaza"))
+    found = solve(reference, scene="builtin:plaza")
+    sound(found)
+    assert found.searched.total < 3  # measured 1.88; the first view held is 17
