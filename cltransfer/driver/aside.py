@@ -32,18 +32,20 @@ class Tries:
         every: frames of which one is tried: the others gain what those around them do.
         sways: totals of one frame that the background's flow may cost where a path goes aside by 1, in the units of x;
             what is best by each is scored.
+        stands: whether views nearby are tried too, with other lenses, as of a camera that stands.
     """
 
     every: int
     sways: tuple[float, ...]
+    stands: bool = False
 
 
 FEW, MANY = Tries(2, (9.0,)), Tries(1, (9.0, 4.0))
 
 
-def as_a_whole(every: int) -> Tries:
+def as_a_whole(every: int, stands: bool = False) -> Tries:
     """Of a path that stays what it is, static or linear: all frames go the same way, or none does."""
-    return Tries(every, (math.inf,))
+    return Tries(every, (math.inf,), stands)
 
 
 def go_aside(
@@ -70,7 +72,7 @@ def go_aside(
     """
     from scipy.ndimage import binary_dilation
 
-    ways = clip.aside(x.shape[1], lens_kept)
+    ways = clip.aside(x.shape[1], lens_kept, tries.stands)
     if ways is None or not bool(wanted.any()):
         return x, residuals
     frames = torch.from_numpy(binary_dilation(wanted.numpy(), iterations=BESIDE))

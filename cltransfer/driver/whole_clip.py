@@ -69,10 +69,15 @@ class WholeClip:
         """Direction (D,) of x along which the focal length changes; None where it does not."""
         return getattr(self.search, "lens", None) if dimensions == self.search.dimensions else None
 
-    def aside(self, dimensions: int, lens_kept: bool = False) -> Tensor | None:
-        """Moves (W, D) of x by which the camera goes a little aside; None where the search has none."""
+    def aside(self, dimensions: int, lens_kept: bool = False, stands: bool = False) -> Tensor | None:
+        """Moves (W, D) of x by which the camera goes a little aside; None where the search has none.
+
+        One that ``stands`` is also tried nearby, with another lens too, as that stays the same along the clip.
+        """
         ways: Tensor | None = getattr(self.search, "aside", None)
-        lens = self.lens(dimensions) if lens_kept else None
+        if ways is not None and stands and hasattr(self.search, "nearby"):
+            ways = torch.cat([ways, self.search.nearby])
+        lens = self.lens(dimensions) if lens_kept and not stands else None
         if ways is None or lens is None:
             return None if ways is None else ways[:, :dimensions]
         return ways[(ways @ lens).abs() < 1e-9]

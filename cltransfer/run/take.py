@@ -28,6 +28,7 @@ Report = Callable[[int, Solved], None]
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that has more than that
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
+STANDS = 0.25  # total above which a path that stands is tried nearby: a step of a loss may lead down
 STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
 
 
@@ -82,8 +83,8 @@ def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, sta
     """
     take = _searched(job, config, stage, target, starts, report)
     if stage.scene is job.stage.scene:
-        return _past_steps(job, config, take)
-    return _with_floaters(job, config, take, report)
+        return _nearby(job, config, _past_steps(job, config, take))
+    return _nearby(job, config, _with_floaters(job, config, take, report))
 
 
 def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
@@ -109,15 +110,39 @@ def _past_steps(job: Job, config: RunConfig, take: Take) -> Take:
     return take if take.path is None else _aside(job, config, take, LeftOut(0, take.total, take.total))[0]
 
 
+def _nearby(job: Job, config: RunConfig, take: Take) -> Take:
+    """A path that stands at views that hardly differ, of which one tells of all frames, if a step leads down there."""
+    path = take.path
+    if path is None or path.knots != 1 or not _told(job.stage):
+        return take
+    whole = replace(take.clip, stage=job.stage)
+    among = job.stage.path_residuals(whole.reference, take.cameras, whole.defined)  # not counted, as in _aside
+    poor = whole.totals(among) > STANDS
+    if not bool(poor.all()):
+        return take
+    x, seen = go_aside(whole, path.x, among, poor, path.about, tries=as_a_whole(len(path.x), stands=True))
+    left_out = take.left_out or LeftOut(0, take.total, whole.mean_total(among))
+    moved, found = take, left_out
+    if x is not path.x:
+        moved, found = _moved(
+            job, config, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=True)
+        )
+    return moved if take.left_out is None else replace(moved, left_out=found)
+
+
+def _told(stage: Stage) -> bool:
+    """Whether the losses tell each frame's share of a total, without noise."""
+    return stage.objective.groups is not None and not stage.plan.passes
+
+
 def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
     """The path aside where floaters hide the person or a loss jumps, and refined, if it gains there more than it loses.
 
     Presets that refine a path but once look for no steps, and refine none again.
     """
     path, clip, stage = take.path, take.clip, job.stage
-    told = stage.objective.groups is not None and not stage.plan.passes  # each frame's share of it, without noise
     several, dearer = config.joint > AMONG, left_out.among > left_out.alone + SEEN
-    if path is None or not told or not (several or dearer):
+    if path is None or not _told(stage) or not (several or dearer):
         return take, left_out
     whole = replace(clip, stage=stage)
     # the views of left_out once more, so not counted again
@@ -136,13 +161,22 @@ def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[
     x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, tries)
     if x is path.x and not dearer:
         return take, left_out
-    aside = replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
-    there = refined(whole, aside, Effort(AMONG if several else 0, config.joint_steps))
+    return _moved(
+        job, config, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
+    )
+
+
+def _moved(job: Job, config: RunConfig, take: Take, left_out: LeftOut, aside: LeastPath) -> tuple[Take, LeftOut]:
+    """The path ``aside``, refined by presets that do so more than once, if it gains more than it loses."""
+    clip, path = take.clip, take.path
+    assert path is not None
+    whole = replace(clip, stage=job.stage)
+    there = refined(whole, aside, Effort(AMONG if config.joint > AMONG else 0, config.joint_steps))
     if there.x is path.x or there.residuals is None:
         return take, left_out
     residuals = clip.residuals(there.x)
     moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
-    found = LeftOut(job.floaters, moved.total, whole.mean_total(there.residuals))
+    found = LeftOut(left_out.count, moved.total, whole.mean_total(there.residuals))
     return (replace(take, path=moved), found) if found.better(left_out) else (take, left_out)
 
 

@@ -36,7 +36,8 @@ class Search(Protocol):
 
     # Optional: refinable, False where the slopes about a camera do not tell every move; the engine refine is then cma.
     # Optional: lens, the direction (D,) of x along which the focal length changes.
-    # Optional: aside, moves (W, D) of x by which the camera goes past something that hides the person.
+    # Optional: aside, moves (W, D) of x by which the camera goes past something that hides the person; nearby, moves to
+    # views that hardly differ, for a camera that stands where a loss has a step.
     # Optional: aimed(x, home, subject, reference) -> x: x moved, without rendering, so that the subject's known joints
     # appear where and as large as one reference frame has them.
     # Optional: turned(x, to) -> x: of all x (B, D) of the same cameras, those nearest to ``to`` (D,).

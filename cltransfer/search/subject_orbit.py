@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -25,7 +26,20 @@ TURNING = [0, 2]  # azimuth and roll, which a whole turn leads back to the same 
 BESIDE = 6.0  # frame sizes from the frame's middle to the subject's: an eye fills the frame
 # what leads past something in the way: azimuth, elevation [rad], log(distance / height), to either side
 ASIDE = ((0, 0.05), (0, 0.15), (1, 0.04), (1, 0.08), (3, 0.064))
+# what leads over a step of the losses close by, where a camera stands: each parameter alone, to either side
+NEARBY = (
+    *((0, 0.02), (1, 0.01), (1, 0.02), (2, 0.02), (3, 0.03)),
+    *((4, 0.006), (4, 0.012), (4, 0.025), (5, 0.006), (5, 0.012), (5, 0.025), (6, 0.01), (6, 0.02), (6, 0.05)),
+)
+TOGETHER = ((0.01, 0.01, 0.02), (0.015, 0.015, 0.06))  # and place and size at once: screen x and y, log apparent size
 AIM_STEPS = 8  # of the fixed point; the error halves at least with each
+
+
+def _either_way(steps: Sequence[tuple[int, float]]) -> Tensor:
+    """Moves (W, 7) of one parameter each, by so much and by as much the other way."""
+    axis, by = torch.tensor(steps, dtype=torch.float64).unbind(1)
+    moves = torch.eye(7, dtype=torch.float64)[axis.long()] * (by / SCALE[axis.long()])[:, None]
+    return torch.cat([moves, -moves])
 
 
 @SEARCHES.register("subject_orbit")
@@ -79,9 +93,15 @@ class SubjectOrbit:
     @property
     def aside(self) -> Tensor:
         """Moves (W, 7) by which the camera goes a little aside, or nearer or farther at the same size."""
-        axis, by = torch.tensor(ASIDE, dtype=torch.float64).unbind(1)
-        moves = torch.eye(7, dtype=torch.float64)[axis.long()] * (by / SCALE[axis.long()])[:, None]
-        return torch.cat([moves, -moves])
+        return _either_way(ASIDE)
+
+    @property
+    def nearby(self) -> Tensor:
+        """Moves (W, 7) to views that hardly differ: what they cost differs where a loss has a step between them."""
+        signs = torch.cartesian_prod(*[torch.tensor([-1.0, 1.0], dtype=torch.float64)] * 3)  # (8, 3)
+        together = torch.zeros(len(TOGETHER) * len(signs), 7, dtype=torch.float64)
+        together[:, 4:] = torch.cat([signs * torch.tensor(by, dtype=torch.float64) for by in TOGETHER]) / SCALE[4:]
+        return torch.cat([_either_way(NEARBY), together])
 
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
         """B cameras of x (B, 7) or (B, 6)."""
