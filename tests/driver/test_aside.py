@@ -77,6 +77,21 @@ def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:
     assert (len(free), len(kept)) == (10, 8)
 
 
+def test_a_camera_that_stands_is_tried_nearby_too_and_with_another_lens(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, _ = behind
+    aside, nearby = clip.aside(7, lens_kept=True), clip.aside(7, lens_kept=True, stands=True)
+    assert aside is not None
+    assert nearby is not None
+    assert len(nearby) == len(SubjectOrbit().aside) + len(SubjectOrbit().nearby)
+    assert len({tuple(way) for way in nearby.tolist()}) == len(nearby)
+    assert torch.equal(
+        (nearby[:, None] + nearby).abs().sum(-1).amin(0), torch.zeros(len(nearby)).double()
+    )  # either way
+    six = clip.aside(6, stands=True)
+    assert six is not None
+    assert six.shape == (len(nearby), 6)
+
+
 def test_where_nothing_is_in_the_way_the_path_stays(behind: tuple[WholeClip, Tensor]) -> None:
     clip, true = behind
     residuals = clip.residuals(true)
