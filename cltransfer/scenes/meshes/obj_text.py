@@ -125,17 +125,18 @@ def _numbers(path: Path, what: str, rows: Sequence[bytes]) -> Array:
 def _rename(lines: list[bytes]) -> frozenset[str]:
     """Give faces without places in a texture another material, in ``lines``; the names of those that share theirs."""
     kinds: dict[bytes, set[bool]] = {}
-    faces: list[tuple[int, bytes, bool]] = []  # line, material, whether it has places
-    material = b""
+    faces: list[tuple[int, bytes, bool, bool]] = []  # line, material, whether it has places, and those before it had
+    material, shown = b"", True
     for i, line in enumerate(lines):
         if line.startswith((b"usemtl ", b"usemtl\t")):
-            material = line[6:].strip()
+            material, shown = line[6:].strip(), True
         elif line.startswith((b"f ", b"f\t")):
             placed = bool(_PLACED.match(line))
             kinds.setdefault(material, set()).add(placed)
-            faces.append((i, material, placed))
+            faces.append((i, material, placed, shown))
+            shown = placed
     both = {name for name, found in kinds.items() if len(found) == 2 and name}
-    for i, name, placed in faces:
-        if name in both and not placed:
-            lines[i] = b"usemtl %s%s\n%s\nusemtl %s" % (name, WITHOUT.encode(), lines[i], name)
+    for i, name, placed, shown in faces:
+        if name in both and placed != shown:  # a line for each run of them
+            lines[i] = b"usemtl %s%s\n%s" % (name, b"" if placed else WITHOUT.encode(), lines[i])
     return frozenset(name.decode("utf-8", "replace") for name in both)

@@ -17,7 +17,7 @@ def fans_hold(points: Array) -> Array:
     twice, normal = _fan(points)
     area = np.linalg.norm(normal, axis=1, keepdims=True)
     along = np.einsum("pti,pi->pt", twice, normal)
-    return np.asarray((along >= -FLAT * area**2).all(1))
+    return np.asarray(~(along < -FLAT * area**2).any(1))  # nothing is clipped of a corner that is nowhere, NaN
 
 
 def triangles_of(points: Array) -> Array:

@@ -76,7 +76,10 @@ def test_numbers_count_back_from_where_they_stand(stage: Callable[..., Path]) ->
         assert sorted(middles.tolist()) == pytest.approx([1 / 3, 9 + 1 / 3])
 
 
-@pytest.mark.parametrize("order", [PLACED + BARE, BARE + PLACED])
+SAME = "usemtl my A\n"
+
+
+@pytest.mark.parametrize("order", [PLACED + BARE, BARE + PLACED, BARE + SAME + BARE + PLACED, PLACED + SAME + BARE])
 def test_a_face_without_places_takes_the_texture_of_no_other(stage: Callable[..., Path], order: str) -> None:
     text = f"mtllib a.mtl\n{SQUARE}usemtl my A\n{order}"
     mesh = read_mesh(stage(text, a="newmtl B\nKd 0 1 0\nnewmtl my A\nKd 1 0.5 0\nmap_Kd red.png\n")).mesh

@@ -40,3 +40,4 @@ def test_a_fan_is_left_where_it_holds() -> None:
     assert fans_hold(np.stack([turned(ARROW[3:] + ARROW[:3]), turned(ARROW)])).tolist() == [True, False]
     assert triangles_of(turned([(0, 0), (2, 0), (2, 1), (0, 1)])).tolist() == [[0, 1, 2], [0, 2, 3]]
     assert fans_hold(np.zeros((1, 5, 3))).tolist() == [True]  # of nothing
+    assert fans_hold(np.array([[*turned(ARROW[:3]), [np.nan] * 3]])).tolist() == [True]  # it is left out later
