@@ -89,7 +89,7 @@ class RunConfig:
         path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact
             (every frame as it was found).
         joint: rounds in which a smooth path is moved as a whole to where it costs less, unless its loss is small.
-        joint_steps: paths evaluated in such a round, at most.
+        joint_steps: paths evaluated in such a round, at most; more while each saves a tenth.
         adam: how the engine adam descends.
         extract: which extractors read the renders.
         renderer, extractors, losses, search: components by name with their options.

@@ -26,6 +26,7 @@ SHARED = 7  # frames that measure all directions together: moves are smooth, and
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
 SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
 PROMISE = 0.002  # total, and bends, that the linear model has to promise
+DOWNHILL = 0.1  # of the cost: a step that saves as much is followed by another, beyond those of the round
 BLEND = 3.5  # [frames] over which a move fades out towards frames that lose by it
 
 
@@ -35,7 +36,7 @@ class Effort:
 
     Args:
         rounds: of differences, narrower each time; 0 refines nothing.
-        steps: paths evaluated in a round, at most.
+        steps: paths evaluated in a round, at most; more while each saves a tenth.
     """
 
     rounds: int
@@ -113,8 +114,8 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
 
 
 def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
-    damping = DAMPING
-    while left and damping <= MOST_DAMPING:
+    damping, downhill = DAMPING, False
+    while (left > 0 or downhill) and damping <= MOST_DAMPING:
         promised = moved(at.x, at.local, moves.knots, damping, moves.fixed, moves.about, clip.at)
         assert promised.predicted is not None
         if promised.predicted + bending(promised.x, moves.about, clip.at) > at.cost - PROMISE:
@@ -123,12 +124,13 @@ def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
         there = at.reached(x, clip.residuals(x))
         left -= 1
         best = there
-        if moves.fade and left and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
+        if moves.fade and left > 0 and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
             share = along((there.totals < at.totals).double()[:, None], BLEND, clip.at)
             x = clip.inside(faded(at.x, there.x, share, moves.fixed))
             part = at.reached(x, clip.residuals(x))
             left -= 1
             best = min(there, part, key=lambda a: a.cost)
+        downhill = best.cost <= (1 - DOWNHILL) * at.cost
         if best.cost < at.cost:
             at, damping = best, max(SOFTER * damping, LEAST_DAMPING)
         else:
