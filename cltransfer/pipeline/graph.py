@@ -77,8 +77,11 @@ def _read_whole(step: Step, found: Features, load: Load, count: int) -> Features
     lost = _lost(step, found.reasons)
     if lost:
         return replace(found, reasons={**found.reasons, **lost})
+    shown = found.only(found.names() - set(step.hidden))
     with step.named, torch.no_grad():
-        got = step.checked(step.extractor.read_clip(found, load), found, count)
+        got = step.checked(step.extractor.read_clip(shown, load), shown, count)
+    for name in step.hidden:
+        got = got.having(name, found.require(name) if found.has(name) else None)
     for name in step.extractor.provides:
         if not got.has(name) and name not in got.reasons:
             raise UsageError("", f"extractor {step.name}", f"gave neither {name!r} nor a reason")
@@ -149,14 +152,10 @@ def _needs_before(step: Step) -> bool:
 
 def _undefined(now: Features, step: Step) -> Features:
     """What a step that compares with the frame before gives a first frame: NaN, of the shape of what it gives."""
-    shapes: dict[str, tuple[int, ...]] = {"flow": (2, *_map_size(now)), "flow_confidence": _map_size(now)}
-    if set(step.extractor.provides) <= set(shapes):
-        rows = {n: torch.empty((len(now), *shapes[n]), device=_device(now)) for n in step.extractor.provides}
-    else:
-        given = step(now, now)
-        rows = {name: given.require(name) for name in step.extractor.provides}
-    for name, value in rows.items():
-        now = now.having(name, _unknown(value))
+    given = step(now[:1], now[:1])
+    for name in step.extractor.provides:
+        value = _unknown(given.require(name))
+        now = now.having(name, value.expand(len(now), *value.shape[1:]).clone())
     return now
 
 
@@ -165,15 +164,3 @@ def _unknown(value: Tensor) -> Tensor:
     if value.dtype is torch.bool:
         return torch.zeros_like(value)
     return torch.full_like(value, float("nan"), dtype=value.dtype if value.is_floating_point() else torch.float32)
-
-
-def _device(now: Features) -> torch.device | None:
-    return next((getattr(now, name).device for name in ("depth", "image", "subject") if now.has(name)), None)
-
-
-def _map_size(now: Features) -> tuple[int, int]:
-    for name in ("depth", "image", "subject"):
-        if now.has(name):
-            height, width = now.require(name).shape[-2:]
-            return height, width
-    return now.size[1], now.size[0]

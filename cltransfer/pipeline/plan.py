@@ -92,7 +92,7 @@ class Plan:
     Args:
         steps: extractors in order.
         buffers: what the source has to deliver, a subset of what it has.
-        wanted: features the losses ask for, and those they use that can be had.
+        wanted: features the losses ask for, and those that they or a step use and that can be had.
         missing: wanted features that this source cannot give, with the reason.
     """
 
@@ -173,7 +173,8 @@ def make_plan(
         if reason:
             missing[name] = reason
     welcome = {name for name in sorted(uses) if planner.welcomes(name)}
-    return Plan(tuple(planner.steps), frozenset(planner.buffers), wanted | welcome, missing)
+    kept = wanted | welcome | planner.optional - CLIP_SOURCE
+    return Plan(tuple(planner.steps), frozenset(planner.buffers), kept, missing)
 
 
 class _Planner:
@@ -186,6 +187,11 @@ class _Planner:
         self.steps: list[Step] = []
         self.buffers: set[str] = set()
         self.done: set[str] = set()
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """What steps take though they could do without: the other side has to be read by the same rule."""
+        return frozenset(n for step in self.steps for n in getattr(step.extractor, "uses", ()) if n not in step.hidden)
 
     def reach(self, feature: str, path: tuple[str, ...]) -> str:
         """Empty if ``feature`` can be had (and its steps are planned), else the reason."""

@@ -163,6 +163,18 @@ def test_an_optional_input_is_hidden_unless_both_sides_have_it(shared: frozenset
     assert got.has("depth")  # hidden from one step, not lost
 
 
+def test_what_a_step_has_used_is_kept_for_the_other_side_to_be_read_by_the_same_rule() -> None:
+    source = frozenset({"image", "depth"})
+    makers = {"a": Making(("box",), uses=("depth", "gaze"), family="both")}
+    first = plan({"box"}, makers, source, family="scene")
+    assert first.wanted == {"box", "depth"}
+    assert plan({"box"}, makers, family="image").wanted == {"box"}
+    features = Features((2, 2), image=torch.zeros(2, 3, 2, 2), depth=torch.ones(2, 2, 2))
+    read = run_clip(first, lambda a, b: features[a:b], 2)
+    second = plan({"box"}, makers, source, family="scene", shared=read.names())
+    torch.testing.assert_close(run(second, features[0], None).require("box"), read.require("box")[:1])
+
+
 def test_a_plugin_s_own_feature_is_hidden_too() -> None:
     chain = {"a": Making(("heat",)), "b": Making(("glow",), uses=("heat",))}
     image = torch.zeros(1, 3, 2, 2)
@@ -192,12 +204,21 @@ def test_what_a_loss_merely_uses_never_replaces_what_it_requires() -> None:
     assert read.wanted == {"flow", "flow_confidence"}
 
 
-def test_a_first_frame_alone_has_maps_of_nan() -> None:
-    made = plan({"flow", "flow_confidence"}, {"f": Making(("flow", "flow_confidence"), needs_before=True)})
-    got = run(made, Features((4, 2), image=torch.zeros(1, 3, 2, 4)), None)
-    assert got.require("flow").shape == (1, 2, 2, 4)
-    assert got.require("flow_confidence").shape == (1, 2, 4)
-    assert bool(got.require("flow_confidence").isnan().all())
+@dataclass(frozen=True)
+class Halved(Making):
+    """Flow of every second pixel."""
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        size = (len(now), 2, now.size[1] // 2, now.size[0] // 2)
+        return replace(now, flow=torch.ones(size), flow_confidence=torch.ones(size[0], *size[2:]))
+
+
+def test_a_first_frame_has_maps_of_the_size_of_the_others() -> None:
+    made = plan({"flow", "flow_confidence"}, {"f": Halved(("flow", "flow_confidence"), needs_before=True)})
+    still = Features((4, 2), image=torch.zeros(3, 3, 2, 4))
+    first = run(made, still, None)
+    got = Features.concatenate([first, run(made, still[:1], first[:1])])
+    assert got.require("flow").isnan().flatten(1).all(1).tolist() == [True, True, True, False]
 
 
 def test_a_first_frame_has_no_flow_and_the_others_compare_with_the_one_before() -> None:
@@ -267,6 +288,24 @@ def test_a_step_that_reads_the_whole_clip_has_what_came_before_and_gives_to_what
     torch.testing.assert_close(got.require("depth")[:, 0, 0], torch.arange(20.0) + 9.5)
     assert bool((got.require("score")[:, 0] >= 100).all())  # they saw the depth
     torch.testing.assert_close(got.require("flow")[1:, 0, 0, 0], torch.ones(19))  # across chunks too
+
+
+@pytest.mark.parametrize("hidden", [frozenset[str](), frozenset({"score"})])
+def test_a_whole_clip_step_sees_nothing_that_is_hidden_and_loses_none_of_it(hidden: frozenset[str]) -> None:
+    saw = []
+
+    @dataclass(frozen=True)
+    class Watching(Whole):
+        uses: tuple[str, ...] = ("score",)
+
+        def read_clip(self, found: Features, load) -> Features:
+            saw.append(found.has("score"))
+            return super().read_clip(found, load)
+
+    made = plan({"score", "depth"}, {"a": Making(("box", "score")), "whole": Watching()}).hiding(hidden)
+    got = run_clip(made, lambda a, b: Features((2, 2), image=torch.zeros(b - a, 3, 2, 2)), 2)
+    assert saw == [not hidden]
+    assert got.names() >= {"score", "depth"}
 
 
 def test_what_a_whole_clip_does_not_tell_is_told_and_so_is_what_needs_it() -> None:
