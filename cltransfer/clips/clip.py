@@ -144,7 +144,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
 def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None:
     lossless = path.suffix.lower() == ".mkv"
     interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
-    with av.open(str(path.absolute()), "w") as container:
+    with av.open(str(path.absolute()), "w", options={"fflags": "+bitexact"}) as container:  # no number of its own
         stream = container.add_stream(
             "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)
         )
@@ -153,7 +153,7 @@ def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None
         stream.pix_fmt = "bgr0" if lossless else "yuv420p"
         codec.time_base, codec.thread_count = time_base, thread_count()
         if not lossless:
-            stream.options = {"crf": "18"}
+            stream.options = {"crf": "18", "x264-params": "mbtree=0"}  # with it bits differ from run to run
             codec.colorspace = codec.color_primaries = codec.color_trc = 1  # BT.709
         for rgb, stamp in zip(image, pts.tolist()):
             frame = _video_frame(rgb, stream.pix_fmt)

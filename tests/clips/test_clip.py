@@ -92,6 +92,19 @@ def test_mp4_pads_odd_sides_by_repeating_the_edge(tmp_path):
     assert (clip.image[:, :, :, 65].int() - clip.image[:, :, :, 64].int()).abs().float().mean() < 3
 
 
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_the_same_frames_are_the_same_file(tmp_path, suffix):
+    picture = torch.rand(1, 3, 8, 12, generator=torch.Generator().manual_seed(0))
+    picture = (torch.nn.functional.interpolate(picture, (148, 404), mode="bicubic")[0].clamp(0, 1) * 255).byte()
+    image = torch.stack([picture[:, i : i + 108, 2 * i : 2 * i + 324] for i in range(30)])
+    written, kept = set(), []
+    for i in range(10):
+        kept.append(bytearray(1000 * (i * 7919 % 97)))  # another place in memory each time
+        write_video(tmp_path / f"a{suffix}", image, torch.arange(30).double() / 24, lossless=suffix == ".mkv")
+        written.add((tmp_path / f"a{suffix}").read_bytes())
+    assert len(written) == 1
+
+
 def test_write_video_leaves_nothing_behind_when_it_fails(tmp_path):
     (tmp_path / "a.mp4").mkdir()
     with pytest.raises(UsageError, match=r"a.mp4: is no regular file"):
