@@ -120,8 +120,9 @@ def design(samples: Sequence[str], methods: Sequence[str], content: Iterable[str
     tokens = [f"{number:06x}" for number in numbers.tolist()]
     clips = {token: Clip(token, *said) for token, said in zip(tokens, shown)}
     token_of = {(clip.sample, clip.method): token for token, clip in clips.items()}
+    pairs = [(sample, pair) for sample in samples for pair in combinations(rng.permutation(list(methods)).tolist(), 2)]
     items = [
-        Item(f"item{i + 1}", sample, token_of[sample, first], token_of[sample, second])
-        for i, (sample, (first, second)) in enumerate((s, pair) for s in samples for pair in combinations(methods, 2))
+        Item(f"item{i + 1}", sample, *(token_of[sample, method] for method in sorted(pair, key=list(methods).index)))
+        for i, (sample, pair) in enumerate(pairs)
     ]
     return Study(digest.hex()[:12], tuple(methods), clips, tuple(items))
