@@ -13,8 +13,10 @@ def commit(root: Path | None = None) -> str:
 
     ``-dirty`` if code or configs have changed since: figures and pages, which a benchmark writes itself, do not count.
     """
-    git = ["git", "-C", str(root or Path(__file__).parents[2])]
+    root = root or Path(__file__).parents[2]
+    git = ["git", "-C", str(root)]
     try:
+        top = subprocess.run([*git, "rev-parse", "--show-toplevel"], capture_output=True, text=True, check=False)
         at = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
         changed = subprocess.run(
             [*git, "status", "--porcelain", "--", "cltransfer", "configs", "plugins"],
@@ -22,6 +24,7 @@ def commit(root: Path | None = None) -> str:
         )  # fmt: skip
     except FileNotFoundError:
         return f"cltransfer {__version__}"
-    if not at.stdout.strip():
+    own = bool(top.stdout.strip()) and Path(top.stdout.strip()).resolve() == root.resolve()  # not one that it lies in
+    if not (own and at.stdout.strip()):
         return f"cltransfer {__version__}"
     return at.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")

@@ -38,5 +38,9 @@ def test_code_that_was_changed_or_added_does(checkout: Path) -> None:
     assert commit(checkout) == f"{clean}-dirty"
 
 
+def test_a_folder_in_the_repository_of_another_project_is_the_version(checkout: Path) -> None:
+    assert commit(checkout / "cltransfer") == f"cltransfer {__version__}"
+
+
 def test_no_checkout_is_the_version(tmp_path: Path) -> None:
     assert commit(tmp_path) == f"cltransfer {__version__}"
