@@ -49,6 +49,9 @@ def providers() -> list[str]:
     return [CUDA, CPU] if has_cuda and wish != "cpu" else [CPU]
 
 
+LEAST_BOUND = 256  # bytes; a limit of one or two is taken for none
+
+
 @functools.cache
 def memory_bound() -> int | None:
     """Bytes that all networks of this process may take together on the CPU: what was free before the first was loaded.
@@ -61,7 +64,7 @@ def memory_bound() -> int | None:
     info = onnxruntime.OrtMemoryInfo(
         "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
     )
-    most = 0 if free is None else max(1, free)  # 0 is no limit
+    most = 0 if free is None else max(LEAST_BOUND, free)  # 0 is no limit, and neither are 1 and 2
     as_asked, default = 1, -1  # the arena grows by what is asked for
     onnxruntime.create_and_register_allocator(info, onnxruntime.OrtArenaCfg(most, as_asked, default, default))
     return free
