@@ -52,8 +52,8 @@ def atomic(path: Path) -> Iterator[Path]:
 
 def temporaries(path: Path) -> list[Path]:
     """What writers of ``path`` that were killed have left beside it."""
-    named = re.compile(rf"\.tmp-\d+-[0-9a-f]{{8}}-{re.escape(path.name)}")
-    return [one for one in sorted(path.parent.glob(".tmp-*")) if named.fullmatch(one.name)]
+    named = re.compile(rf"\.(tmp|new)-\d+-[0-9a-f]{{8}}-{re.escape(path.name)}")
+    return [one for one in sorted(path.parent.glob(".*-*")) if named.fullmatch(one.name)]
 
 
 def _usual_mode(path: Path) -> int:

@@ -88,11 +88,13 @@ with atomic(Path(sys.argv[1])) as temporary:
     for name in (VIDEO, "metrics.csv", "notes.txt"):
         subprocess.run([sys.executable, "-c", die, str(tmp_path / name)], check=False)
     (tmp_path / ".tmp-mine-metrics.csv").touch()
+    (tmp_path / ".new-7-0123abcd-metrics.csv").touch()  # by which the permissions of a new file are asked for
     left = sorted(path.name for path in tmp_path.rglob(".tmp-*"))
     assert len(left) == 4
     clear(tmp_path)
     kept = sorted(path.name for path in tmp_path.rglob(".tmp-*"))
     assert kept == [name for name in left if name.endswith("notes.txt") or "mine" in name]
+    assert not list(tmp_path.glob(".new-*"))
 
 
 def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
