@@ -210,6 +210,10 @@ def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_feat
          "expected the 4x2 pixels of layers, got 8x4"),
         ("flow_confidence", {"flow": torch.ones(2, 2, 4, 8), "flow_confidence": torch.ones(2, 2, 4)},
          "expected the 8x4 pixels of flow, got 4x2"),
+        ("layers", {"layers": torch.ones(2, 3, 4, 8, dtype=torch.bool)},
+         "expected each pixel in one layer at most, frame 0 has one in two"),
+        ("extras.keypoints", {"keypoints": torch.ones(2, 14, 3), "extras.keypoints": torch.ones(2, 3)},
+         "is a feature of its own, not an extra"),
     ],
 )  # fmt: skip
 def test_tensors_of_a_wrong_type_or_on_unlike_grids_are_refused_by_name(

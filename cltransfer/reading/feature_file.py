@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..features import SHAPES, Features, OfThisRun
+from ..features import NAMES, SHAPES, Features, OfThisRun
 from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.features.1"
@@ -112,7 +112,10 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
     own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
     _check_grids(path, own)
+    _check_layers(path, own)
     extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
+    for name in sorted(NAMES & extras.keys()):
+        raise InputError(path, f"extras.{name}", "is a feature of its own, not an extra", f"store it as {name}")
     reasons = _reasons(path, meta)
     if not own and not extras:
         raise InputError(path, "features", "expected at least one, it holds times alone")
@@ -149,6 +152,15 @@ def _check_grids(path: Path, features: dict[str, Tensor]) -> None:
             if got != want:
                 reason = f"expected the {want[1]}x{want[0]} pixels of {there[0]}, got {got[1]}x{got[0]}"
                 raise InputError(path, name, reason, "extract or resize all maps on one grid")
+
+
+def _check_layers(path: Path, features: dict[str, Tensor]) -> None:
+    """Refuse layers of which two hold the same pixel."""
+    if "layers" in features:
+        twice = (features["layers"].sum(1) > 1).flatten(1).any(1)
+        if bool(twice.any()):
+            frame = int(twice.nonzero()[0])
+            raise InputError(path, "layers", f"expected each pixel in one layer at most, frame {frame} has one in two")
 
 
 def _reasons(path: Path, meta: dict[str, str]) -> dict[str, str]:
