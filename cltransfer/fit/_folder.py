@@ -25,12 +25,17 @@ def check_folder(folder: Path) -> None:
         raise UsageError(folder, "--out", f"is neither empty nor a fit, it has no {STATE}", "name another folder")
 
 
-def begun(folder: Path, key: Mapping[str, Any]) -> list[Level]:
+def begun(folder: Path, key: Mapping[str, Any], scene: str) -> list[Level]:
     """Levels done in ``folder`` by the fit that ``key`` names; a new folder is made that fit's before anything is done.
+
+    Args:
+        folder: of the fit.
+        key: what the fit is known by.
+        scene: name of the file of what was fitted, there as soon as a level is done.
 
     Raises:
         UsageError: the folder holds another fit, or something else.
-        InputError: its fit.json is damaged.
+        InputError: its fit.json is damaged, or the scene is gone.
     """
     check_folder(folder)
     if not (folder / STATE).is_file():
@@ -39,10 +44,18 @@ def begun(folder: Path, key: Mapping[str, Any]) -> list[Level]:
     state = read_json(folder / STATE)
     try:
         if {name: state.get(name) for name in key} == key:
-            return [Level(**level) for level in state["levels"]]
+            return _with_scene(folder, [Level(**level) for level in state["levels"]], scene)
     except (AttributeError, KeyError, TypeError):
         raise InputError(folder / STATE, "", "is not the state of a fit", "choose another folder") from None
     raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")
+
+
+def _with_scene(folder: Path, levels: list[Level], scene: str) -> list[Level]:
+    if levels and not (folder / scene).is_file():
+        raise InputError(
+            folder / scene, "", f"no such file, {STATE} has {len(levels)} levels of it", f"delete {folder}"
+        )
+    return levels
 
 
 def write_state(folder: Path, key: Mapping[str, Any], levels: Sequence[Level]) -> None:

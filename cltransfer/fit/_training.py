@@ -74,7 +74,7 @@ class GridModule(pl.LightningModule):
 
     def training_step(self, batch: Tensor, batch_idx: int) -> Tensor:
         """Mean squared colour error of random pixels; what is drawn depends on the seed and the step alone."""
-        random = torch.Generator().manual_seed(self.options.seed * 1_000_003 + self.global_step)
+        random = torch.Generator().manual_seed((self.options.seed * 1_000_003 + self.global_step) % 2**63)
         pixel = torch.randint(len(self.colors), (self.options.rays,), generator=random)
         rays = Rays(self.rays.origin[pixel], self.rays.direction[pixel])
         drawn = colors(self.grid(), rays, self.options.renderer.settings, self.filled, self.bricks)
@@ -99,11 +99,16 @@ class GridModule(pl.LightningModule):
 
     def train_dataloader(self) -> Any:
         """Numbers of the steps between two looks at the held-out views; rays are drawn in the step."""
-        return DataLoader(range(self.options.look), batch_size=None)  # type: ignore[arg-type]
+        return _numbers(self.options.look)
 
     def val_dataloader(self) -> Any:
         """One batch: all held-out views."""
-        return DataLoader(range(1), batch_size=None)  # type: ignore[arg-type]
+        return _numbers(1)
+
+
+def _numbers(count: int) -> Any:
+    """Numbers 0 to ``count``; a loader without a generator of its own draws from the caller's."""
+    return DataLoader(range(count), batch_size=None, generator=torch.Generator())  # type: ignore[arg-type]
 
 
 class Teller(Callback):

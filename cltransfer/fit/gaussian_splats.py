@@ -85,7 +85,7 @@ class GaussianSplatsFit:
         self.require()
         views.check_near(self.near)
         key = {"as": "gaussian_splats", "options": asdict(self), "views": views.digest}
-        if done := begun(folder, key):
+        if done := begun(folder, key, SCENE):
             return done
         learn, held_out = views.split(self.hold_out)
         random = torch.Generator().manual_seed(self.seed)

@@ -113,7 +113,7 @@ class NerfGridFit:
         """
         views.check_near(self.near)
         key = {"as": "nerf_grid", "options": asdict(self), "views": views.digest}
-        levels = begun(folder, key)
+        levels = begun(folder, key, GRID)
         for cells in self._sizes()[len(levels) :]:
             if levels and not levels[-1].kept:
                 break

@@ -103,6 +103,19 @@ def test_a_finished_fit_is_not_repeated(fitted, views):
     assert (folder / "grid.safetensors").stat().st_mtime_ns == before
 
 
+def test_a_finished_fit_whose_grid_is_gone_is_told(fitted, views, tmp_path):
+    options, folder, _, _ = fitted
+    (tmp_path / "fit.json").write_bytes((folder / "fit.json").read_bytes())
+    with pytest.raises(InputError, match=r"grid\.safetensors: no such file, fit\.json has \d+ levels of it"):
+        options.fit(views, tmp_path, silent)
+
+
+def test_the_caller_s_random_numbers_are_left_alone_and_any_seed_is_taken(views, tmp_path):
+    before = torch.get_rng_state()
+    NerfGridFit(first=500, most=500, steps=3, look=3, rays=64, degree=0, seed=2**60).fit(views, tmp_path, silent)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 def test_other_options_or_views_are_not_mixed_into_a_folder(fitted, views):
     options, folder, _, _ = fitted
     for changed, seen in ((replace(options, rate=0.01), views), (options, views[range(20)])):
