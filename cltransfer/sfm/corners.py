@@ -60,8 +60,10 @@ def find_corners(frame: NDArray, subject: NDArray) -> Corners:
 
 def _sift(grey: NDArray, mask: NDArray, count: int) -> tuple[NDArray, NDArray]:
     """Places (P, 2) [px, integer-centred] and descriptors (P, 128) under ``mask`` (H, W) uint8, the strongest."""
-    sift = cv2.SIFT.create(nfeatures=count, contrastThreshold=CONTRAST)
-    keypoints, descriptors = sift.detectAndCompute(grey, mask)
+    sift = cv2.SIFT.create(nfeatures=0, contrastThreshold=CONTRAST)  # a limit of its own counts the whole frame
+    found = sift.detect(grey, mask)
+    strongest = np.argsort([-point.response for point in found], kind="stable")[:count]
+    keypoints, descriptors = sift.compute(grey, [found[i] for i in strongest])
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     return np.array([point.pt for point in keypoints]), descriptors

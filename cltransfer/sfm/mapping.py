@@ -59,8 +59,8 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
     """Cameras of a clip of one lens.
 
     Mapping starts from several lenses, since a poor guess loses frames; of the models that place enough of them and
-    explain most corners the one with the most ordinary lens is kept. Single-threaded and seeded: the same clip gives
-    the same cameras.
+    explain most corners the one with the most ordinary lens is kept. Single-threaded and seeded, and what time cut off
+    does not count: the same clip gives the same cameras.
 
     Args:
         clues: of the clip.
@@ -74,17 +74,15 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
     """
     pycolmap = load_pycolmap()
     guesses = LENSES if lens is None else (lens,)
-    models, late = [], False
+    models, late = [], []
     for guess in guesses:
         options = _options(pycolmap, seconds / len(guesses), lens is None)
         begun = time.monotonic()
         models.append(_mapped(pycolmap, clues, guess, options))
-        late |= time.monotonic() - begun >= options.max_runtime_seconds
-    least = PLACED * len(clues.corners)
-    enough = [model for model in models if model.num_reg_images() >= least]
-    if not enough:
-        raise _too_few(clues, max(model.num_reg_images() for model in models), seconds if late else None)
-    model = _chosen(enough, max(clues.size))
+        late.append(time.monotonic() - begun >= options.max_runtime_seconds)
+    model = _chosen(clues, [model for model, cut_off in zip(models, late) if not cut_off])
+    if model is None:
+        raise _too_few(clues, max(model.num_reg_images() for model in models), seconds if any(late) else None)
     placed = sorted(model.reg_image_ids())
     w2c = torch.eye(4, dtype=torch.float64).repeat(len(placed), 1, 1)
     w2c[:, :3] = torch.from_numpy(np.stack([model.image(i).cam_from_world().matrix() for i in placed]))
@@ -98,15 +96,28 @@ def _too_few(clues: Clues, placed: int, late: float | None) -> NoPathError:
     if late is not None:
         reason = f"time ran out after {late:g} s with {placed} of {count} frames placed"
         return OutOfTimeError(clues.name, "camera path", reason, "set more seconds")
+    if placed >= PLACED * count:
+        reason = "no lens of {:g} to {:g} longer sides explains the frames".format(*FOCAL_RANGE)
+        return NoPathError(clues.name, "camera path", reason, "a straight move does not tell the lens: name it, lens=")
     reason = f"only {placed} of {count} frames could be placed with one lens"
     return NoPathError(clues.name, "camera path", reason, "a zoom on the move, a cut, a moving scene, or few frames")
 
 
-def _chosen(models: Sequence[Any], side: int) -> Any:
-    """Of the models that explain about as many corners as the best, the one with the most ordinary lens."""
-    best = max(model.compute_num_observations() for model in models)
-    good = [model for model in models if model.compute_num_observations() >= AS_GOOD * best]
-    return min(good, key=lambda each: abs(math.log(each.camera(1).focal_length / side)))
+def _chosen(clues: Clues, models: Sequence[Any]) -> Any | None:
+    """Of the models that explain about as many corners as the best, the one with the most ordinary lens.
+
+    None where none places enough frames by a lens that there is.
+    """
+    lens = {id(model): model.camera(1).focal_length / max(clues.size) for model in models if model.num_reg_images()}
+    least = PLACED * len(clues.corners)
+    enough = [
+        model
+        for model in models
+        if model.num_reg_images() >= least and FOCAL_RANGE[0] <= lens[id(model)] <= FOCAL_RANGE[1]
+    ]
+    best = max((model.compute_num_observations() for model in enough), default=0)
+    good = [model for model in enough if model.compute_num_observations() >= AS_GOOD * best]
+    return min(good, key=lambda each: abs(math.log(lens[id(each)])), default=None)
 
 
 def _mapped(pycolmap: Any, clues: Clues, guess: float, options: Any) -> Any:

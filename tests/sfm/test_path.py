@@ -10,7 +10,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from cltransfer.sfm import NoPathError
+from cltransfer.sfm import NoPathError, OutOfTimeError, mapping
 from cltransfer.sfm.path import reconstruct_path
 
 
@@ -103,6 +103,30 @@ def test_the_same_clip_gives_the_same_bits_leaves_no_file_and_says_nothing(filme
     assert torch.equal(first.points.depth, second.points.depth)
     assert list(Path(tmp_path).iterdir()) == []
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_model_that_time_cut_off_is_not_used(filmed, monkeypatch):
+    """The mapper is real and places all frames, the clock says that it was late."""
+    true, image, _, subject = filmed("orbit", 12)
+    clock = iter(range(0, 10**6, 500))
+    monkeypatch.setattr(mapping.time, "monotonic", lambda: float(next(clock)))
+    with pytest.raises(OutOfTimeError, match="time ran out after 60 s with 12 of 12 frames placed"):
+        reconstruct_path(image, subject, true.times, lens=1.1, seconds=60)
+
+
+def test_a_lens_that_nobody_has_is_not_used(filmed, monkeypatch):
+    true, image, _, subject = filmed("orbit", 12)
+    options = mapping._options
+
+    def unbound(*args):
+        made = options(*args)
+        made.min_focal_length_ratio, made.max_focal_length_ratio = 0.01, 100  # as where refining goes beyond its range
+        return made
+
+    monkeypatch.setattr(mapping, "_options", unbound)
+    monkeypatch.setattr(mapping, "FOCAL_RANGE", (2.0, 3.0))
+    with pytest.raises(NoPathError, match="no lens of 2 to 3 longer sides explains the frames"):
+        reconstruct_path(image, subject, true.times, lens=1.1)
 
 
 def test_a_known_lens_is_kept(filmed):
