@@ -145,14 +145,21 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
         count, label = len(splats), splats.label
+        _refuse_nothing(source, count)
         write_splats(file, splats)
     else:
         grid = bake_grid(mesh, *([] if detail is None else [detail]))
         count, label = len(grid), grid.label[tuple(grid.filled.T)]
+        _refuse_nothing(source, count)
         write_grid(file, grid)
     if scene.subject is not None:
         _write_person(out, scene.subject, label)
     return {"file": str(file), "count": count, "up": scene.up.tolist(), "subject": scene.subject is not None}
+
+
+def _refuse_nothing(source: str, count: int) -> None:
+    if count == 0:
+        raise InputError(source, "faces", "expected something to be seen, all of it is transparent")
 
 
 def _refuse_source(out: Path, source: str, parts: Sequence[Path] = ()) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from PIL import Image
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
@@ -232,6 +233,21 @@ def test_a_mesh_without_area_is_said(tmp_path: Path, representation: Any) -> Non
     (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     with pytest.raises(InputError, match=r"line\.obj: faces: expected an area, got 1 faces without one"):
         bake_to_folder(str(tmp_path / "line.obj"), tmp_path / "out", representation, None)
+
+
+@pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])
+def test_a_mesh_of_which_nothing_is_seen_is_said(tmp_path: Path, representation: Any) -> None:
+    clear = trimesh.visual.TextureVisuals(
+        uv=np.zeros((3, 2)),
+        material=trimesh.visual.material.PBRMaterial(
+            baseColorTexture=Image.new("RGBA", (4, 4), (255, 255, 255, 0)), alphaMode="MASK"
+        ),
+    )
+    mesh = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], visual=clear, process=False)
+    mesh.export(tmp_path / "clear.glb")
+    with pytest.raises(InputError, match=r"clear\.glb: faces: expected something to be seen, all of it is transparent"):
+        bake_to_folder(str(tmp_path / "clear.glb"), tmp_path / "out", representation, None)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("name", "value"), [("k", -1.0), ("prune", 2.0), ("side", 0)])

@@ -17,6 +17,7 @@ MAX_DROPPED = 0.01  # share of Gaussians that may be left out because they are n
 MIN_SCALE = 1e-9  # scene units; a flat Gaussian is a very thin one
 MAX_SCALE = 1e9  # scene units; beyond it the squares of the renderers overflow
 MAX_MEAN = 1e9  # scene units, along an axis; so do their products beyond it
+MAX_SH = 1e9  # beyond it the sums over harmonics overflow
 SH0 = 0.28209479177387814  # value of the first spherical harmonic, everywhere
 BYTES, BYTES_PER_TERM = 210, 24  # of a Gaussian read and packed for the kernels; the terms of its colour come on top
 RESERVE = 400 * 2**20  # bytes for all that is not the scene
@@ -81,7 +82,7 @@ def drawable(path: Path, columns: Columns) -> Splats:
         "scale": ~(scales <= MAX_SCALE).all(1),
         "rot": ~(np.isfinite(length[:, 0]) & (length[:, 0] > 0)),
         "opacity": ~np.isfinite(columns["opacity"]),
-        "f_dc, f_rest": ~np.isfinite(columns["sh"]).all((1, 2)),
+        "f_dc, f_rest": ~(np.abs(columns["sh"]) <= MAX_SH).all((1, 2)),
     }
     keep = ~np.logical_or.reduce(list(bad.values()))
     dropped = int((~keep).sum())

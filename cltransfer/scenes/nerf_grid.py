@@ -166,5 +166,7 @@ def _check_values(path: Path, tensors: dict[str, Tensor]) -> None:
             raise InputError(path, key, "expected finite values, got NaN or infinity")
     if bool((tensors["density"] < 0).any()):
         raise InputError(path, "density", f"expected no negative value, got {float(tensors['density'].min()):g}")
+    if not bool((tensors["density"] > 0).any()):
+        raise InputError(path, "density", "holds nothing, all is 0")
     if bool(((tensors["label"] < 0) | (tensors["label"] > 1)).any()):
         raise InputError(path, "label", "expected values in [0, 1]")

@@ -50,6 +50,14 @@ def test_where_all_fits_nothing_is_said(tmp_path, monkeypatch, caplog):
     assert caplog.messages == []
 
 
+def test_a_gaussian_of_which_the_colour_would_overflow_is_left_out_and_counted(tmp_path):
+    room = synthetic_room(500)
+    room.sh[7, 1:] = 3e38
+    write_splats(tmp_path / "room.ply", room)
+    got = read_splats(tmp_path / "room.ply")
+    assert (got.dropped, len(got)) == (1, 499)
+
+
 def test_what_does_not_fit_at_all_is_refused_before_it_is_read(tmp_path, monkeypatch):
     path = tmp_path / "huge.ply"
     with path.open("wb") as stream:  # takes no room on the disk

@@ -74,6 +74,7 @@ def test_labels_are_about_the_vertices_that_hold_anything():
     ("change", "line"),
     [
         ({"density": torch.ones(3, 4, 5) * -1}, "density: expected no negative value, got -1"),
+        ({"density": torch.zeros(3, 4, 5)}, "density: holds nothing, all is 0"),
         ({"density": torch.full((3, 4, 5), torch.nan)}, "density: expected finite values"),
         ({"density": torch.ones(3, 4)}, r"density: expected \(Z, Y, X\)"),
         ({"density": torch.ones(1, 4, 5)}, "sides of at least 2"),

@@ -150,6 +150,9 @@ def _subject(scene: Scene, cameras: Camera, seen: Features, points: Sequence[Tri
     facing = _facing(joints, up)
     if facing is None:
         facing = _voted_facing(cameras, seen, joints[known].mean(0), up)
+    if not bool(facing.isfinite().all()):
+        reason = "nothing tells which way the person faces: no shoulders, no hips, and no view by itself"
+        raise InputError(scene.name, "lift", reason, f"give views nearer to the person: {BY_VIEWS}")
     return Subject(joints, confidence, facing, up, _height(joints, up, scene.name))
 
 

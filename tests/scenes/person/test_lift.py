@@ -17,6 +17,7 @@ from torch import Tensor
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
+from cltransfer.errors import InputError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import SCENE_SOURCE, Components
 from cltransfer.pipeline.graph import run
@@ -44,6 +45,24 @@ def lifted(scene: Scene, views: int) -> Lift:
 
 def test_who_is_lifted_counts_though_no_boxes_meet() -> None:
     assert lifted(named_scene("courtyard"), 4).subject.people == 1
+
+
+def test_a_person_of_whom_nothing_tells_where_they_face_is_refused() -> None:
+    parts, scene = Components.build(load_config()), named_scene("courtyard")
+    plan, person = parts.plan("scene"), scene.subject
+    assert person is not None
+
+    def look(cameras: Camera, box: Tensor | None) -> Features:
+        seen = run(plan, parts.renderer.render(scene, cameras, plan.buffers - SCENE_SOURCE), None)
+        keypoints = seen.require("keypoints").clone()
+        keypoints[:, [1, 7], 2] = 0  # no pair of shoulders, none of hips
+        nothing = torch.full_like(seen.require("orientation"), math.nan)
+        return replace(seen, box=torch.ones(len(cameras), 5), keypoints=keypoints, orientation=nothing)
+
+    cameras = ring(person.anchor, person.height, scene.up, 6)
+    nobody = [np.zeros((0, 5)) for _ in range(6)]
+    with pytest.raises(InputError, match="lift: nothing tells which way the person faces"):
+        lift(scene, parts.renderer, look, lambda cameras: nobody, LiftOptions(given=cameras))
 
 
 def lying(scene: Scene, degrees: float) -> Scene:
