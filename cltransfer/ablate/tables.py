@@ -47,7 +47,7 @@ def directions_table(rows: Sequence[RowSummary]) -> Table:
     units = {name: measure.unit for row in rows for name, measure in row.directions.items() if measure.unit}
     names = list(rows[0].directions)
     found = [[row.directions[name] for name in names] for row in rows]
-    cells = [(row.name, *(_interval(m.value, _with_sign) for m in measures)) for row, measures in zip(rows, found)]
+    cells = [(row.name, *(_value(m, _with_sign) for m in measures)) for row, measures in zip(rows, found)]
     bold = {
         (i, j + 1)
         for i, measures in enumerate(found)
@@ -61,8 +61,8 @@ def _metrics(rows: Sequence[RowSummary]) -> list[str]:
     return list(rows[0].metrics)
 
 
-def _value(measure: Measure) -> str:
-    text = _interval(measure.value, number)
+def _value(measure: Measure, told: Callable[[float | None], str] = number) -> str:
+    text = _interval(measure.value, told)
     whole = measure.defined == measure.frames
     return text if whole else f"{text} ({measure.defined}/{measure.frames})"
 

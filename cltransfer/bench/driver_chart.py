@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -31,7 +32,10 @@ def write_driver_chart(clips: Sequence[Clip], folder: Path) -> None:
 
 
 def _cell(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    """As the CSV has it; empty for NaN, which a jerk of fewer than four frames is."""
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.6g}"
+    return str(value)
 
 
 def _draw(figure: Figure, clips: Sequence[Clip]) -> None:

@@ -158,6 +158,18 @@ class ExtractorCase(ComponentCase):
             for name in self.component.provides:
                 _same(together[i].require(name), alone.require(name))
 
+    def test_one_frame_before_serves_a_batch(self) -> None:
+        """A search compares many candidates with one frame before them."""
+        now = self.blank(self._sample(1, 3))
+        before = self.before(now)
+        if before is None:
+            return
+        together = self.component(now, before[:1])
+        for i in range(3):
+            alone = self.component(now[i], before[:1])
+            for name in self.component.provides:
+                _same(together[i].require(name), alone.require(name))
+
     def test_declared_features_suffice(self) -> None:
         now = self._sample(1, 2)
         before, needed = self.before(now), frozenset(self.component.requires)

@@ -121,6 +121,8 @@ def test_which_way_a_row_errs_is_told_with_its_sign() -> None:
     assert table.rows[1][1].startswith("-0.325 [")
     assert table.rows[2][1] == "–"
     assert table.bold == {(1, 1)}
+    half = [replace(outcome("full", 0, 0.1), directions={"larger": Metric(0.01, "frame", 2, "")})]
+    assert directions_table(summarise(["full"], half)).rows[0][1] == "+0.0100 (2/4)"
 
 
 def test_no_row_is_a_formula_and_every_number_stays_one() -> None:

@@ -126,7 +126,32 @@ class InATuple(RendererCase):
 
 @pytest.mark.parametrize(
     "test",
-    ["test_shapes_follow_the_cameras", "test_batch_equals_single", "test_coverage_and_colour_are_parts_of_one"],
+    [name for name in dir(RendererCase) if name.startswith("test_")],
 )
 def test_a_renderer_may_tell_what_it_draws_in_a_tuple(test: str) -> None:
     getattr(InATuple(), test)()
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """How much brighter a frame is than the one before, which has to be one for each."""
+
+    provides: ClassVar[tuple[str, ...]] = ("flicker",)
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    family: ClassVar[str] = "image"
+    needs_before: ClassVar[bool] = True
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        assert before is not None
+        pairs = zip(now.require("image"), before.require("image"))
+        return now.having("flicker", torch.stack([(a - b).mean() for a, b in pairs])[:, None])
+
+
+class OneForEach(ExtractorCase):
+    component: ClassVar[Any] = Flicker()
+
+
+def test_an_extractor_that_wants_a_frame_before_for_each_is_told_before_a_search_asks_it() -> None:
+    OneForEach().test_batch_equals_single()
+    with pytest.raises(Exception, match=r"one number of frames|index 1"):
+        OneForEach().test_one_frame_before_serves_a_batch()

@@ -142,13 +142,15 @@ def _growth(totals: Sequence[float]) -> float:
 
 
 def _grown_most(before: Sequence[Row], after: Sequence[Row]) -> str:
-    def mean(rows: Sequence[Row], name: str) -> float:
-        known = [row["terms"][name] for row in rows if row["terms"][name] is not None]
-        return fmean(known) if known else 0.0
+    """The term that grew most, of those that both sides have; empty where none grew."""
 
-    grown = {name: mean(after, name) - mean(before, name) for name in after[0]["terms"]}
-    most = max(grown, key=lambda name: grown[name])
-    return most if grown[most] > GROWN else ""
+    def known(rows: Sequence[Row], name: str) -> list[float]:
+        return [row["terms"][name] for row in rows if row["terms"].get(name) is not None]
+
+    both = {name: (known(before, name), known(after, name)) for name in after[0]["terms"]}
+    grown = {name: fmean(late) - fmean(early) for name, (early, late) in both.items() if early and late}
+    most = max(grown, key=lambda name: grown[name], default="")
+    return most if most and grown[most] > GROWN else ""
 
 
 def summary(found: Sequence[StressVerdict]) -> list[list[str]]:
