@@ -8,7 +8,7 @@ import os
 import shlex
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,31 +19,19 @@ import numpy as np
 import torch
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
-from torch import Tensor
 
-from ..clips.clip import read_clip, write_video
-from ..clips.open_clip import ASSUMED, open_clip, rate_assumed
+from ..clips.clip import write_video
+from ..clips.open_clip import ASSUMED, rate_assumed
 from ..clips.source import ClipSource
-from ..errors import InputError, UsageError
+from ..errors import UsageError
 from ..report.policy import csp_hash
-from ..report.side_by_side import reference_side
-from ..storage.files import content_hash, read_json, write_json, write_text
+from ..storage.files import write_json, write_text
 from ..storage.pages import INDEX, check_page
-from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
 from .design import NO_STUDY, QUESTIONS, Study, design
 from .folder import MARK, check_key, key_of
+from .shown import Shown, clip_of, digest_of, kept, reference_of, source_of
 
-METRICS = "metrics.json"  # of a run: says how many frames it has
 SIDE = 720  # largest height of a video [px]
-SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A video to show: frames (N, 3, H, W) uint8 at times (N,) [s]."""
-
-    image: Tensor  # (N, 3, H, W)
-    times: Tensor  # (N,)
 
 
 @dataclass(frozen=True)
@@ -68,7 +56,7 @@ class Wanted:
     def notes(self) -> list[str]:
         """What its maker should know: which clips play at a rate that nothing says."""
         named = dict.fromkeys(map(str, (*self.runs, *self.references)))
-        return [f"{source}: {ASSUMED}" for source in named if rate_assumed(_kept(_where(source)))]
+        return [f"{source}: {ASSUMED}" for source in named if rate_assumed(kept(source_of(source)))]
 
 
 def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
@@ -83,7 +71,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     groups, references = _groups(wanted)
     check_page(out, MARK, "a page of a study")
     samples = [f"sample{i + 1}" for i in range(len(groups))]
-    content = [_digest(where) for shown in (*groups, references) for where in shown]
+    content = [digest_of(where) for shown in (*groups, references) for where in shown]
     study = design(samples, wanted.methods, content, wanted.seed)
     check_key(out, study)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -106,8 +94,8 @@ def _write_sample(
 ) -> None:
     """Write the videos of one sample, all equally high, under their tokens."""
     token_of = {clip.method: clip.token for clip in study.clips.values() if clip.sample == sample}
-    reference = _reference(group, given)
-    clips = [_clip(where) for where in group]
+    reference = reference_of(group, given)
+    clips = [clip_of(where) for where in group]
     height = min(SIDE, *(clip.image.shape[2] for clip in clips))
     for method, clip in zip(study.methods, clips):
         _write(folder / f"{token_of[method]}.mp4", clip, height)
@@ -119,86 +107,15 @@ def _groups(wanted: Wanted) -> tuple[list[list[ClipSource]], list[ClipSource]]:
     size = len(wanted.methods)
     if not wanted.runs or len(wanted.runs) % size:
         raise UsageError("", "RUN", f"expected {size} for each sample ({', '.join(wanted.methods)})", _got(wanted.runs))
-    runs = [_where(source) for source in wanted.runs]
+    runs = [source_of(source) for source in wanted.runs]
     groups = [runs[i : i + size] for i in range(0, len(runs), size)]
     if wanted.references and len(wanted.references) != len(groups):
         raise UsageError("", "--reference", f"expected one for each of {len(groups)} samples", _got(wanted.references))
-    return groups, [_where(source) for source in wanted.references]
+    return groups, [source_of(source) for source in wanted.references]
 
 
 def _got(sources: Sequence[str | Path]) -> str:
     return f"got {len(sources)}"
-
-
-def _where(source: str | Path) -> ClipSource:
-    """A run folder or a clip that is there, and which part of it is shown."""
-    where = ClipSource.parse(str(source))
-    if not where.path.exists():
-        raise InputError(where.path, "", "no such file or folder")
-    if where.person is not None:
-        raise UsageError(source, "#person", "expected a whole clip, a study follows nobody", "leave out #person")
-    require_done(where.path)
-    return where
-
-
-def _kept(where: ClipSource) -> ClipSource:
-    """``where``, or of a run the frames that it has kept."""
-    return replace(where, path=kept_frames(where.path))
-
-
-def _digest(where: ClipSource) -> str:
-    """Of what is shown: of another part of the same clip, another."""
-    part = replace(where, path=Path())
-    return content_hash(where.path) + ("" if part == ClipSource(Path()) else str(part))
-
-
-def _clip(where: ClipSource) -> Shown:
-    """The frames of a run folder, as they were kept, or of a clip."""
-    as_is = replace(_kept(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
-    clip, _ = open_clip(as_is)
-    if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
-        _check_whole(where.path, len(clip.times), kept_frames(where.path))
-    return Shown(clip.image, clip.times)
-
-
-def _check_whole(run: Path, count: int, video: Path) -> None:
-    """Refuse a run whose ``video`` was cut off: its ``count`` frames look like a shorter clip."""
-    metrics = read_json(run / METRICS) if (run / METRICS).is_file() else {}
-    frames = metrics.get("frames", count) if isinstance(metrics, dict) else count
-    if frames != count:
-        raise InputError(video, "video", f"has {count} frames, its run {frames}", "make the run anew")
-
-
-def _reference(group: Sequence[ClipSource], given: ClipSource | None) -> Shown:
-    if given is not None:
-        return _clip(given)
-    if not all(is_run(where.path) for where in group):
-        raise UsageError("", "--reference", "clips do not know theirs", "name one for each sample")
-    if any(where != ClipSource(where.path) for where in group):
-        raise UsageError("", "--reference", "a part of a run does not know its own", "name it: --reference CLIP#t=1,2")
-    return _own_reference([where.path for where in group])
-
-
-def _taught_by(run: Path) -> str:
-    """Digest of the reference that a run names."""
-    manifest = read_json(run / MANIFEST)
-    reference = manifest.get("reference", {}) if isinstance(manifest, dict) else None
-    if not isinstance(reference, dict):
-        raise InputError(run / MANIFEST, "reference", "is no manifest of a run", "make the run anew")
-    return str(reference.get("sha256"))
-
-
-def _own_reference(group: Sequence[Path]) -> Shown:
-    """The one reference of the runs of ``group``, which keep it beside their results."""
-    digests = {_taught_by(path) for path in group}
-    if len(digests) > 1:
-        raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
-    sheet = group[0] / BESIDE
-    if not sheet.is_file():
-        raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
-    clip = read_clip(sheet, max_side=SHEET_SIDE)
-    _check_whole(group[0], len(clip.times), sheet)
-    return Shown(reference_side(clip.image), clip.times)
 
 
 def _write(path: Path, clip: Shown, height: int) -> None:

@@ -1,0 +1,114 @@
+"""What a study shows: the frames of clips and of runs, and the reference that the runs of a sample share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from torch import Tensor
+
+from ..clips.clip import read_clip
+from ..clips.open_clip import open_clip
+from ..clips.source import ClipSource
+from ..errors import InputError, UsageError
+from ..report.side_by_side import reference_side
+from ..storage.files import content_hash, read_json
+from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
+
+METRICS = "metrics.json"  # of a run: says how many frames it has
+SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A video to show: frames (N, 3, H, W) uint8 at times (N,) [s]."""
+
+    image: Tensor  # (N, 3, H, W)
+    times: Tensor  # (N,)
+
+
+def source_of(source: str | Path) -> ClipSource:
+    """A run folder or a clip that is there, and which part of it is shown.
+
+    Raises:
+        UsageError: a part is named that a study cannot show.
+        InputError: there is none, or it is a run that has not come to its end.
+    """
+    where = ClipSource.parse(str(source))
+    if not where.path.exists():
+        raise InputError(where.path, "", "no such file or folder")
+    if where.person is not None:
+        raise UsageError(source, "#person", "expected a whole clip, a study follows nobody", "leave out #person")
+    require_done(where.path)
+    return where
+
+
+def kept(where: ClipSource) -> ClipSource:
+    """``where``, or of a run the frames that it has kept."""
+    return replace(where, path=kept_frames(where.path))
+
+
+def digest_of(where: ClipSource) -> str:
+    """Of what is shown: of another part of the same clip, another."""
+    part = replace(where, path=Path())
+    return content_hash(where.path) + ("" if part == ClipSource(Path()) else str(part))
+
+
+def clip_of(where: ClipSource) -> Shown:
+    """The frames of a run folder, as they were kept, or of a clip.
+
+    Raises:
+        InputError: they cannot be read, or some were cut off.
+    """
+    as_is = replace(kept(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
+    clip, _ = open_clip(as_is)
+    if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
+        _check_whole(where.path, len(clip.times), kept_frames(where.path))
+    return Shown(clip.image, clip.times)
+
+
+def _check_whole(run: Path, count: int, video: Path) -> None:
+    """Refuse a run whose ``video`` was cut off: its ``count`` frames look like a shorter clip."""
+    metrics = read_json(run / METRICS) if (run / METRICS).is_file() else {}
+    frames = metrics.get("frames", count) if isinstance(metrics, dict) else count
+    if frames != count:
+        raise InputError(video, "video", f"has {count} frames, its run {frames}", "make the run anew")
+
+
+def reference_of(group: Sequence[ClipSource], given: ClipSource | None) -> Shown:
+    """The reference of one sample: ``given``, or the one that the runs of ``group`` share and keep.
+
+    Raises:
+        UsageError: none is given of clips, or of parts of runs.
+        InputError: it cannot be read, or the runs have different ones.
+    """
+    if given is not None:
+        return clip_of(given)
+    if not all(is_run(where.path) for where in group):
+        raise UsageError("", "--reference", "clips do not know theirs", "name one for each sample")
+    if any(where != ClipSource(where.path) for where in group):
+        raise UsageError("", "--reference", "a part of a run does not know its own", "name it: --reference CLIP#t=1,2")
+    return _own_reference([where.path for where in group])
+
+
+def _taught_by(run: Path) -> str:
+    """Digest of the reference that a run names."""
+    manifest = read_json(run / MANIFEST)
+    reference = manifest.get("reference", {}) if isinstance(manifest, dict) else None
+    if not isinstance(reference, dict):
+        raise InputError(run / MANIFEST, "reference", "is no manifest of a run", "make the run anew")
+    return str(reference.get("sha256"))
+
+
+def _own_reference(group: Sequence[Path]) -> Shown:
+    """The one reference of the runs of ``group``, which keep it beside their results."""
+    digests = {_taught_by(path) for path in group}
+    if len(digests) > 1:
+        raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
+    sheet = group[0] / BESIDE
+    if not sheet.is_file():
+        raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
+    clip = read_clip(sheet, max_side=SHEET_SIDE)
+    _check_whole(group[0], len(clip.times), sheet)
+    return Shown(reference_side(clip.image), clip.times)
