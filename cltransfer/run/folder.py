@@ -48,7 +48,7 @@ def _name(source: str) -> str:
 
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
     """Write everything a run leaves behind; returns what its report shows."""
-    manifest = _manifest(result, config, plugins)
+    manifest = _manifest(result, inputs, config, plugins)
     clear(folder)
     write_json(folder / MANIFEST, manifest)
     write_text(folder / CONFIG, to_yaml(_settled(config, result)))
@@ -125,13 +125,14 @@ def command_again(folder: Path, inputs: Inputs, plugins: Sequence[str]) -> str:
     return shlex.join([*command, "--config", str(folder / CONFIG)])
 
 
-def _manifest(result: Result, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:
+def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:
+    reference = {"name": result.reference.name, "sha256": result.reference.digest, "part": inputs.part}
     return {
         "format": FORMAT,
         "version": 1,
         "cltransfer": __version__,
         "scene": {"name": result.scene.name, "sha256": result.scene.digest, "up": result.scene.up.tolist()},
-        "reference": {"name": result.reference.name, "sha256": result.reference.digest},
+        "reference": reference,
         "packages": versions(),
         "python": platform.python_version(),
         "machine": platform.machine(),

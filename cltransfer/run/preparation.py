@@ -70,6 +70,11 @@ class Inputs:
             if isinstance(value := getattr(self, name), os.PathLike):
                 object.__setattr__(self, name, os.fspath(value))
 
+    @property
+    def part(self) -> str:
+        """What of the reference is taken, as in ``t=1,2``; empty for all of it."""
+        return Path(self.reference).name.partition("#")[2]
+
 
 @dataclass(frozen=True)
 class Record:
@@ -219,7 +224,7 @@ def _header(
         "person": scene.person_digest,
         "reference": reference.digest,
         "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun
-        "part of the reference": Path(inputs.reference).name.partition("#")[2],
+        "part of the reference": inputs.part,
         "init": inputs.init,
         **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
         **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},

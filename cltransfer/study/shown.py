@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
 from ..clips.clip import read_clip
@@ -15,9 +16,11 @@ from ..errors import InputError, UsageError
 from ..report.side_by_side import reference_side
 from ..storage.files import content_hash, read_json
 from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
+from ..trajectory import Trajectory
 
 METRICS = "metrics.json"  # of a run: says how many frames it has
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
+MOMENT = 1e-3  # [s]; nearer ones are one
 
 
 @dataclass(frozen=True)
@@ -92,20 +95,44 @@ def reference_of(group: Sequence[ClipSource], given: ClipSource | None) -> Shown
     return _own_reference([where.path for where in group])
 
 
-def _taught_by(run: Path) -> str:
-    """Digest of the reference that a run names."""
+@dataclass(frozen=True)
+class _Taught:
+    """What taught a run: digest of its reference, the part of it, and when its frames are shown.
+
+    A manifest of before parts were written knows neither part nor times.
+    """
+
+    digest: str
+    part: str | None
+    times: Tensor | None  # (N,) [s]
+
+    def other(self, than: _Taught) -> bool:
+        """Whether the two are known to differ."""
+        if self.digest != than.digest:
+            return True
+        if self.times is None or than.times is None:
+            return False
+        alike = self.times.shape == than.times.shape and torch.allclose(self.times, than.times, rtol=0, atol=MOMENT)
+        return self.part != than.part or not alike
+
+
+def _taught_by(run: Path) -> _Taught:
+    """What taught ``run``, as its manifest and its trajectory say."""
     manifest = read_json(run / MANIFEST)
     reference = manifest.get("reference", {}) if isinstance(manifest, dict) else None
     if not isinstance(reference, dict):
         raise InputError(run / MANIFEST, "reference", "is no manifest of a run", "make the run anew")
-    return str(reference.get("sha256"))
+    digest, part = str(reference.get("sha256")), reference.get("part")
+    return _Taught(digest, part, None if part is None else Trajectory.load(run / "trajectory.json").times)
 
 
 def _own_reference(group: Sequence[Path]) -> Shown:
     """The one reference of the runs of ``group``, which keep it beside their results."""
-    digests = {_taught_by(path) for path in group}
-    if len(digests) > 1:
-        raise InputError(group[1], "reference", f"is not that of {group[0]}", "runs of one sample share a reference")
+    first = _taught_by(group[0])
+    for run in group[1:]:
+        if _taught_by(run).other(first):
+            hint = "runs of one sample share a reference, the part of it and its moments"
+            raise InputError(run, "reference", f"is not that of {group[0]}", hint)
     sheet = group[0] / BESIDE
     if not sheet.is_file():
         raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")

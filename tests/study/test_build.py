@@ -116,6 +116,29 @@ def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, co
     assert "is no manifest of a run" in refused.err
 
 
+def test_runs_that_other_parts_of_a_clip_have_taught_are_no_sample(
+    tiny_run: Path, tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    def study(part: str | None, slower: float = 1.0) -> tuple[int, str]:
+        run = shutil.copytree(tiny_run, tmp_path / f"run{next(number)}")
+        told, path = (json.loads((run / name).read_text()) for name in ("manifest.json", "trajectory.json"))
+        told["reference"]["part"] = part
+        path["frames"] = [{**frame, "time": frame["time"] * slower} for frame in path["frames"]]
+        (run / "manifest.json").write_text(json.dumps(told))
+        (run / "trajectory.json").write_text(json.dumps(path))
+        three = ("--method", "a", "--method", "b", "--method", "c", "--out", tmp_path / f"page{next(number)}")
+        answer = command("study", tiny_run, tiny_run, run, *three)
+        return answer.code, answer.err
+
+    number = count()
+    assert json.loads((tiny_run / "manifest.json").read_text())["reference"]["part"] == ""
+    assert study("")[0] == 0
+    assert study(None, 2.0)[0] == 0  # an older run, which tells no part
+    for code, error in (study("t=0,1"), study("", 2.0)):
+        assert code == 3
+        assert re.search("run[0-9]+: reference: is not that of .*part of it", error)
+
+
 @pytest.mark.parametrize("height", [36, 37, 270, 288, 289, 720])
 def test_the_reference_is_cut_out_of_the_sheet_it_was_put_into(height: int) -> None:
     width = height * 16 // 9
