@@ -15,7 +15,7 @@ from ..clips.source import ClipSource
 from ..errors import InputError, UsageError
 from ..report.side_by_side import reference_side
 from ..storage.files import content_hash, read_json
-from ..storage.run_files import BESIDE, MANIFEST, is_run, kept_frames, require_done
+from ..storage.run_files import BESIDE, FRAMES, MANIFEST, is_run, kept_frames, require_done
 from ..trajectory import Trajectory
 
 METRICS = "metrics.json"  # of a run: says how many frames it has
@@ -53,9 +53,11 @@ def kept(where: ClipSource) -> ClipSource:
 
 
 def digest_of(where: ClipSource) -> str:
-    """Of what is shown: of another part of the same clip, another."""
+    """Of what is shown: of another part of the same clip, another; of a run nothing else that lies in its folder."""
     part = replace(where, path=Path())
-    return content_hash(where.path) + ("" if part == ClipSource(Path()) else str(part))
+    shown = [where.path / name for name in (FRAMES, BESIDE)] if is_run(where.path) else [where.path]
+    content = "".join(content_hash(path) for path in shown if path.exists())
+    return content + ("" if part == ClipSource(Path()) else str(part))
 
 
 def clip_of(where: ClipSource) -> Shown:

@@ -252,6 +252,21 @@ def test_another_part_of_a_clip_makes_another_study(clips: Wanted, tmp_path: Pat
     assert len({named(""), named("#t=0,0.2"), named("#t=0.1,0.3")}) == 3
 
 
+def test_what_else_lies_in_the_folder_of_a_run_is_not_read(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+
+    def named(out: str) -> str:
+        return build_study(Wanted((str(tiny_run), str(run)), ("a", "b")), tmp_path / out)[0].name
+
+    usual = named("page1")
+    (tmp_path / "diary").write_text("of somebody else")
+    (run / "video" / "linked").symlink_to(tmp_path / "diary")
+    assert named("page2") == usual
+    kept = read_clip(run / "video" / "frames.mkv")
+    write_video(run / "video" / "frames.mkv", 255 - kept.image, kept.times, lossless=True)
+    assert named("page3") != usual
+
+
 def test_other_references_make_another_study(clips: Wanted, tmp_path: Path) -> None:
     number = count()
 
