@@ -181,7 +181,7 @@ def pinned(entry: Entry) -> Entry:
 def pin(entry: Entry, sha256: str) -> Entry:
     """``entry`` with the hash and size of its file, which the user's own ``pins.json`` remembers."""
     size = entry.path.stat().st_size
-    with _alone(_pins_file().with_suffix(".lock")):  # another command may be pinning what it has pulled
+    with alone(_pins_file().with_suffix(".lock")):  # another command may be pinning what it has pulled
         pins = _pins() if _pins_file().is_file() else {}
         pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
         write_json(_pins_file(), pins)
@@ -225,7 +225,7 @@ def _is_pin(sha256: object, size: object) -> bool:
 
 
 @contextlib.contextmanager
-def _alone(lock: Path) -> Iterator[None]:
+def alone(lock: Path) -> Iterator[None]:
     """Wait until nobody else holds ``lock``; where the system or the folder has no locks, nobody is waited for."""
     if find_spec("fcntl") is None:
         yield

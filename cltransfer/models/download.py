@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from ..storage.files import atomic, content_hash
-from .catalogue import LARGEST, Entry, pin
+from ..storage.files import atomic, cache_dir, content_hash
+from .catalogue import LARGEST, Entry, alone, pin
 
 if TYPE_CHECKING:
     from requests import Response
@@ -159,17 +159,24 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
     about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"
     entry.path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        if entry.sha256:
-            known = f"sha256:{entry.sha256}"
-            pooch.retrieve(entry.address, known, entry.path.name, entry.path.parent, downloader=getter)
-        else:
-            with atomic(entry.path) as new:  # pooch keeps what it cannot check
-                pooch.retrieve(entry.address, None, new.name, new.parent, downloader=getter)
+        with alone(cache_dir() / f"{entry.path.name}.lock"):  # another command may be gathering the same bytes
+            _retrieve(entry, getter)
     except _RefusedError as error:
         raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
     except ValueError:  # pooch's word for another hash; it has deleted the file
         raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
     return entry if entry.sha256 else pin(entry, getter.sha256)
+
+
+def _retrieve(entry: Entry, getter: Resuming) -> None:
+    import pooch
+
+    if entry.sha256:
+        known = f"sha256:{entry.sha256}"
+        pooch.retrieve(entry.address, known, entry.path.name, entry.path.parent, downloader=getter)
+    else:
+        with atomic(entry.path) as new:  # pooch keeps what it cannot check
+            pooch.retrieve(entry.address, None, new.name, new.parent, downloader=getter)
 
 
 def _plain(error: Exception) -> str:

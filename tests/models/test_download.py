@@ -7,6 +7,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -314,6 +315,21 @@ def test_an_unknown_hash_is_refused_then_accepted_and_pinned(server, entry):
     assert pins == {"models": {"mine": {"address": new.address, "sha256": HASH, "size": len(CONTENT)}}}
     refused_later = replace(pinned(new), file="other.onnx")
     assert pull(refused_later, False, silent).path.read_bytes() == CONTENT
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_two_pulls_of_one_file_at_once_are_both_of_all_of_it(server, entry, known):
+    new = entry("slow") if known else entry("slow", sha256="", size=0)
+
+    def later(seconds: float) -> Entry:
+        time.sleep(seconds)
+        return pull(new, True, silent)
+
+    with ThreadPoolExecutor(2) as pool:
+        both = list(pool.map(later, (0.0, 0.15)))
+    assert [had.sha256 for had in both] == [HASH, HASH]
+    assert new.path.read_bytes() == CONTENT
+    assert known or pinned(new).size == len(CONTENT)
 
 
 def test_a_new_file_is_never_put_together_from_halves(server, entry):
