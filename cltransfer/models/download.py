@@ -96,8 +96,9 @@ class Resuming:
 
     def _check(self, answer: Response, url: str) -> None:
         """Refuse what is no file, of another size, or has left https."""
-        if url.startswith("https:") and not answer.url.startswith("https:"):
-            raise _RefusedError(f"the server leads away from https to {answer.url}")
+        plain = [one.url for one in (*answer.history, answer) if not one.url.startswith("https:")]
+        if url.startswith("https:") and plain:  # on the way too: whoever stands there would choose the file
+            raise _RefusedError(f"the server leads away from https to {plain[0]}")
         if answer.status_code not in (200, 206):
             raise _RefusedError(f"the server answers {answer.status_code} {answer.reason}")
         begin = re.match(r"bytes (\d+)-", answer.headers.get("Content-Range", ""))
@@ -163,7 +164,12 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
             _retrieve(entry, getter)
     except _RefusedError as error:
         raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
-    except ValueError:  # pooch's word for another hash; it has deleted the file
+    except ValueError as error:
+        if not getter.sha256:  # nothing was downloaded: an address or a header that is none
+            raise entry.error(
+                "download", f"{_plain(error)}, {about}", f"or put it by hand into {entry.folder}"
+            ) from None
+        # pooch's word for another hash; it has deleted the file
         raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
     return entry if entry.sha256 else pin(entry, getter.sha256)
 

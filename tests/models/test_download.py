@@ -133,6 +133,9 @@ class Handler(BaseHTTPRequestHandler):
     def serve_file(self, begin: int) -> None:
         self.head(302, 0, Location="file:///etc/passwd")
 
+    def serve_nowhere(self, begin: int) -> None:
+        self.head(302, 0, Location="http://[::1")
+
     def serve_round(self, begin: int) -> None:
         self.head(302, 0, Location="/round")
 
@@ -283,6 +286,18 @@ def test_redirects_lead_to_http_only(entry):
     entry("good").path.unlink()
     refused(entry("file"), "file:///etc/passwd")
     refused(entry("round"), "redirects")
+
+
+def test_https_is_not_left_on_the_way_either(entry):
+    answer, between = requests.Response(), requests.Response()
+    answer.status_code, answer.url, between.url = 200, "https://example.org/net.onnx", "http://example.org/"
+    answer.history = [between]
+    with pytest.raises(Exception, match=r"leads away from https to http://example\.org/"):
+        Resuming(entry("good"), silent)._check(answer, "https://example.org/")
+
+
+def test_an_address_that_is_none_is_no_wrong_hash(entry):
+    assert refused(entry("nowhere"), "nvalid").field == "download"
 
 
 def test_https_is_not_left(entry):
