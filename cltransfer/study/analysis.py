@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -11,15 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, softmax
-from scipy.stats import binomtest, bootstrap
 
 from .answers import Choice
 from .design import QUESTIONS, Study
+from .intervals import FEWEST, exact_interval, share_interval, strength_intervals
 
-CONFIDENCE = 0.95
-RESAMPLES = 1999
 LONGEST_STEP = 2.0  # of a strength's logarithm: farther the parabola says little
-FEWEST = 6  # participants of whom resampling says something
 Array = NDArray[np.float64]
 
 
@@ -31,9 +27,8 @@ class Preference:
         question, first, second: what was asked about whom.
         wins, count: answers for ``first``, of how many.
         exact: Clopper-Pearson interval of the share; it takes answers for independent. None without an answer.
-        by_participant: percentile interval of the share over resampled participants; where all have the same share,
-            which resampling takes for certain, Clopper-Pearson with a participant as an answer. None of fewer than
-            :data:`FEWEST`.
+        by_participant: interval of the share over people (:func:`.intervals.share_interval`), None of fewer than
+            :data:`~.intervals.FEWEST`.
     """
 
     question: str
@@ -57,8 +52,8 @@ class Strength:
     Args:
         question, method: what was asked about whom.
         value: None where it is not finite.
-        by_participant: percentile interval over resampled participants, None of fewer than :data:`FEWEST`, or where one
-            resample has no finite value.
+        by_participant: interval over people (:func:`.intervals.strength_intervals`), None of fewer than
+            :data:`~.intervals.FEWEST`.
         reason: why there is none.
     """
 
@@ -72,66 +67,36 @@ class Strength:
 def preferences(choices: Sequence[Choice], study: Study) -> list[Preference]:
     """One for each question and pair of methods."""
     found = []
-    for question in QUESTIONS:
-        for first, second in combinations(study.methods, 2):
-            asked = [c for c in choices if c.question == question and {c.winner, c.loser} == {first, second}]
-            found.append(_preference(asked, question, first, second))
+    for question, wins in _wins(choices, study.methods).items():
+        for i, j in combinations(range(len(study.methods)), 2):
+            found.append(_preference(wins[:, i, j], wins[:, j, i], question, study.methods[i], study.methods[j]))
     return found
 
 
-def _preference(asked: Sequence[Choice], question: str, first: str, second: str) -> Preference:
-    people = sorted({choice.participant for choice in asked})
-    counts = np.array([sum(c.participant == who for c in asked) for who in people])
-    wins = np.array([sum(c.participant == who and c.winner == first for c in asked) for who in people])
-    exact = _exact(int(wins.sum()), len(asked)) if asked else None
-    by_participant = _over_people(wins, counts) if len(people) >= FEWEST else None
-    return Preference(question, first, second, int(wins.sum()), len(asked), exact, by_participant)
-
-
-def _exact(wins: int, count: int) -> tuple[float, float]:
-    interval = binomtest(wins, count).proportion_ci(CONFIDENCE, method="exact")
-    return float(interval.low), float(interval.high)
-
-
-def _over_people(wins: Array, counts: Array) -> tuple[float, float]:
-    """Interval of the share by what each of P people answered, (P,) for the first of so many."""
-    if len(set((wins / counts).tolist())) == 1:  # resampling people who all agree tells nothing
-        return _of_one_share(float(wins.sum() / counts.sum()), len(wins))
-    resampled = bootstrap(
-        (wins, counts),
-        lambda won, of, axis: won.sum(axis) / of.sum(axis),
-        paired=True,
-        n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE,
-        method="percentile",
-        rng=np.random.Generator(np.random.PCG64(0)),
-    ).confidence_interval
-    return float(resampled.low), float(resampled.high)
-
-
-def _of_one_share(share: float, people: int) -> tuple[float, float]:
-    """Interval where each of ``people`` has the same ``share``: Clopper-Pearson with a participant as an answer.
-
-    A share of a whole number of participants has it exactly; any other the wider of its neighbours' ends.
-    """
-    whole = round(share * people, 9)
-    return _exact(math.floor(whole), people)[0], _exact(math.ceil(whole), people)[1]
+def _preference(won: Array, lost: Array, question: str, first: str, second: str) -> Preference:
+    """By how many answers each of P people, (P,), gave for the first and for the second."""
+    asked = won + lost > 0
+    counts, wins, count = (won + lost)[asked], int(won.sum()), int((won + lost).sum())
+    exact = exact_interval(wins, count) if count else None
+    by_participant = share_interval(won[asked], counts) if len(counts) >= FEWEST else None
+    return Preference(question, first, second, wins, count, exact, by_participant)
 
 
 def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:
     """One for each question and method."""
     found = []
-    for question in QUESTIONS:
-        wins = _wins_by_person([c for c in choices if c.question == question], study.methods)
+    for question, wins in _wins(choices, study.methods).items():
         values = bradley_terry(wins.sum(0))
         if not np.isfinite(values).all():
             reason = "no finite value: some methods never lost to the others, or were never compared with them"
             found += [Strength(question, method, None, None, reason) for method in study.methods]
             continue
-        intervals, reason = _intervals(wins)
-        for i, method in enumerate(study.methods):
-            interval = intervals[i] if intervals else None
-            found.append(Strength(question, method, float(values[i]), interval, reason))
+        reason = _too_few(len(wins))
+        intervals = [None] * len(values) if reason else strength_intervals(wins, values)
+        found += [
+            Strength(question, method, float(value), interval, reason)
+            for method, value, interval in zip(study.methods, values, intervals)
+        ]
     return found
 
 
@@ -162,24 +127,23 @@ def bradley_terry(wins: Array, steps: int = 1000) -> Array:
     return np.full(count, np.nan)
 
 
+def _wins(choices: Sequence[Choice], methods: Sequence[str]) -> dict[str, Array]:
+    """By question, how often each of the P participants who answered it preferred a method to another, (P, M, M)."""
+    asked: dict[str, list[Choice]] = {question: [] for question in QUESTIONS}
+    for choice in choices:
+        asked[choice.question].append(choice)
+    return {question: _wins_by_person(given, methods) for question, given in asked.items()}
+
+
 def _wins_by_person(asked: Sequence[Choice], methods: Sequence[str]) -> Array:
-    """Wins (P, M, M) of each participant's answers."""
-    people = sorted({choice.participant for choice in asked})
+    people, who = np.unique([choice.participant for choice in asked], return_inverse=True)
+    place = {method: i for i, method in enumerate(methods)}
+    pairs = np.array([(place[choice.winner], place[choice.loser]) for choice in asked], int).reshape(-1, 2)
     wins = np.zeros((len(people), len(methods), len(methods)))
-    for choice in asked:
-        wins[people.index(choice.participant), methods.index(choice.winner), methods.index(choice.loser)] += 1
+    np.add.at(wins, (who, pairs[:, 0], pairs[:, 1]), 1)
     return wins
 
 
-def _intervals(wins: Array) -> tuple[list[tuple[float, float]], str]:
-    """Percentile interval of each strength over resampled participants, or none and the reason."""
-    if len(wins) < FEWEST:
-        return [], f"too few participants for an interval: {len(wins)}, expected {FEWEST} or more"
-    rng = np.random.Generator(np.random.PCG64(0))
-    drawn = [bradley_terry(wins[rng.integers(len(wins), size=len(wins))].sum(0)) for _ in range(RESAMPLES)]
-    endless = sum(not np.isfinite(values).all() for values in drawn)
-    if endless:
-        return [], f"no interval: {endless} of {RESAMPLES} resamples of the participants have no finite value"
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(drawn, [tail, 1 - tail], axis=0)
-    return [(float(a), float(b)) for a, b in zip(low, high)], ""
+def _too_few(people: int) -> str:
+    """Why so many have no interval, empty where they have."""
+    return "" if people >= FEWEST else f"too few participants for an interval: {people}, expected {FEWEST} or more"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..storage.files import read_text
-from .design import QUESTIONS, Study
+from .design import QUESTIONS, Item, Study
 
 COLUMNS = ("study", "participant", "item", "question", "left", "right", "chosen", "seconds")
 LIMIT = 2**24  # bytes
@@ -37,9 +37,10 @@ def read_answers(files: Iterable[Path], study: Study) -> list[Choice]:
             twice.
     """
     found: dict[tuple[str, str, str], Choice] = {}
+    items = {item.name: item for item in study.items}
     for path in files:
         for number, row in _rows(path):
-            choice = _choice(row, study, path, number)
+            choice = _choice(row, study, items, path, number)
             asked = (choice.participant, choice.item, choice.question)
             if asked in found:
                 reason = f"{choice.participant} answered {choice.item}, {choice.question} twice"
@@ -59,13 +60,13 @@ def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
         raise InputError(path, "", f"expected CSV, {error}") from None
 
 
-def _choice(row: dict[str, str], study: Study, path: Path, number: int) -> Choice:
+def _choice(row: dict[str, str], study: Study, items: dict[str, Item], path: Path, number: int) -> Choice:
     where = f"line {number}"
     if None in row or None in row.values():
         raise InputError(path, where, f"expected {len(COLUMNS)} values")
     if row["study"] != study.name:
         raise InputError(path, where, f"is of study {row['study']!r}, the key of {study.name}")
-    item = next((item for item in study.items if item.name == row["item"]), None)
+    item = items.get(row["item"])
     if item is None or row["question"] not in QUESTIONS or not row["participant"]:
         raise InputError(path, where, "is an answer to nothing that was asked")
     if not CODE.fullmatch(row["participant"]):

@@ -10,9 +10,10 @@ from typing import Any
 
 from ..report.tables import Table, to_markdown
 from ..storage.files import csv_text, write_json, write_text
-from .analysis import CONFIDENCE, FEWEST, Preference, Strength, preferences, strengths
+from .analysis import Preference, Strength, preferences, strengths
 from .answers import Choice, read_answers
 from .design import NO_STUDY, QUESTIONS, Study
+from .intervals import CONFIDENCE, FEWEST
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def markdown(analysis: Analysis) -> list[str]:
     lines += [
         "",
         "The exact interval takes answers for independent; those of one person are not: cite the one by participant",
-        f"({FEWEST} participants or more have one).",
+        f"({FEWEST} participants or more have one). It is wider the fewer they are and the more they differ.",
         f"{NO_STUDY} Neither are answers by its authors or by a program.",
     ]
     return lines
@@ -93,7 +94,7 @@ def _preferences(analysis: Analysis) -> Table:
 
 def _strengths(analysis: Analysis) -> Table:
     rows = [(s.question, s.method, _percent(s.value), _span(s.by_participant), s.reason) for s in analysis.strengths]
-    return Table(("question", "method", "Bradley-Terry strength", "by participant", ""), tuple(rows))
+    return Table(("question", "method", "Bradley-Terry strength", f"by participant {CONFIDENCE:.0%}", ""), tuple(rows))
 
 
 def _percent(value: float | None) -> str:

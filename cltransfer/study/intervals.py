@@ -1,0 +1,79 @@
+"""Intervals of shares and strengths that know that one person's answers belong together.
+
+Resampling six or eight participants draws them too narrow: 95 % intervals held the truth in 85 to 90 % of simulated
+studies. Those here held it in 94 to 99 %, tests/study/test_intervals.py has some of the studies.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, logit
+from scipy.stats import beta, binomtest, t
+
+CONFIDENCE = 0.95
+FEWEST = 6  # participants of whom an interval over people says something
+Array = NDArray[np.float64]
+
+
+def exact_interval(wins: int, count: int) -> tuple[float, float]:
+    """Clopper-Pearson interval of a share, of ``count`` answers that do not depend on one another."""
+    interval = binomtest(wins, count).proportion_ci(CONFIDENCE, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def share_interval(wins: Array, counts: Array) -> tuple[float, float]:
+    """Interval of the share by what each of P people answered, never narrower than the exact one of all answers.
+
+    Clopper-Pearson of as many independent answers as theirs are worth (Korn and Graubard, Survey Methodology 24, 1998):
+    fewer, the more people differ, and the fewer they are.
+
+    Args:
+        wins: of each of two people or more for the first, (P,).
+        counts: of so many answers, (P,), > 0.
+    """
+    people, answers = len(wins), float(counts.sum())
+    share = float(wins.sum()) / answers
+    if len(set((wins / counts).tolist())) == 1:  # they do not differ, which tells nothing of how others would
+        return _of_one_share(share, people)
+    spread = people / (people - 1) * float(((wins - share * counts) ** 2).sum()) / answers**2
+    alone = share * (1 - share)  # variance of one answer
+    fewness = t.ppf((1 + CONFIDENCE) / 2, answers - 1) / t.ppf((1 + CONFIDENCE) / 2, people - 1)
+    worth = min(answers, alone / spread * float(fewness) ** 2)
+    won, tail = share * worth, (1 - CONFIDENCE) / 2
+    return float(beta.ppf(tail, won, worth - won + 1)), float(beta.ppf(1 - tail, won + 1, worth - won))
+
+
+def _of_one_share(share: float, people: int) -> tuple[float, float]:
+    """Interval where each of ``people`` has the same ``share``: Clopper-Pearson with a participant as an answer.
+
+    A share of a whole number of participants has it exactly; any other the wider of its neighbours' ends.
+    """
+    whole = round(share * people, 9)
+    return exact_interval(math.floor(whole), people)[0], exact_interval(math.ceil(whole), people)[1]
+
+
+def strength_intervals(wins: Array, values: Array) -> list[tuple[float, float]]:
+    """Interval of each Bradley-Terry strength, by Student's t with one degree of freedom less than participants.
+
+    Its log odds vary as participants do (Liang and Zeger, Biometrika 73, 1986), and no less than independent answers.
+
+    Args:
+        wins: of each of P participants, two or more, how often M methods were preferred to each other one, (P, M, M).
+        values: strengths by all of them, (M,), finite, that add up to 1.
+    """
+    people, methods = wins.shape[:2]
+    games = wins + wins.transpose(0, 2, 1)
+    chance = values[:, None] / (values[:, None] + values)  # of one being preferred to the other
+    scores = wins.sum(2) - (games * chance).sum(2)  # (P, M) of the logarithms of the strengths
+    weight = games.sum(0) * chance * chance.T
+    alone = np.linalg.inv(np.diag(weight.sum(1)) - weight + weight.mean())  # all alike is no change: see bradley_terry
+    among = alone @ (people / (people - 1) * scores.T @ scores) @ alone
+    turn = -values / (1 - values)[:, None]  # of the log odds of each with the logarithm of every strength
+    turn[np.diag_indices(methods)] = 1
+    variance = np.maximum(*(np.einsum("ij,jk,ik->i", turn, spread, turn) for spread in (among, alone)))
+    half = t.ppf((1 + CONFIDENCE) / 2, people - 1) * np.sqrt(variance)
+    low, high = expit(logit(values) - half), expit(logit(values) + half)
+    return list(zip(low.tolist(), high.tolist()))

@@ -1,0 +1,72 @@
+"""Intervals over people hold the truth as often as they say, of six people too, and are found of thousands."""
+
+from __future__ import annotations
+
+import time
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.special import expit
+
+from cltransfer.study.analysis import bradley_terry, preferences, strengths
+from cltransfer.study.answers import Choice
+from cltransfer.study.design import QUESTIONS, design
+from cltransfer.study.intervals import exact_interval, share_interval, strength_intervals
+
+
+@pytest.mark.parametrize("people", [6, 8, 20])
+@pytest.mark.parametrize(("likes", "dislikes"), [(7, 3), (90, 10), (9, 1), (1, 1)])
+def test_the_interval_of_a_share_holds_the_truth(people: int, likes: int, dislikes: int) -> None:
+    """People differ: each prefers the first with a chance of their own, of the mean likes / (likes + dislikes)."""
+    rng, counts = np.random.default_rng(1), np.full(people, 10.0)
+    held = []
+    for _ in range(400):
+        low, high = share_interval(rng.binomial(10, rng.beta(likes, dislikes, people)).astype(float), counts)
+        held.append(low <= likes / (likes + dislikes) <= high)
+    assert np.mean(held) >= 0.92
+
+
+@pytest.mark.parametrize("differ", [0.0, 1.5])
+def test_the_intervals_of_strengths_hold_the_truth(differ: float) -> None:
+    """Six people and eight answers of each pair; the truth is that of very many people."""
+    rng, logs = np.random.default_rng(0), np.log([0.6, 0.3, 0.1])
+
+    def asked(people: int, answers: int) -> np.ndarray:
+        own, wins = logs + differ * rng.standard_normal((people, 3)), np.zeros((people, 3, 3))
+        for i, j in combinations(range(3), 2):
+            wins[:, i, j] = rng.binomial(answers, expit(own[:, i] - own[:, j]))
+            wins[:, j, i] = answers - wins[:, i, j]
+        return wins
+
+    truth, held = bradley_terry(asked(200_000, 1).sum(0)), []
+    for _ in range(200):
+        wins = asked(6, 8)
+        low, high = np.transpose(strength_intervals(wins, bradley_terry(wins.sum(0))))
+        held.append((low <= truth) & (truth <= high))
+    assert np.mean(held) >= 0.92
+
+
+@pytest.mark.parametrize("wins", [(10, 10, 10, 10, 10, 9), (5, 5, 5, 5, 5, 4), (10,) * 6, (0, 1, 0, 0, 0, 0)])
+def test_people_who_nearly_agree_know_no_more_than_as_many_answers(wins: tuple[int, ...]) -> None:
+    low, high = share_interval(np.array(wins, float), np.full(6, 10.0))
+    exact = exact_interval(sum(wins), 60)
+    assert low <= exact[0] + 1e-12
+    assert high >= exact[1] - 1e-12
+
+
+def test_thousands_of_participants_are_counted_within_seconds() -> None:
+    study = design([f"s{i}" for i in range(4)], ["a", "b", "c"], [], 0)
+    rng = np.random.default_rng(0)
+    choices = []
+    for person in range(5_000):
+        for item in study.items:
+            pair = study.clips[item.first].method, study.clips[item.second].method
+            first = int(rng.random() < 0.4)
+            choices += [Choice(f"p{person}", item.name, q, pair[first], pair[1 - first]) for q in QUESTIONS]
+    start = time.perf_counter()
+    shares, values = preferences(choices, study), strengths(choices, study)
+    assert time.perf_counter() - start < 10
+    assert sum(share.count for share in shares) == len(choices)
+    assert all(share.by_participant for share in shares)
+    assert all(value.by_participant for value in values)
