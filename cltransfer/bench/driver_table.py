@@ -66,7 +66,7 @@ def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
         f"at {SIDE} px, a size that nobody searches at, so that what was gained by single pixels does not count.",
         "Jerk: of the frames as they were found, of the path taken, of the reference. Cost of the path: its",
         "total less that of the frames.",
-        *machine(),
+        *machine(rows),
         measured_at(rows),
         "",
         *table(HEADER, summary(clips)),

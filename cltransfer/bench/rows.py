@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -54,7 +55,7 @@ def kept_rows(
     told(f"{len(tasks)} trials, {len(tasks) - len(todo)} of them done before")
     begun, here = time.perf_counter(), commit()  # of the code as it was loaded
     for count, row in enumerate(_run(todo, measure, jobs), 1):
-        row["commit"] = here
+        row |= {"commit": here, "load": round(os.getloadavg()[1], 2)}
         keep(folder / FILE, row)
         done[row["key"]] = row
         left = (time.perf_counter() - begun) / count * (len(todo) - count) / 60

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import platform
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -27,12 +28,27 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return ["| " + " | ".join(cells) + " |" for cells in [header, ["---"] * len(header), *rows]]
 
 
-def machine() -> list[str]:
-    """Lines that say what was measured on, and by which commit."""
+def machine(rows: Sequence[Mapping[str, Any]] | None = None) -> list[str]:
+    """Lines that say what was measured on, under what load, and by which commit.
+
+    Args:
+        rows: that were kept, each with its load average; older ones have none. None: all was measured just now.
+    """
+    load = f", load average {os.getloadavg()[1]:.1f} while measured" if rows is None else _load(rows)
     return [
-        f"Machine: {_cpu()}, {os.cpu_count()} logical cores, load average {os.getloadavg()[1]:.1f} while measured;",
+        f"Machine: {_cpu()}, {os.cpu_count()} logical cores{load};",
         f"torch {torch.__version__}; commit {commit()}.",
     ]
+
+
+def _load(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The range of the load averages that ``rows`` tell, and how many do; empty where none does."""
+    known = [row["load"] for row in rows if "load" in row]
+    if not known:
+        return ""
+    span = " to ".join(dict.fromkeys(f"{load:.1f}" for load in (min(known), max(known))))
+    some = "" if len(known) == len(rows) else f"{len(known)} of {len(rows)} rows were "
+    return f", load average {span} while {some}measured"
 
 
 def markers(title: str) -> tuple[str, str]:

@@ -170,7 +170,7 @@ def write_table1(rows: Sequence[Row], found: Sequence[Duel], folder: Path, out: 
         "Differences are ours minus the baseline's, clip by clip, with 95 % bootstrap intervals; bold ones exclude 0",
         f"and have p at most {LEVEL} (of {FEWEST} clips or more that differ).",
         measured_at(rows),
-        *machine(),
+        *machine(rows),
         *markdown(found),
     ]
     write_text(folder / "table1.md", "\n".join(lines).rstrip() + "\n")

@@ -66,6 +66,7 @@ def test_points_beside_one_another_are_all_named_and_no_name_lies_on_a_point():
 def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
     settings = (Setting("presets", "fast", "fast"), Setting("resolution", "64 px", "fast", ("search_side=64",)))
     tier = Tier(("pan",), (("room", "room"),), 1, 1, 4)
+    monkeypatch.setattr("os.getloadavg", lambda: (0.0, 3.7, 0.0))
     rows = run_trials(chart_trials(settings, tier, (7,)), Bench(tmp_path / "rows"))
     monkeypatch.setitem(CHART_TIERS, "smoke", tier)
     monkeypatch.setattr(chart, "SMOKE_SETTINGS", settings)
@@ -79,6 +80,7 @@ def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
     assert [p.clips for p in found] == [1, 1, 1]
     assert found[0].total == rows[0]["total"]
     page = tmp_path / "docs" / "benchmarks.md"
+    monkeypatch.setattr("os.getloadavg", lambda: (0.0, 1.7, 0.0))
     write_chart(rows, settings, tmp_path / "rows", page, "bench chart")
     for name in ("chart.svg", "hits.svg"):
         texts = [t.text for t in ElementTree.parse(page.parent / name).iter("{http://www.w3.org/2000/svg}text")]
@@ -90,3 +92,4 @@ def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
     assert len(lines) == 4
     assert sum(line.split(",")[8] == "1" for line in lines[1:]) >= 1
     assert "](chart.svg)" in page.read_text()
+    assert "load average 3.7 while measured;" in page.read_text()

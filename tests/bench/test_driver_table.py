@@ -1,11 +1,13 @@
 """The driver bench's table and chart: what they say of planted clips."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+
+import pytest
 
 from cltransfer.bench.driver import Clip
 from cltransfer.bench.driver_chart import write_driver_chart
-from cltransfer.bench.driver_table import HEADER, summary
+from cltransfer.bench.driver_table import HEADER, summary, write_driver
 
 NAN = float("nan")
 CLIP = Clip("fast", "cross", "pan", 1, 0.5, 0.6, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02, 0.01)
@@ -43,3 +45,11 @@ def test_more_presets_than_colours_are_drawn(tmp_path: Path) -> None:
 def test_a_preset_that_ran_on_one_target_only_is_in_the_legend(tmp_path: Path) -> None:
     write_driver_chart([replace(CLIP, target="self"), CLIP, replace(CLIP, preset="paper")], tmp_path)
     assert ">paper</text>" in (tmp_path / "driver.svg").read_text()
+
+
+def test_the_page_tells_the_load_that_its_rows_were_measured_under(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.getloadavg", lambda: (0.0, 1.7, 0.0))
+    write_driver([{**asdict(CLIP), "load": 3.7}], tmp_path / "page.md", "cltransfer bench driver")
+    assert "load average 3.7 while measured;" in (tmp_path / "page.md").read_text()

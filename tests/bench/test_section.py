@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from cltransfer.bench.section import write_section
+from cltransfer.bench.rows import kept_rows
+from cltransfer.bench.section import machine, write_section
 from cltransfer.errors import InputError
 
 PAGE = "# Mine\n\n## Stress\n\n<!-- stress: begin -->\nold\n<!-- stress: end -->\n\nAfter.\n"
@@ -29,3 +30,16 @@ def test_markers_that_are_no_pair_are_left_as_they_are(tmp_path, page):
     with pytest.raises(InputError, match=r"page.md: Stress: expected '<!-- stress: begin -->', then"):
         write_section(tmp_path / "page.md", "Stress", ["x"])
     assert (tmp_path / "page.md").read_text() == page
+
+
+def test_a_page_tells_the_load_that_its_rows_were_measured_under_and_not_its_own(tmp_path, monkeypatch):
+    tasks = {}
+    for key, load in (("a", 3.7), ("b", 4.2), ("c", 1.7)):
+        monkeypatch.setattr("os.getloadavg", lambda load=load: (0.0, load, 0.0))
+        tasks[key] = None
+        rows = kept_rows(tasks if key != "c" else {"a": None, "b": None}, lambda key, task: {}, tmp_path)
+    assert "load average 3.7 to 4.2 while measured;" in machine(rows)[0]
+    assert "load average 3.7 while measured;" in machine(rows[:1])[0]
+    assert "load average 3.7 while 1 of 2 rows were measured;" in machine([rows[0], {"key": "old"}])[0]
+    assert "load average" not in machine([{"key": "old"}])[0]
+    assert "load average 1.7 while measured;" in machine()[0]

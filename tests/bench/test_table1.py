@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from cltransfer.bench.measures import TERMS, failed_frames, paired, term
 from cltransfer.bench.protocol import TIERS
 from cltransfer.bench.rows import read_rows
-from cltransfer.bench.table1 import duel, latex, markdown
+from cltransfer.bench.table1 import duel, latex, markdown, write_table1
 from cltransfer.bench.verbs import app
 
 SMOKE = 60.0  # seconds of one core that the smoke tier may take on a usual machine
@@ -29,6 +29,12 @@ def _row(method, value, failed=(), shot="pan", **more):
         "truth": dict.fromkeys(("position", "rotation", "log_focal", "path_position", "path_rotation"), value),
     }
     return {**row, **more}
+
+
+def test_the_page_tells_the_load_that_its_rows_were_measured_under(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.getloadavg", lambda: (0.0, 1.7, 0.0))
+    write_table1([_row("new", 1.0, load=3.7)], [], tmp_path, None, "cltransfer bench table1")
+    assert "load average 3.7 while measured;" in (tmp_path / "table1.md").read_text()
 
 
 def test_frames_that_failed_by_either_method_are_left_out_of_both():

@@ -118,7 +118,7 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "tolerance. Growth: last third of the frames less the first. Grew most: the weighted term that has, to the",
         "level at which half fail, or else to the last; none where nothing grew. Area: mean success of five levels.",
         *_budgets(rows),
-        *machine(),
+        *machine(rows),
         measured_at(rows),
         "",
         *table(("stressor", "what", "unit", "levels"), _levels(rows)),

@@ -133,7 +133,10 @@ def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it() 
     assert found["total"] < 0.5 * found["random_total"]
 
 
-def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command: Callable[..., Any]) -> None:
+def test_rows_on_disk_are_not_run_again_and_make_a_page(
+    tmp_path: Path, command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.getloadavg", lambda: (0.0, 3.7, 0.0))
     bench = replace(TIERS["smoke"], methods=("replay",), stressors=("nearer_view",), seeds=(1,))
     first = run_bench(bench, tmp_path)
     told: list[str] = []
@@ -141,11 +144,13 @@ def test_rows_on_disk_are_not_run_again_and_make_a_page(tmp_path: Path, command:
     assert told == ["6 trials, 6 of them done before"]
     assert again == first
     page = tmp_path / "page.md"
+    monkeypatch.setattr("os.getloadavg", lambda: (0.0, 1.7, 0.0))
     write_stress(again, page, "cltransfer bench stress")
     charts = [tmp_path / "stress.svg", tmp_path / "stress_totals.svg"]
     drawn = [chart.read_bytes() for chart in charts]
     assert all(b"nearer view" in chart for chart in drawn)
     assert "| nearer_view | replay |" in page.read_text()
+    assert "load average 3.7 while measured;" in page.read_text()
     listed = list(csv.DictReader((tmp_path / "stress.csv").open()))
     assert [(int(line["level"]), line["failed"]) for line in listed] == [
         (r["level"], str(int(r["failed"]))) for r in again
