@@ -29,6 +29,7 @@ class Preference:
         exact: Clopper-Pearson interval of the share; it takes answers for independent. None without an answer.
         by_participant: interval of the share over people (:func:`.intervals.share_interval`), None of fewer than
             :data:`~.intervals.FEWEST`.
+        reason: why something of this is not known.
     """
 
     question: str
@@ -38,6 +39,7 @@ class Preference:
     count: int
     exact: tuple[float, float] | None
     by_participant: tuple[float, float] | None
+    reason: str = ""
 
     @property
     def share(self) -> float | None:
@@ -79,7 +81,8 @@ def _preference(won: Array, lost: Array, question: str, first: str, second: str)
     counts, wins, count = (won + lost)[asked], int(won.sum()), int((won + lost).sum())
     exact = exact_interval(wins, count) if count else None
     by_participant = share_interval(won[asked], counts) if len(counts) >= FEWEST else None
-    return Preference(question, first, second, wins, count, exact, by_participant)
+    reason = _too_few(len(counts)) if count else "no answers"
+    return Preference(question, first, second, wins, count, exact, by_participant, reason)
 
 
 def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:

@@ -77,6 +77,7 @@ def test_people_who_are_all_as_undecided_do_not_make_certain(of_two: int, low: f
 
 def test_nothing_answered_is_null_and_not_half(tmp_path: Path) -> None:
     found = preferences([], TWO)
+    assert {p.reason for p in found} == {"no answers"}
     assert {(p.count, p.share, p.exact, p.by_participant) for p in found} == {(0, None, None, None)}
 
 
@@ -156,6 +157,8 @@ def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any
     assert "Bradley" not in answer.out
     said = json.loads((tmp_path / "analysis" / "analysis.json").read_text(), parse_constant=pytest.fail)
     assert said["preferences"][0]["wins"] == 5
+    assert said["preferences"][0]["by_participant"] is None
+    assert said["preferences"][0]["reason"] == "too few participants for an interval: 3, expected 6 or more"
     assert (
         (tmp_path / "analysis" / "preferences.csv")
         .read_text()
