@@ -17,10 +17,19 @@
   function restored() {
     try {
       const kept = JSON.parse(localStorage.getItem(shelf));
-      return kept && /^[\w-]{1,32}$/.test(kept.participant) && Array.isArray(kept.answers) && kept.answers.length <= total ? kept : null;
+      if (!kept || !/^[\w-]{1,32}$/.test(kept.participant) || !Array.isArray(kept.answers) || kept.answers.length > total) return null;
+      const asked = planned(kept.participant);
+      return kept.answers.every((answer, i) => fits(answer, asked[Math.floor(i / questions.length)], questions[i % questions.length])) ? kept : null;
     } catch {
       return null;
     }
+  }
+
+  // Whether an answer is one to this comparison and question.
+  function fits(answer, item, question) {
+    const [left, right] = item.clips;
+    const same = answer.item === item.name && answer.question === question.name && answer.left === left && answer.right === right;
+    return same && item.clips.includes(answer.chosen) && /^[0-9]+[.][0-9]{2}$/.test(answer.seconds);
   }
 
   // Where the browser blocks storage the answers live in memory, and the page says so.

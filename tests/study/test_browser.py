@@ -94,6 +94,35 @@ def test_a_participant_answers_reloads_downloads_and_is_analysed(
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
 
 
+DAMAGE = (
+    "answers[0] = null",
+    "answers[0] = 1",
+    "answers[0].item = 'item9'",
+    "answers[0].question = answers[1].question",
+    "answers[0].chosen = 'ffffff'",
+    "[answers[0].left, answers[0].right] = [answers[0].right, answers[0].left]",
+    "answers[1].seconds = '1,2'",
+    "answers[1].seconds = null",
+    "kept.answers = Array(6).fill(null)",
+)
+
+
+def test_a_record_that_is_damaged_is_not_taken_up(browser: Any, page: tuple[Path, Path]) -> None:
+    join(browser, page[0], "a")
+    for _ in range(2):
+        press(browser, Keys.ARROW_LEFT)
+    shelf = f"cltransfer-study-{Study.load(page[1]).name}"
+    whole = browser.execute_script("return localStorage.getItem(arguments[0])", shelf)
+    for damage in DAMAGE:
+        change = f"const kept = JSON.parse(arguments[1]), answers = kept.answers; {damage}; "
+        browser.execute_script(change + "localStorage.setItem(arguments[0], JSON.stringify(kept))", shelf, whole)
+        browser.refresh()
+        until(lambda: browser.find_element(By.ID, "participant").is_displayed())
+    browser.execute_script("localStorage.setItem(arguments[0], arguments[1])", shelf, whole)
+    browser.refresh()
+    until(lambda: text(browser, "count") == "Question 3 of 3")
+
+
 def test_sides_and_order_differ_between_participants_and_stay_for_one(browser: Any, page: tuple[Path, Path]) -> None:
     browser.get((page[0] / "index.html").as_uri())
     seen = {}
