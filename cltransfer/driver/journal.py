@@ -57,9 +57,10 @@ class Journal:
         self._recorded: list[bytes] = []
         end = 0
         if resume and path.exists():
-            records, end = _read(path)
-            if records:
-                _compare(path, _parsed(path, records[0]), header)
+            first, _ = _read(path, 1)  # a run of another header may have left more than there is memory for
+            if first:
+                _compare(path, _parsed(path, first[0]), header)
+                records, end = _read(path)
                 self._recorded = records[1:]
             elif not _torn_at_once(path):
                 raise InputError(path, "header", "not a journal", "start over with another --out")

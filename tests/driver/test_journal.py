@@ -198,3 +198,17 @@ sys.stdin.read()
         assert (tmp_path / "j").read_bytes() == written
         other.communicate()
     Journal(tmp_path / "j", HEADER, True)
+
+
+def test_the_header_is_compared_before_the_answers_are_read(tmp_path: Path) -> None:
+    path, block = tmp_path / "j", bytes(2**22)
+    ask_all(path, False)
+    with path.open("ab") as stream:
+        for _ in range(8):
+            stream.write(struct.pack("<II", len(block), zlib.crc32(block)) + block)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="seed"):
+        Journal(path, {**HEADER, "seed": 1}, True)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**21
