@@ -80,10 +80,15 @@ def transfer(
     )
     check_order(scene, reference)
     from ..run.folder import default_folder, summary_lines, summary_values
+    from ..run.named_files import named_files
+    from ..storage.run_files import refuse_written
     from ..transfer import Inputs
 
     inputs = Inputs(scene, reference, init, subject, up_of(up))
     folder = resume or out or default_folder(scene, reference)
+    if resume is None:  # what is resumed was begun so, or its journal refuses it
+        configs = (config, *settings.origins.values())  # a file that another is based on too
+        refuse_written(folder, [*named_files(inputs), *(Path(name) for name in configs if name)])
     shown = _run_into(folder, inputs, settings, allow_plugin or [], resume is not None, quiet)
     show(summary_values(folder, shown), summary_lines(folder, shown), as_json)
     taken = [f"no reference named: {reference} is taken"] if len(paths) == 1 else []

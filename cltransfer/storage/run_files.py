@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import InputError, UsageError
@@ -90,6 +92,18 @@ def open_run(folder: Path, resume: bool = False) -> Path:
 def _refuse_links(folder: Path) -> None:
     """Refuse parts of a run that are links out of it."""
     refuse_outside(folder, (folder / name for name in (JOURNAL, *RESULTS)), "run")
+
+
+def refuse_written(folder: Path, read: Iterable[Path]) -> None:
+    """Refuse to begin a run in ``folder`` that would replace what it is ``read`` from: once killed it could not go on.
+
+    Raises:
+        UsageError: one of those paths is the folder, or a file in it that runs write.
+    """
+    written = {os.path.realpath(folder / name) for name in ("", JOURNAL, *RESULTS)}
+    for path in read:
+        if os.path.realpath(path) in written:
+            raise UsageError(path, "", "this run reads it and would replace it", "name another --out")
 
 
 def clear(folder: Path) -> None:

@@ -175,7 +175,7 @@ def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / DONE).unlink()
     kept = (run / JOURNAL).read_bytes()
-    same = ("transfer", "-c", run / "config.yaml", "-q", "--out", run)
+    same = ("transfer", "-c", tiny_run / "config.yaml", "-q", "--out", run)
     refused = command(*same)
     assert refused.code == 2
     assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err

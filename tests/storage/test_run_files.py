@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ from cltransfer.errors import InputError, UsageError
 from cltransfer.run.folder import command_again, default_folder
 from cltransfer.run.preparation import Inputs
 from cltransfer.storage.run_files import (
+    CONFIG,
     DONE,
     FRAMES,
     JOURNAL,
@@ -27,6 +29,7 @@ from cltransfer.storage.run_files import (
     is_run,
     kept_frames,
     open_run,
+    refuse_written,
     require_done,
 )
 
@@ -157,6 +160,42 @@ def test_every_reader_of_runs_refuses_an_unfinished_one(
     ):
         answer = command(*words)
         assert (answer.code, "this run was not finished" in answer.err) == (3, True), answer.err
+
+
+@pytest.mark.parametrize(
+    ("words", "read"),
+    [
+        (("-c", "RUN/config.yaml"), "config.yaml"),
+        (("-c", "RUN/../based.yaml"), "config.yaml"),
+        (("-c", "RUN/../link.yaml"), "config.yaml"),
+        (("--subject", "RUN/subject.json"), "subject.json"),
+        (("--subject", "RUN/mine.json"), "labels.safetensors"),
+        (("--init", "RUN/trajectory.json"), "trajectory.json"),
+        (("builtin:room-3", "builtin:courtyard@RUN/trajectory.json"), "trajectory.json"),
+        (("builtin:room-3", "RUN/video/render.mp4#t=0,1"), "video/render.mp4"),
+        (("builtin:room-3", "RUN"), ""),
+        (("RUN/labels.safetensors", "builtin:orbit"), "labels.safetensors"),
+    ],
+)
+def test_a_run_does_not_replace_what_it_reads(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, words: tuple[str, ...], read: str
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (tmp_path / "based.yaml").write_text("base: run/config.yaml\nframes: 2\n")
+    (tmp_path / "link.yaml").symlink_to(run / "config.yaml")
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+    refused = command("transfer", "-q", "--out", run, *(word.replace("RUN", str(run)) for word in words))
+    assert refused.code == 2, refused.err
+    assert ": this run reads it and would replace it (name another --out)" in refused.err
+    named = refused.err.removeprefix("error: ").partition(": ")[0]
+    assert os.path.realpath(named) == os.path.realpath(run / read)
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
+
+
+def test_what_another_run_has_left_is_read(tmp_path: Path) -> None:
+    run = killed(tmp_path / "run")
+    refuse_written(tmp_path / "other", [run, run / CONFIG, run / "trajectory.json"])
+    refuse_written(run, [run / "mine.yaml", run / "video" / "mine.mp4", tmp_path / CONFIG])
 
 
 def test_a_run_is_resumed_in_its_own_folder(command: Callable[..., Any], tmp_path: Path) -> None:
