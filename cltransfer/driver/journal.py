@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import shlex
 import struct
@@ -54,26 +53,22 @@ class Journal:
     def __init__(self, path: Path, header: Mapping[str, object], resume: bool) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
-        self._recorded: list[bytes] = []
-        end = 0
-        if resume and path.exists():
-            first, _ = _read(path, 1)  # a run of another header may have left more than there is memory for
-            if first:
-                _compare(path, _parsed(path, first[0]), header)
-                records, end = _read(path)
-                self._recorded = records[1:]
-            elif not _torn_at_once(path):
-                raise InputError(path, "header", "not a journal", "start over with another --out")
         self.replayed = 0
-        self._stream = _open(path, end)
-        if end == 0:
+        self._replaying = resume and path.exists() and _is_begun(path, header)
+        self._stream = _open(path)
+        if self._replaying:
+            _record(self._stream)  # the header
+        else:
+            self._stream.truncate(0)
             self._append(_coded(header))
 
     @classmethod
     def begun(cls, path: Path, header: Mapping[str, object]) -> bool:
         """Whether ``path`` holds answers of a run of this ``header``."""
-        records = _read(path, 2)[0] if path.is_file() else []
-        return len(records) > 1 and records[0] == _coded(header)
+        if not path.is_file():
+            return False
+        with path.open("rb") as stream:
+            return _record(stream) == _coded(header) and _record(stream) is not None
 
     def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         """Values (B, C) float64 for B cameras: recorded if this question was asked before, else computed and recorded.
@@ -82,8 +77,7 @@ class Journal:
             InputError: another question was recorded here.
         """
         asked = fingerprint(cameras)
-        if self.replayed < len(self._recorded):
-            payload = self._recorded[self.replayed]
+        if (payload := self._recorded()) is not None:
             self.replayed += 1
             crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
             if crc != asked or len(payload) != _SHAPE.size + 8 * rows * columns:
@@ -94,6 +88,18 @@ class Journal:
         computed = compute().double()
         self._append(_SHAPE.pack(asked, *computed.shape) + computed.contiguous().numpy().tobytes())
         return computed
+
+    def _recorded(self) -> bytes | None:
+        """The next record, one in memory at a time; None from the last on, behind which what is torn is cut off."""
+        if not self._replaying:
+            return None
+        end = self._stream.tell()
+        payload = _record(self._stream)
+        if payload is None:
+            self._replaying = False
+            self._stream.truncate(end)
+            self._stream.seek(end)
+        return payload
 
     def _append(self, payload: bytes) -> None:
         self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
@@ -110,12 +116,10 @@ def fingerprint(cameras: Camera) -> int:
     return zlib.crc32(cameras.K.contiguous().numpy().tobytes(), zlib.crc32(cameras.w2c.contiguous().numpy().tobytes()))
 
 
-def _open(path: Path, end: int) -> BinaryIO:
-    """The file for appending behind byte ``end``, this process' alone; a torn tail is cut off."""
+def _open(path: Path) -> BinaryIO:
+    """The file to read and write, this process' alone."""
     stream = path.open("r+b" if path.exists() else "wb")
     _hold(stream, path)
-    stream.truncate(end)
-    stream.seek(end)
     return stream
 
 
@@ -135,20 +139,30 @@ def _hold(stream: BinaryIO, path: Path) -> None:
         raise ResourceError(path.parent, path.name, reason, hint) from None
 
 
-def _read(path: Path, most: float = math.inf) -> tuple[list[bytes], int]:
-    """The first ``most`` whole records and where they end; whatever follows a torn or flipped one is left out."""
-    records, end = list[bytes](), 0
+def _record(stream: BinaryIO) -> bytes | None:
+    """The record that begins here; None at the end, and where it is torn or flipped: so may be whatever follows."""
+    if len(head := stream.read(_FRAME.size)) < _FRAME.size:
+        return None
+    length, crc = _FRAME.unpack(head)
+    if not 0 < length <= RECORD_LIMIT:
+        return None
+    payload = stream.read(length)
+    return payload if len(payload) == length and zlib.crc32(payload) == crc else None
+
+
+def _is_begun(path: Path, header: Mapping[str, object]) -> bool:
+    """Whether there are answers to go on with; not where the very header is torn.
+
+    Raises:
+        InputError: the file is no journal, or of another run.
+    """
     with path.open("rb") as stream:
-        while len(records) < most and len(head := stream.read(_FRAME.size)) == _FRAME.size:
-            length, crc = _FRAME.unpack(head)
-            if not 0 < length <= RECORD_LIMIT:
-                break
-            payload = stream.read(length)
-            if len(payload) < length or zlib.crc32(payload) != crc:
-                break
-            records.append(payload)
-            end = stream.tell()
-    return records, end
+        first = _record(stream)
+    if first is not None:
+        _compare(path, _parsed(path, first), header)
+    elif not _torn_at_once(path):
+        raise InputError(path, "header", "not a journal", "start over with another --out")
+    return first is not None
 
 
 def _torn_at_once(path: Path) -> bool:

@@ -212,3 +212,18 @@ def test_the_header_is_compared_before_the_answers_are_read(tmp_path: Path) -> N
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 2**21
+
+
+def test_answers_are_read_one_at_a_time_when_they_are_asked_for(tmp_path: Path) -> None:
+    journal, large = Journal(tmp_path / "j", HEADER, False), torch.zeros(1000, 1000, dtype=torch.float64)
+    for cameras in questions() * 2:
+        journal.answer(cameras, lambda: large)
+    tracemalloc.start()
+    try:
+        again = Journal(tmp_path / "j", HEADER, True)
+        assert tracemalloc.get_traced_memory()[1] < large.nbytes
+        for cameras in questions() * 2:
+            assert torch.equal(again.answer(cameras, lambda: large + 1), large)
+        assert tracemalloc.get_traced_memory()[1] < 5 * large.nbytes
+    finally:
+        tracemalloc.stop()

@@ -18,7 +18,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.driver.journal import VIEW, Journal, _begun_so, _read
+from cltransfer.driver.journal import VIEW, Journal, _begun_so, _record
 from cltransfer.errors import InputError
 from cltransfer.features import OfThisRun
 from cltransfer.pipeline.components import Components
@@ -55,7 +55,8 @@ def killed_at(size: int, cache: Path, run: Path, *arguments: str) -> None:
 
 def answers(journal: Path) -> int:
     """Whole answers in a journal; its header is none."""
-    return len(_read(journal)[0]) - 1
+    with journal.open("rb") as stream:
+        return sum(1 for _ in iter(lambda: _record(stream), None)) - 1
 
 
 @pytest.fixture
