@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cltransfer.errors import InputError
-from cltransfer.storage.kept_lines import keep, read_kept
+from cltransfer.storage.kept_lines import LONGEST, keep, read_kept
 
 LIMIT = 100  # bytes
 
@@ -51,6 +52,20 @@ def test_no_more_is_read_than_was_said(tmp_path: Path) -> None:
     path.write_text("\n" * (LIMIT + 1))
     with pytest.raises(InputError, match=f"expected at most {LIMIT} bytes"):
         read(path)
+
+
+def test_a_line_that_nothing_here_has_written_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "names.jsonl"
+    keep(path, {"name": "a"})
+    with path.open("ab") as stream:
+        stream.write(b"[" + b"[]," * (2 * LONGEST) + b"[]]\n")
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=f"line 2: expected at most {LONGEST} bytes"):
+            read_kept(path, 8 * LONGEST, str, "name")
+        assert tracemalloc.get_traced_memory()[1] < 3 * LONGEST
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_value_without_json_is_not_written(tmp_path: Path) -> None:
