@@ -22,8 +22,16 @@ RESULTS = (
 
 
 def is_run(folder: Path) -> bool:
-    """Whether ``folder`` is that of a run, finished or not; other programs have a manifest.json too."""
-    return (folder / JOURNAL).is_file() or _is_manifest(folder / MANIFEST)
+    """Whether ``folder`` is that of a run, finished or not; other programs have files of these names too."""
+    return _is_journal(folder / JOURNAL) or _is_manifest(folder / MANIFEST)
+
+
+def _is_journal(path: Path) -> bool:
+    """Whether its header is the JSON of a journal, or was not written when the run was killed."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return b'{"'.startswith(stream.read(10)[8:])  # behind length and checksum
 
 
 def _is_manifest(path: Path) -> bool:
@@ -85,7 +93,8 @@ def open_run(folder: Path, resume: bool = False) -> Path:
     if resume and not (folder / JOURNAL).is_file():
         raise UsageError(folder, "--resume", f"expected the folder of a run, it has no {JOURNAL}", "begin one: --out")
     if folder.is_dir() and any(folder.iterdir()) and not is_run(folder):
-        raise UsageError(folder, "--out", "is neither empty nor a run", "name another folder")
+        option = "--resume" if resume else "--out"
+        raise UsageError(folder, option, "is neither empty nor a run", "name another folder")
     return folder
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from cltransfer.cli.shared import up_of
+from cltransfer.driver.journal import Journal
 from cltransfer.errors import InputError, UsageError
 from cltransfer.run.folder import command_again, default_folder
 from cltransfer.run.preparation import Inputs
@@ -49,6 +50,18 @@ def test_a_manifest_of_another_program_makes_no_run(tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="is neither empty nor a run"):
             open_run(tmp_path)
     (tmp_path / MANIFEST).write_text('{"format": "cltransfer.run"}')
+    assert is_run(tmp_path)
+
+
+def test_a_journal_of_another_program_makes_no_run(tmp_path: Path) -> None:
+    (tmp_path / JOURNAL).write_text("Dear diary, today")
+    assert not is_run(tmp_path)
+    for resume, option in ((False, "--out"), (True, "--resume")):
+        with pytest.raises(UsageError, match=f"{option}: is neither empty nor a run"):
+            open_run(tmp_path, resume)
+    Journal(tmp_path / JOURNAL, {"seed": 0}, False)
+    assert is_run(tmp_path)
+    (tmp_path / JOURNAL).write_bytes(b"")  # killed before the header was written
     assert is_run(tmp_path)
 
 
