@@ -159,19 +159,19 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
     getter = Resuming(entry, report, timeout)
     about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"
     entry.path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with alone(cache_dir() / f"{entry.path.name}.lock"):  # another command may be gathering the same bytes
+    with alone(cache_dir() / f"{entry.path.name}.part.lock"):  # another command may be pulling the same file
+        try:
             _retrieve(entry, getter)
-    except _RefusedError as error:
-        raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
-    except ValueError as error:
-        if not getter.sha256:  # nothing was downloaded: an address or a header that is none
-            raise entry.error(
-                "download", f"{_plain(error)}, {about}", f"or put it by hand into {entry.folder}"
-            ) from None
-        # pooch's word for another hash; it has deleted the file
-        raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
-    return entry if entry.sha256 else pin(entry, getter.sha256)
+        except _RefusedError as error:
+            raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
+        except ValueError as error:
+            if not getter.sha256:  # nothing was downloaded: an address or a header that is none
+                raise entry.error(
+                    "download", f"{_plain(error)}, {about}", f"or put it by hand into {entry.folder}"
+                ) from None
+            # pooch's word for another hash; it has deleted the file
+            raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
+        return entry if entry.sha256 else pin(entry, getter.sha256)
 
 
 def _retrieve(entry: Entry, getter: Resuming) -> None:

@@ -16,7 +16,7 @@ import pytest
 import requests
 
 from cltransfer.errors import CltransferError, InputError, ModelError
-from cltransfer.models.catalogue import Entry, pinned
+from cltransfer.models.catalogue import Entry, pin, pinned
 from cltransfer.models.download import Resuming, pull
 
 CONTENT = bytes(range(256)) * 2000  # 512,000 bytes
@@ -135,6 +135,12 @@ class Handler(BaseHTTPRequestHandler):
 
     def serve_nowhere(self, begin: int) -> None:
         self.head(302, 0, Location="http://[::1")
+
+    def serve_changing(self, begin: int) -> None:
+        """Less of it to whoever asks later."""
+        content = CONTENT[: len(CONTENT) // len(self.server.asked)]
+        self.head(200, len(content))
+        self.wfile.write(content)
 
     def serve_round(self, begin: int) -> None:
         self.head(302, 0, Location="/round")
@@ -345,6 +351,27 @@ def test_two_pulls_of_one_file_at_once_are_both_of_all_of_it(server, entry, know
     assert [had.sha256 for had in both] == [HASH, HASH]
     assert new.path.read_bytes() == CONTENT
     assert known or pinned(new).size == len(CONTENT)
+
+
+def test_what_is_pinned_is_one_file_when_another_is_published_between_two_pulls(entry, monkeypatch):
+    new = entry("changing", sha256="", size=0)
+
+    def slow_pin(entry: Entry, sha256: str) -> Entry:
+        time.sleep(0.3)
+        return pin(entry, sha256)
+
+    def later(seconds: float) -> Entry:
+        time.sleep(seconds)
+        return pull(new, True, silent)
+
+    monkeypatch.setattr("cltransfer.models.download.pin", slow_pin)
+    with ThreadPoolExecutor(2) as pool:
+        both = list(pool.map(later, (0.0, 0.15)))
+    half = len(CONTENT) // 2
+    assert [(had.sha256, had.size) for had in both] == [
+        (HASH, len(CONTENT)),
+        (hashlib.sha256(CONTENT[:half]).hexdigest(), half),
+    ]
 
 
 def test_a_new_file_is_never_put_together_from_halves(server, entry):
