@@ -7,17 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
+from urllib.parse import urljoin, urlsplit
 
 from ..storage.files import atomic, cache_dir, content_hash
 from .catalogue import LARGEST, Entry, alone, pin
 
 if TYPE_CHECKING:
-    from requests import Response
+    from requests import Response, Session
 
 Report = Callable[[str, int, int], None]
 
 BLOCK = 2**14  # bytes; what a connection that breaks off costs at most
 ATTEMPTS = 3  # one after the other, as long as each brings something
+REDIRECTS = 10  # one after the other
 
 
 class _RefusedError(Exception):
@@ -26,6 +28,10 @@ class _RefusedError(Exception):
 
 class _BrokenOffError(Exception):
     """A connection that ended early and may be taken up again."""
+
+
+class _ElsewhereError(Exception):
+    """A redirect; its text is where to."""
 
 
 @dataclass
@@ -78,12 +84,12 @@ class Resuming:
             return
         headers = {"Accept-Encoding": "identity", **({"Range": f"bytes={there}-"} if there else {})}
         try:
-            with requests.get(url, headers=headers, stream=True, timeout=self.timeout) as answer:
+            with requests.Session() as session, self._answer(session, url, headers) as answer:
                 if there and answer.status_code == 416:  # the part file is longer than the server's
                     self.part.unlink()
                     self._continue(url)
                     return
-                self._check(answer, url)
+                self._check(answer)
                 self._append(answer, there if answer.status_code == 206 else 0)
         except (
             requests.exceptions.Timeout,
@@ -91,14 +97,34 @@ class Resuming:
             requests.exceptions.ChunkedEncodingError,
         ) as error:
             raise _BrokenOffError(_plain(error)) from None
-        except requests.exceptions.RequestException as error:
+        except (requests.exceptions.RequestException, ValueError) as error:  # no address, or no number, in a header
             raise _RefusedError(_plain(error)) from None
 
-    def _check(self, answer: Response, url: str) -> None:
-        """Refuse what is no file, of another size, or has left https."""
-        plain = [one.url for one in (*answer.history, answer) if not one.url.startswith("https:")]
-        if url.startswith("https:") and plain:  # on the way too: whoever stands there would choose the file
-            raise _RefusedError(f"the server leads away from https to {plain[0]}")
+    def _answer(self, session: Session, url: str, headers: dict[str, str]) -> Response:
+        """What is answered where ``url`` leads to in the end."""
+
+        def leave(answer: Response, **_: object) -> None:
+            """Read no body of a redirect: requests would, all of it into memory, before it follows or does not."""
+            if target := session.get_redirect_target(answer):
+                answer.close()
+                raise _ElsewhereError(target)
+
+        for _ in range(1 + REDIRECTS):
+            try:
+                return session.get(
+                    url,
+                    headers=headers,
+                    stream=True,
+                    timeout=self.timeout,
+                    allow_redirects=False,
+                    hooks={"response": leave},
+                )
+            except _ElsewhereError as error:
+                url = further(url, str(error))
+        raise _RefusedError(f"more than {REDIRECTS} redirects, the last to {url}")
+
+    def _check(self, answer: Response) -> None:
+        """Refuse what is no file, or another part of it."""
         if answer.status_code not in (200, 206):
             raise _RefusedError(f"the server answers {answer.status_code} {answer.reason}")
         begin = re.match(r"bytes (\d+)-", answer.headers.get("Content-Range", ""))
@@ -107,7 +133,7 @@ class Resuming:
 
     def _append(self, answer: Response, there: int) -> None:
         """Write the answer's bytes behind the ``there`` first ones."""
-        length = answer.headers.get("Content-Length", "")
+        length = answer.headers.get("Content-Length", "")[:20]  # Python reads no number of thousands of digits
         total = there + int(length) if length.isdecimal() else self.entry.size
         limit = self.entry.size or LARGEST
         if total > limit or (self.entry.size and total != self.entry.size):
@@ -126,6 +152,17 @@ class Resuming:
             raise _RefusedError(f"expected at most {limit} bytes, the server goes on")
         if there < total:
             raise _BrokenOffError("cut off")
+
+
+def further(url: str, target: str) -> str:
+    """The address that a redirect of ``url`` leads to; https is not left, for whoever stands there chooses the file."""
+    there = urljoin(url, target)
+    scheme = urlsplit(there).scheme
+    if scheme not in ("http", "https"):
+        raise _RefusedError(f"the server leads to {there}, expected http or https")
+    if urlsplit(url).scheme == "https" and scheme == "http":
+        raise _RefusedError(f"the server leads away from https to {there}")
+    return there
 
 
 def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) -> Entry:
@@ -164,12 +201,7 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
             _retrieve(entry, getter)
         except _RefusedError as error:
             raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
-        except ValueError as error:
-            if not getter.sha256:  # nothing was downloaded: an address or a header that is none
-                raise entry.error(
-                    "download", f"{_plain(error)}, {about}", f"or put it by hand into {entry.folder}"
-                ) from None
-            # pooch's word for another hash; it has deleted the file
+        except ValueError:  # pooch's word for another hash; it has deleted the file
             raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
         return entry if entry.sha256 else pin(entry, getter.sha256)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import json
 import threading
 import time
@@ -17,20 +19,22 @@ import requests
 
 from cltransfer.errors import CltransferError, InputError, ModelError
 from cltransfer.models.catalogue import Entry, pin, pinned
-from cltransfer.models.download import Resuming, pull
+from cltransfer.models.download import pull
 
 CONTENT = bytes(range(256)) * 2000  # 512,000 bytes
+HEAVY = 2**26
 HASH = hashlib.sha256(CONTENT).hexdigest()
 
 
 class Server(ThreadingHTTPServer):
-    """Serves :data:`CONTENT`; the path says how. ``asked`` keeps path and Range of every request."""
+    """Serves :data:`CONTENT`; the path says how. ``asked`` keeps path and Range of every request, ``sent`` bytes."""
 
     daemon_threads = True
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
         self.asked: list[tuple[str, str]] = []
+        self.sent = 0
 
     @property
     def address(self) -> str:
@@ -132,6 +136,17 @@ class Handler(BaseHTTPRequestHandler):
 
     def serve_file(self, begin: int) -> None:
         self.head(302, 0, Location="file:///etc/passwd")
+
+    def serve_heavy(self, begin: int) -> None:
+        """A redirect with a body of 64 MB."""
+        self.head(302, HEAVY, Location="/good")
+        with contextlib.suppress(OSError):
+            for _ in range(HEAVY // 2**20):
+                self.wfile.write(bytes(2**20))
+                self.server.sent += 2**20
+
+    def serve_absurd(self, begin: int) -> None:
+        self.head(200, None, Content_Length="9" * 5000)
 
     def serve_nowhere(self, begin: int) -> None:
         self.head(302, 0, Location="http://[::1")
@@ -294,25 +309,58 @@ def test_redirects_lead_to_http_only(entry):
     refused(entry("round"), "redirects")
 
 
-def test_https_is_not_left_on_the_way_either(entry):
-    answer, between = requests.Response(), requests.Response()
-    answer.status_code, answer.url, between.url = 200, "https://example.org/net.onnx", "http://example.org/"
-    answer.history = [between]
-    with pytest.raises(Exception, match=r"leads away from https to http://example\.org/"):
-        Resuming(entry("good"), silent)._check(answer, "https://example.org/")
+def test_the_body_of_a_redirect_is_not_read(server, entry):
+    assert pull(entry("heavy"), False, silent).path.read_bytes() == CONTENT
+    assert server.sent < HEAVY / 2  # what the system buffers
 
 
-def test_an_address_that_is_none_is_no_wrong_hash(entry):
-    assert refused(entry("nowhere"), "nvalid").field == "download"
+class Hops(requests.adapters.BaseAdapter):
+    """Answers each address with a redirect to the next one of :data:`hops`, the last with 404."""
+
+    def __init__(self, hops: list[str]) -> None:
+        super().__init__()
+        self.hops = hops
+        self.asked: list[str] = []
+
+    def send(self, request: requests.PreparedRequest, *values: object, **options: object) -> requests.Response:
+        answer = requests.Response()
+        answer.request, answer.url, answer.raw = request, request.url, io.BytesIO()
+        place = self.hops.index(request.url) + 1
+        self.asked.append(request.url)
+        answer.status_code, answer.reason = (302, "Found") if place < len(self.hops) else (404, "Not Found")
+        if place < len(self.hops):
+            answer.headers["Location"] = self.hops[place]
+        return answer
+
+    def close(self) -> None:
+        pass
 
 
-def test_https_is_not_left(entry):
-    answer = requests.Response()
-    answer.status_code, answer.url = 200, "http://example.org/net.onnx"
-    getter = Resuming(entry("good"), silent)
-    with pytest.raises(Exception, match="leads away from https"):
-        getter._check(answer, "https://example.org/net.onnx")
-    getter._check(answer, "http://example.org/net.onnx")
+@pytest.mark.parametrize(
+    ("hops", "told", "asked"),
+    [
+        (["https://a/", "http://a/b", "https://a/c"], "leads away from https to http://a/b", 1),
+        (["HTTPS://a/", "http://a/b"], "leads away from https to http://a/b", 1),
+        (["http://a/", "https://a/b", "http://a/c"], "leads away from https to http://a/c", 2),
+        (["http://a/", "ftp://a/b"], "leads to ftp://a/b, expected http or https", 1),
+        (["http://a/", "https://a/b", "https://b/c"], "404 Not Found", 3),
+        ([f"http://a/{i}" for i in range(11)], "404 Not Found", 11),
+        ([f"http://a/{i}" for i in range(12)], "more than 10 redirects, the last to http://a/11", 11),
+    ],
+)
+def test_every_redirect_is_looked_at_before_it_is_followed(entry, monkeypatch, hops, told, asked):
+    adapter = Hops([hops[0].replace("HTTPS", "https"), *hops[1:]])
+    monkeypatch.setattr(requests.Session, "get_adapter", lambda self, url: adapter)
+    refused(entry("", address=hops[0]), told)
+    assert adapter.asked == adapter.hops[:asked]
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [("nowhere", "Invalid IPv6"), ("absurd", "expected 512000 bytes, the server has 99999999999999999999")],
+)
+def test_a_header_that_is_none_is_no_wrong_hash(entry, how, told):
+    assert refused(entry(how), told).field == "download"
 
 
 def test_nobody_there_is_told_with_file_address_hash_and_folder(entry):
