@@ -20,6 +20,7 @@ from ..computer.threads import thread_count
 from ..errors import ModelError, UsageError
 from .catalogue import entry_of_file
 from .interface import Port, Shape, differs, joined, ports
+from .onnx_text import uses_text
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -137,7 +138,8 @@ class Network:
         """The loaded network.
 
         Raises:
-            ModelError: the file is missing, foreign, reaches for other files, or has other inputs or outputs.
+            ModelError: the file is missing, foreign, reaches for other files, uses text, or has other inputs or
+                outputs.
         """
         return self._loaded[0]
 
@@ -150,6 +152,7 @@ class Network:
         options.log_severity_level = 4
         options.intra_op_num_threads = thread_count()
         options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.load_model_format", "ONNX")  # not ORT, which nobody has looked into
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
         options.add_session_config_entry("session.use_env_allocators", "1")  # those of memory_bound
@@ -180,6 +183,15 @@ class Network:
             raise ModelError(self.path, "sha256", reason, hint)
         if _EXTERNAL in data:
             raise ModelError(self.path, "external data", "weights in another file are refused", "store them inside")
+        try:
+            text = uses_text(data)
+        except ValueError as error:
+            raise ModelError(
+                self.path, "model", f"expected an ONNX network, it is no protobuf message: {error}"
+            ) from None
+        if text:
+            reason = "tensors of text are refused, nothing bounds the memory that they take"
+            raise ModelError(self.path, "text", reason, "export the network without its labels, of numbers alone")
         return data
 
 

@@ -165,6 +165,40 @@ def test_external_data_are_refused(tmp_path):
     refused(network(path), "external data", "refused")
 
 
+def test_networks_that_use_text_are_refused_before_they_run(tmp_path, monkeypatch):
+    """A text doubled n times is of 2^n letters, and repeated it is of any length; no arena holds either."""
+    monkeypatch.setattr("onnxruntime.InferenceSession", lambda *values, **options: pytest.fail("was loaded"))
+    node = helper.make_node
+    doubled = [node("StringConcat", [f"s{i}", f"s{i}"], [f"s{i + 1}"]) for i in range(28)]
+    strings = [
+        node("Cast", ["x"], ["s0"], to=TensorProto.STRING), *doubled,
+        node("Equal", ["s28", "s0"], ["e"]), node("Cast", ["e"], ["y"], to=TensorProto.FLOAT),
+    ]  # fmt: skip
+    tiles = [
+        node("Tile", ["k", "n"], ["large"]), node("Equal", ["large", "k"], ["e"]),
+        node("Cast", ["e"], ["f"], to=TensorProto.FLOAT), node("ReduceSum", ["f"], ["z"], keepdims=0),
+        node("Add", ["x", "z"], ["y"]),
+    ]  # fmt: skip
+    k, n = (helper.make_tensor("k", TensorProto.STRING, [1], [b"long"]), helper.make_tensor("n", 7, [1], [2**30]))
+    x, y = (helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", 3]) for n in "xy")
+    for nodes, known in ((strings, []), (tiles, [k, n])):
+        made = helper.make_graph(nodes, "g", [x], [y], known)
+        opset = [helper.make_opsetid("", 20)]
+        onnx.save_model(helper.make_model(made, opset_imports=opset, ir_version=9), str(tmp_path / "a.onnx"))
+        refused(network(tmp_path / "a.onnx"), "text", "tensors of text are refused")
+
+
+def test_a_network_in_a_format_that_is_not_looked_into_is_refused(tmp_path, monkeypatch):
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level, options.optimized_model_filepath = 4, str(tmp_path / "a.ort")
+    options.add_session_config_entry("session.save_model_format", "ORT")
+    onnxruntime.InferenceSession(str(graph(tmp_path / "a.onnx")), options)
+    (tmp_path / "a.ort").rename(tmp_path / "b.onnx")
+    refused(network(tmp_path / "b.onnx"), "model", "protobuf")
+    monkeypatch.setattr("cltransfer.models.onnx.uses_text", lambda data: False)  # as one that is both would have it
+    refused(network(tmp_path / "b.onnx"), "model", "[Pp]rotobuf parsing failed")
+
+
 GREEDY = """
 import resource, sys
 import numpy as np
