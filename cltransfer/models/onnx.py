@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..computer.memory import VARIABLE as MEMORY
-from ..computer.memory import free_bytes
+from ..computer.memory import free_bytes, require_free
 from ..computer.threads import thread_count
 from ..errors import ModelError, UsageError
 from .catalogue import entry_of_file
@@ -50,6 +50,7 @@ def providers() -> list[str]:
     return [CUDA, CPU] if has_cuda and wish != "cpu" else [CPU]
 
 
+LOADING = 3  # times its size that a file takes while it is loaded: itself, as read by protobuf, and its weights
 LEAST_BOUND = 256  # bytes; a limit of one or two is taken for none
 
 
@@ -140,6 +141,7 @@ class Network:
         Raises:
             ModelError: the file is missing, foreign, reaches for other files, uses text, or has other inputs or
                 outputs.
+            ResourceError: there is no memory to load it.
         """
         return self._loaded[0]
 
@@ -157,7 +159,6 @@ class Network:
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
         options.add_session_config_entry("session.use_env_allocators", "1")  # those of memory_bound
         data, wanted = self._read(), providers()
-        memory_bound()
         try:
             session = onnxruntime.InferenceSession(data, options, providers=wanted)
         except Exception as error:  # onnxruntime's errors have no narrower common class
@@ -172,6 +173,8 @@ class Network:
             raise ModelError(self.path, "model", "no such file")
         if self.path.stat().st_size > BYTE_LIMIT:
             raise ModelError(self.path, "model", f"expected at most {BYTE_LIMIT} bytes")
+        require_free(LOADING * self.path.stat().st_size, self.path, "its weights", "take a smaller network")
+        memory_bound()  # without what is read here
         data = self.path.read_bytes()
         known = entry_of_file(self.path.name)
         digest = hashlib.sha256(data).hexdigest()

@@ -12,7 +12,7 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from cltransfer.errors import ModelError, UsageError
+from cltransfer.errors import ModelError, ResourceError, UsageError
 from cltransfer.models.catalogue import catalogue
 from cltransfer.models.interface import joined
 from cltransfer.models.onnx import Network, providers
@@ -203,23 +203,26 @@ GREEDY = """
 import resource, sys
 import numpy as np
 from pathlib import Path
-from cltransfer.errors import ModelError
+from cltransfer.errors import CltransferError
+from cltransfer.models import onnx
 from cltransfer.models.onnx import Network
+if sys.argv[2:]:
+    onnx.free_bytes = lambda: int(sys.argv[2])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
     Network(Path(sys.argv[1]), {"x": (None, 3)}, {"y": (None, 3)})({"x": np.ones((1, 3), np.float32)})
-except ModelError as error:
+except CltransferError as error:
     print(error.field, error)
 print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
 """
 
 
 @pytest.mark.parametrize(
-    ("folded", "limit"),
-    [(False, "800"), (True, "800"), (False, "10")],
-    ids=["while it runs", "while it is loaded", "where nothing is"],
+    ("folded", "limit", "left"),
+    [(False, "800", []), (True, "800", []), (False, "10", []), (False, "800", ["1"])],
+    ids=["while it runs", "while it is loaded", "where nothing is", "where nothing is left once it is read"],
 )
-def test_a_network_takes_no_more_memory_than_is_free(tmp_path, folded, limit):
+def test_a_network_takes_no_more_memory_than_is_free(tmp_path, folded, limit, left):
     """A file of 200 bytes that asks for 2 GB."""
     source = ["c"] if folded else ["s"]
     nodes = [
@@ -236,13 +239,23 @@ def test_a_network_takes_no_more_memory_than_is_free(tmp_path, folded, limit):
     )
     onnx.save_model(model, str(tmp_path / "a.onnx"))
     ran = subprocess.run(
-        [sys.executable, "-c", GREEDY, str(tmp_path / "a.onnx")],
+        [sys.executable, "-c", GREEDY, str(tmp_path / "a.onnx"), *left],
         env={**os.environ, "CLTRANSFER_MEMORY": limit}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     told, taken = ran.stdout.splitlines()
     assert told.startswith("memory ")
     assert "raise the limit of the system or of CLTRANSFER_MEMORY" in told
     assert int(taken) < 400
+
+
+def test_a_network_that_there_is_no_memory_to_load_is_not_read(tmp_path, monkeypatch):
+    with (tmp_path / "a.onnx").open("wb") as stream:
+        stream.truncate(60 * 2**20)
+    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail("was read"))
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 150 * 2**20)
+    told = r"a\.onnx: memory: its weights need 180 MB, 150 MB are free \(raise the limit .* or take a smaller network\)"
+    with pytest.raises(ResourceError, match=told):
+        network(tmp_path / "a.onnx")({"x": values()})
 
 
 def field(tag, content):
