@@ -31,6 +31,9 @@ OPSET = 17
 TOLERANCE = 1e-3  # of the largest absolute value of an output
 
 
+DINO = {384: (12, 6), 768: (12, 12), 1024: (24, 16)}  # width of DINOv2: its layers and heads
+
+
 @dataclass(frozen=True)
 class Recipe:
     """How one family is exported.
@@ -157,11 +160,20 @@ def depth_anything(options: argparse.Namespace) -> nn.Module:
 
 
 def orient_anything(options: argparse.Namespace) -> nn.Module:
-    """Orient Anything, small, base or large as the checkpoint is."""
+    """Orient Anything, small, base or large as the checkpoint is.
+
+    Raises:
+        InputError: the checkpoint has no layer behind DINOv2, or one of another width.
+    """
     from transformers import Dinov2Config, Dinov2Model
 
-    shape = weights(options.checkpoint)["down_sampler.net1.0.weight"].shape  # bins, width
-    depth, heads = {384: (12, 6), 768: (12, 12), 1024: (24, 16)}[shape[1]]
+    content, layer = weights(options.checkpoint), "down_sampler.net1.0.weight"
+    shape = tuple(content[layer].shape) if layer in content else ()  # bins, width
+    if len(shape) != 2 or shape[1] not in DINO:
+        came = shape or f"no such tensor, but {', '.join(list(content)[:3]) or 'none'}"
+        wanted = f"expected Orient Anything's (bins, {' or '.join(map(str, DINO))})"
+        raise InputError(options.checkpoint, layer, f"{wanted}, got {came}")
+    depth, heads = DINO[shape[1]]
     config = Dinov2Config(hidden_size=shape[1], num_hidden_layers=depth, num_attention_heads=heads, image_size=518)
     return load(OrientAnything(Dinov2Model(config), shape[1], shape[0]), options.checkpoint)
 

@@ -149,6 +149,24 @@ def test_orient_anything_takes_its_shape_from_the_checkpoint(tool, package, tmp_
     assert features.orientation.isfinite().all()
 
 
+@pytest.mark.parametrize(
+    ("state", "told"),
+    [
+        ({"loss": (1,), "gain": (2,)}, "no such tensor, but loss, gain"),
+        ({}, "no such tensor, but none"),
+        ({"NAME": (902, 1536)}, "(902, 1536)"),
+        ({"NAME": (902,)}, "(902,)"),
+    ],
+)
+def test_a_checkpoint_that_is_none_of_orient_anything_is_told_in_one_line(tool, package, tmp_path, capsys, state, told):
+    layer = "down_sampler.net1.0.weight"
+    package("transformers", Dinov2Config=dict, Dinov2Model=lambda config: Red())
+    torch.save({name.replace("NAME", layer): torch.zeros(shape) for name, shape in state.items()}, tmp_path / "bad.pt")
+    assert tool.main(["orient_anything", str(tmp_path / "bad.pt"), str(tmp_path / "orient.onnx")]) == 3
+    said = f"{layer}: expected Orient Anything's (bins, 384 or 768 or 1024), got {told}"
+    assert capsys.readouterr().err == f"error: {tmp_path / 'bad.pt'}: {said}\n"
+
+
 class Forgetful(nn.Module):
     """What tracing cannot see: the answer to one image is not that to two."""
 
