@@ -1,7 +1,7 @@
 """Whether an ONNX file uses text, whose memory no arena bounds: told by its protobuf fields, before it is loaded.
 
-Text comes into a network by a tensor or a value that is declared as text, by a cast, or by an attribute that says
-"string" in its name (of a constant, of labels); every other operator on text needs some to begin with.
+Text comes into a network by a tensor or a value that is declared as text, by an attribute that says "string" in its
+name (of a constant, of labels) or holds the type (of a cast); every other operator on text needs some to begin with.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FIELDS = {  # by message: the number of each field that leads to a type or an at
 TYPE_FIELDS = {"tensor": 2, "elements": 1, "map": 1}  # the field that tells what the elements, or keys, are
 STRING = 8  # as it tells it
 NAME, INTEGER, STANDS_FOR = 1, 3, 21  # fields of an attribute; in a function it may stand for one of the function's
-CAST = b"to"  # the attribute that holds the type to cast to
+TYPES = {b"to", b"dtype"}  # attributes that hold a type: to cast to, of an empty sequence
 VARINT, EIGHT_BYTES, BYTES, FOUR_BYTES = 0, 1, 2, 5  # how a field is written
 
 DEEPEST = 100  # messages within one another, as protobuf reads them
@@ -57,9 +57,9 @@ def uses_text(data: bytes) -> bool:
                 are_string.add(name)
             if other:
                 stand_for.setdefault(name, set()).add(other)
-    types = {CAST}
+    types = TYPES
     while more := set().union(*(stand_for.get(name, set()) for name in types)) - types:
-        types |= more
+        types = types | more
     return not types.isdisjoint(are_string)
 
 

@@ -51,6 +51,7 @@ CASTS = (
     "data",
     {
         "cast": model(node("Cast", to=TEXT)),
+        "empty sequence": model(node("SequenceEmpty", dtype=TEXT)),
         "initializer": model(node(), initializer=[LABEL]),
         "sparse initializer": model(node(), sparse_initializer=[SPARSE]),
         "constant": model(node("Constant", value=LABEL)),
