@@ -96,8 +96,9 @@ def weights(path: Path) -> dict[str, Tensor]:
         raise InputError(path, "checkpoint", str(error).strip().splitlines()[0][:200], hint) from None
     for key in ("state_dict", "model"):
         content = content.get(key, content) if isinstance(content, dict) else content
-    if not isinstance(content, dict) or not all(isinstance(value, Tensor) for value in content.values()):
-        raise InputError(path, "checkpoint", "expected a state dict of tensors")
+    named = isinstance(content, dict) and all(isinstance(name, str) for name in content)
+    if not named or not all(isinstance(value, Tensor) for value in content.values()):
+        raise InputError(path, "checkpoint", "expected a state dict of named tensors")
     return {name.removeprefix("module."): value for name, value in content.items()}
 
 

@@ -199,9 +199,10 @@ def test_a_checkpoint_that_would_run_code_is_refused_and_runs_nothing(tool, tmp_
     assert capsys.readouterr().out == ""
     with pytest.raises(InputError, match="no such file"):
         tool.weights(tmp_path / "none.pth")
-    torch.save({"a": 1}, tmp_path / "numbers.pth")
-    with pytest.raises(InputError, match="state dict of tensors"):
-        tool.weights(tmp_path / "numbers.pth")
+    for name, content in (("numbers", {"a": 1}), ("numbered", {1: torch.zeros(1)})):
+        torch.save(content, tmp_path / f"{name}.pth")
+        with pytest.raises(InputError, match="state dict of named tensors"):
+            tool.weights(tmp_path / f"{name}.pth")
 
 
 def test_other_weights_than_the_network_has_are_refused(tool, tmp_path):
