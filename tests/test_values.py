@@ -213,7 +213,9 @@ def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_feat
         ("layers", {"layers": torch.ones(2, 3, 4, 8, dtype=torch.bool)},
          "expected each pixel in one layer at most, frame 0 has one in two"),
         ("extras.keypoints", {"keypoints": torch.ones(2, 14, 3), "extras.keypoints": torch.ones(2, 3)},
-         "is a feature of its own, not an extra"),
+         r"is a feature of its own, not an extra \(store it as keypoints\)"),
+        ("extras.image", {"keypoints": torch.ones(2, 14, 3), "extras.image": torch.ones(2, 3)},
+         r"is a feature of its own, not an extra \(leave it out\)"),
     ],
 )  # fmt: skip
 def test_tensors_of_a_wrong_type_or_on_unlike_grids_are_refused_by_name(

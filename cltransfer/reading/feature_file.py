@@ -115,7 +115,8 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
     _check_layers(path, own)
     extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
     for name in sorted(NAMES & extras.keys()):
-        raise InputError(path, f"extras.{name}", "is a feature of its own, not an extra", f"store it as {name}")
+        hint = f"store it as {name}" if name in STORED else "leave it out"
+        raise InputError(path, f"extras.{name}", "is a feature of its own, not an extra", hint)
     reasons = _reasons(path, meta)
     if not own and not extras:
         raise InputError(path, "features", "expected at least one, it holds times alone")
