@@ -102,10 +102,12 @@ class Resuming:
 
     def _answer(self, session: Session, url: str, headers: dict[str, str]) -> Response:
         """What is answered where ``url`` leads to in the end."""
+        from requests.cookies import extract_cookies_to_jar
 
         def leave(answer: Response, **_: object) -> None:
             """Read no body of a redirect: requests would, all of it into memory, before it follows or does not."""
             if target := session.get_redirect_target(answer):
+                extract_cookies_to_jar(session.cookies, answer.request, answer.raw)  # some send round for one
                 answer.close()
                 raise _ElsewhereError(target)
 

@@ -145,6 +145,13 @@ class Handler(BaseHTTPRequestHandler):
                 self.wfile.write(bytes(2**20))
                 self.server.sent += 2**20
 
+    def serve_known(self, begin: int) -> None:
+        """Sends whoever has no cookie of it round to fetch one."""
+        if "known=1" in self.headers.get("Cookie", ""):
+            self.serve_good(begin)
+        else:
+            self.head(302, 0, Location="/known", Set_Cookie="known=1")
+
     def serve_absurd(self, begin: int) -> None:
         self.head(200, None, Content_Length="9" * 5000)
 
@@ -312,6 +319,11 @@ def test_redirects_lead_to_http_only(entry):
 def test_the_body_of_a_redirect_is_not_read(server, entry):
     assert pull(entry("heavy"), False, silent).path.read_bytes() == CONTENT
     assert server.sent < HEAVY / 2  # what the system buffers
+
+
+def test_what_a_redirect_sets_as_a_cookie_is_sent_on(server, entry):
+    assert pull(entry("known"), False, silent).path.read_bytes() == CONTENT
+    assert len(server.asked) == 2
 
 
 class Hops(requests.adapters.BaseAdapter):
