@@ -12,6 +12,7 @@ from .picture import write_picture
 from .side_by_side import GAP, PAPER, write_line
 
 WIDTH = 320  # [px] of a frame
+TALLEST = 4 * WIDTH  # [px]; a JPEG takes 65,535 in all
 _BAND = 20  # [px] of the line above a row
 
 
@@ -25,10 +26,18 @@ def evenly(count: int, columns: int) -> list[int]:
 
 
 def thumbnail(frame: Tensor) -> np.ndarray:
-    """A frame, RGB (3, H, W) uint8, at :data:`WIDTH`, (H', WIDTH, 3) with its shape kept."""
+    """A frame, RGB (3, H, W) uint8, at :data:`WIDTH`, (H', WIDTH, 3) with its shape kept.
+
+    One of more than :data:`TALLEST` is as much smaller, in the middle of paper.
+    """
     image = np.ascontiguousarray(frame.permute(1, 2, 0).numpy())
-    size = (WIDTH, max(1, round(image.shape[0] * WIDTH / image.shape[1])))
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA if image.shape[1] > WIDTH else cv2.INTER_CUBIC)
+    scale = min(WIDTH / image.shape[1], TALLEST / image.shape[0])
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    picture = np.full((size[1], WIDTH, 3), PAPER, np.uint8)
+    left = (WIDTH - size[0]) // 2
+    picture[:, left : left + size[0]] = small
+    return picture
 
 
 def strip(reference: Tensor, render: Tensor, times: Tensor, columns: int = 6) -> np.ndarray:

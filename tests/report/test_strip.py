@@ -39,6 +39,14 @@ def test_strip_writes_times_and_names():
     assert (first[:, WIDTH // 2 :] != later[:, WIDTH // 2 :]).any()
 
 
+def test_a_strip_of_narrow_frames_is_no_taller_than_a_picture_can_be(tmp_path):
+    narrow = torch.full((2, 3, 960, 4), 250, dtype=torch.uint8)
+    picture = strip(narrow, narrow, torch.arange(2) / 10)
+    assert picture.shape == (2 * (20 + 1280), 2 * WIDTH + 4, 3)
+    assert (picture[20:1300, WIDTH // 2] == 250).all()
+    write_strip(tmp_path / "strip.jpg", narrow, narrow, torch.arange(2) / 10)
+
+
 def test_strip_refuses_clips_of_different_lengths():
     reference, render, times = clips()
     with pytest.raises(ValueError, match="expected equally many, got 5, 4, 5"):
