@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .evaluate_many import CONFIDENCE, RESAMPLES, ClipScore, Interval
+from .evaluate_many import CONFIDENCE, FEWEST, RESAMPLES, ClipScore, Interval
 from .report.metrics import number
 from .report.tables import Table, to_latex, to_markdown
 from .storage.files import csv_text, write_json, write_text
@@ -29,7 +29,7 @@ def methods_json(rows: Sequence[ClipScore], summary: Summary, notes: Sequence[st
     return {
         "format": "cltransfer.methods",
         "version": 1,
-        "interval": f"percentile bootstrap over clips, {RESAMPLES} resamples, {CONFIDENCE:.0%}",
+        "interval": f"bootstrap-t over clips, {FEWEST} or more, {RESAMPLES} resamples, {CONFIDENCE:.0%}",
         "methods": {m: {t: asdict(found) for t, found in terms.items()} for m, terms in summary.items()},
         "clips": [asdict(row) for row in rows],
         "notes": list(notes),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 import torch
 
@@ -45,21 +46,47 @@ def folder_of(path: Path, **clips: torch.Tensor) -> Path:
 
 
 def test_an_interval_holds_the_mean_and_narrows_with_more_clips() -> None:
-    few, many = interval([0.1, 0.3, 0.2]), interval([0.1, 0.3, 0.2] * 20)
+    few, many = interval([0.1, 0.3, 0.2] * 2), interval([0.1, 0.3, 0.2] * 20)
     for found in (few, many):
         assert found.low < found.mean < found.high
     assert many.high - many.low < few.high - few.low
-    assert interval([0.1, 0.3, 0.2]) == few
+    assert interval([0.1, 0.3, 0.2] * 2) == few
+
+
+@pytest.mark.parametrize("clips", [6, 10])
+@pytest.mark.parametrize("skewed", [False, True])
+def test_an_interval_over_few_clips_holds_the_truth(clips: int, skewed: bool) -> None:
+    rng, held = np.random.default_rng(0), []
+    for _ in range(400):
+        found = interval((rng.gamma(2, 1, clips) if skewed else rng.normal(2, 1, clips)).tolist())
+        held.append(found.low <= 2 <= found.high)
+    assert np.mean(held) >= 0.92
+
+
+def test_of_fewer_clips_there_is_no_interval_but_a_reason() -> None:
+    found = interval([0.1, 0.3, 0.2, 0.5, 0.4])
+    assert (found.mean, found.low, found.high) == (pytest.approx(0.3), None, None)
+    assert found.reason == "too few clips for an interval: 5, expected 6 or more"
+    assert interval([0.1, 0.3, 0.2, 0.5, 0.4, 0.6]).reason == ""
+    rows = [ClipScore("a", str(i), {"framing": 0.1 * i}, {"framing": 4}, 4) for i in range(5)]
+    assert methods_csv(summarise(rows)).splitlines()[1].endswith(f'"{found.reason}"')
+    assert "[" not in methods_markdown(summarise(rows))
+
+
+@pytest.mark.parametrize("values", [[0.1] * 6, [0.0] * 5 + [1.0], [0.3] * 7])
+def test_clips_of_one_value_tell_nothing_of_others(values: list[float]) -> None:
+    found = interval(values)
+    assert (found.low, found.high, found.clips) == (None, None, len(values))
+    assert found.reason == "too many clips have one value for an interval"
 
 
 def test_clips_without_a_value_are_counted_not_used() -> None:
     found = interval([0.2, None, 0.4, None])
     assert (found.mean, found.clips, found.of) == (pytest.approx(0.3), 2, 4)
-    assert found.reason == "2 clips have no value"
+    assert found.reason == "too few clips for an interval: 2, expected 6 or more; 2 clips have no value"
     assert interval([None]).mean is None
-    assert interval([None, 0.1, 0.3]).reason == "1 clip has no value"
+    assert interval([None, *map(float, range(6))]).reason == "1 clip has no value"
     assert interval([0.2]).low is None
-    assert "one clip" in interval([0.2]).reason
 
 
 def test_no_table_holds_a_nan() -> None:

@@ -51,7 +51,7 @@ def evaluate(
     cltransfer evaluate references/ ours=runs/ theirs=clips/ --out table
 
     With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
-    and methods.csv, .md and .tex with bootstrap intervals over the clips.
+    and methods.csv, .md and .tex with bootstrap intervals over the clips, of six or more.
     """
     methods, overrides = methods_of(reference, render, more or [])
     settings = settings_of(config, overrides, allow_plugin)
