@@ -69,7 +69,8 @@ def markdown(analysis: Analysis) -> list[str]:
     lines += [
         "",
         "The exact interval takes answers for independent; those of one person are not: cite the one by participant",
-        f"({FEWEST} participants or more have one). It is wider the fewer they are and the more they differ.",
+        f"({FEWEST} participants or more have one). It is wider the fewer they are and the more they differ; of shares",
+        "it holds the bootstrap of participants, which alone is too narrow where they are few.",
         f"{NO_STUDY} Neither are answers by its authors or by a program.",
     ]
     return lines

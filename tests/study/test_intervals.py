@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from itertools import combinations
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.special import expit
 from cltransfer.study.analysis import bradley_terry, preferences, strengths
 from cltransfer.study.answers import Choice
 from cltransfer.study.design import QUESTIONS, design
-from cltransfer.study.intervals import exact_interval, share_interval, strength_intervals
+from cltransfer.study.intervals import exact_interval, resampled_interval, share_interval, strength_intervals
 
 
 @pytest.mark.parametrize("people", [6, 8, 20])
@@ -53,6 +54,31 @@ def test_people_who_nearly_agree_know_no_more_than_as_many_answers(wins: tuple[i
     exact = exact_interval(sum(wins), 60)
     assert low <= exact[0] + 1e-12
     assert high >= exact[1] - 1e-12
+
+
+def test_participants_are_drawn_anew_with_all_that_they_answered() -> None:
+    wins, counts = np.array([9.0, 3, 7, 5, 10, 2, 8, 19, 3]), np.array([10.0, 12, 9, 6, 11, 4, 8, 20, 12])
+    people = np.random.default_rng(1).integers(len(wins), size=(20_000, len(wins)))
+    low, high = np.quantile(wins[people].sum(1) / counts[people].sum(1), [0.025, 0.975])
+    assert resampled_interval(wins, counts) == (pytest.approx(low, abs=0.01), pytest.approx(high, abs=0.01))
+    assert resampled_interval(wins, counts) == resampled_interval(wins, counts)
+
+
+def test_the_interval_of_a_share_holds_what_drawing_participants_anew_gives() -> None:
+    """Of six people one answered more than all others together: who leaves that one out finds fewer for the first."""
+    wins, counts = np.array([1.0, 1, 1, 0, 1, 20]), np.array([2.0, 1, 1, 1, 1, 20])
+    drawn, found = resampled_interval(wins, counts), share_interval(wins, counts)
+    assert found[0] <= drawn[0] < drawn[1] <= found[1]
+
+
+def test_participants_by_the_ten_thousand_are_resampled_in_little_memory() -> None:
+    rng, counts = np.random.default_rng(0), np.full(50_000, 9.0)
+    wins = rng.binomial(9, 0.6, len(counts)).astype(float)
+    tracemalloc.start()
+    share_interval(wins, counts)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 32 * 2**20
 
 
 def test_thousands_of_participants_are_counted_within_seconds() -> None:
