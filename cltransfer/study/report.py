@@ -87,10 +87,11 @@ def _preferences(analysis: Analysis) -> Table:
             _span(p.exact),
             _span(p.by_participant),
             f"{p.wins}/{p.count}",
+            p.reason,
         )
         for p in analysis.preferences
     ]
-    return Table(("question", "preferred", "to", "share", exact, by_participant, "answers"), tuple(rows))
+    return Table(("question", "preferred", "to", "share", exact, by_participant, "answers", ""), tuple(rows))
 
 
 def _strengths(analysis: Analysis) -> Table:
@@ -121,12 +122,12 @@ def values(analysis: Analysis) -> dict[str, Any]:
 
 
 def preferences_csv(analysis: Analysis) -> str:
-    """One line for each question and pair; what is not known is an empty cell."""
+    """One line for each question and pair; what is not known is an empty cell, with the reason."""
     head = ("question", "first", "second", "wins", "answers", "share")
-    lines: list[Sequence[Any]] = [(*head, "exact_low", "exact_high", "people_low", "people_high")]
+    lines: list[Sequence[Any]] = [(*head, "exact_low", "exact_high", "people_low", "people_high", "reason")]
     for p in analysis.preferences:
         spans = [*(p.exact or ("", "")), *(p.by_participant or ("", ""))]
-        lines.append([p.question, p.first, p.second, p.wins, p.count, p.share, *spans])
+        lines.append([p.question, p.first, p.second, p.wins, p.count, p.share, *spans, p.reason])
     return csv_text(lines)
 
 

@@ -159,18 +159,16 @@ def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any
     assert said["preferences"][0]["wins"] == 5
     assert said["preferences"][0]["by_participant"] is None
     assert said["preferences"][0]["reason"] == "too few participants for an interval: 3, expected 6 or more"
-    assert (
-        (tmp_path / "analysis" / "preferences.csv")
-        .read_text()
-        .splitlines()[1]
-        .startswith("visual_style,ours,jaws,5,6,")
-    )
+    assert "| – | 5/6 | too few participants for an interval: 3, expected 6 or more |" in answer.out
+    table = (tmp_path / "analysis" / "preferences.csv").read_text().splitlines()
+    assert table[1].startswith("visual_style,ours,jaws,5,6,")
+    assert table[1].endswith(',"too few participants for an interval: 3, expected 6 or more"')
 
 
 def test_no_method_is_a_formula() -> None:
     study = design(["s"], ["=1+1", "@b"], [], 0)
     analysis = Analysis(study, {}, tuple(preferences([], study)), ())
-    assert preferences_csv(analysis).splitlines()[1] == "visual_style,'=1+1,'@b,0,0,,,,,"
+    assert preferences_csv(analysis).splitlines()[1] == "visual_style,'=1+1,'@b,0,0,,,,,,no answers"
 
 
 DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
@@ -222,7 +220,7 @@ def test_a_method_of_any_name_stays_one_cell() -> None:
     found = Analysis(study, {"p": 6}, tuple(preferences(choices, study)), tuple(strengths(choices, study)))
     rows = [line for line in markdown(found) if line.startswith("| smoothness")]
     assert len(rows) == 6
-    assert {len(re.split(r"(?<!\\)\|", row)) for row in rows} == {9, 7}
+    assert {len(re.split(r"(?<!\\)\|", row)) for row in rows} == {10, 7}
     assert r"[c\](d) \*e\*" in rows[0]
     assert not any("\r" in line for line in markdown(found))
 
