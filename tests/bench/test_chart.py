@@ -40,6 +40,16 @@ def test_a_clip_is_hit_by_the_cheapest_run_that_reaches_the_target():
     assert (curve.least, curve.most) == (10, 90)
 
 
+def test_a_point_is_the_mean_of_its_own_clips_and_the_share_that_did_not_fail():
+    rows = [
+        {**_row(shot, cost, total), "method": "fast", "options": [], "seconds": cost / 10, "failed_clip": failed}
+        for shot, cost, total, failed in (("pan", 10, 0.3, False), ("zoom", 20, 0.6, False), ("tilt", 60, 9.0, True))
+    ]
+    other = {**rows[2], "options": ["lod=1.0"]}
+    found = points((Setting("presets", "fast", "fast"),), [*rows, other])
+    assert found == [Point("presets", "fast", 3, 30.0, 3.0, pytest.approx(3.3), 0.6, pytest.approx(2 / 3))]
+
+
 def test_settings_are_told_apart_by_name_within_their_family():
     names = [(s.family, s.label) for s in SETTINGS]
     assert len(set(names)) == len(names)

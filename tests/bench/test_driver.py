@@ -5,22 +5,74 @@ import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
+import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 
-from cltransfer.bench.driver import Bench, Run, clips_of, drawn, run_driver, seed_range
+from cltransfer.bench.driver import Bench, Run, _clip, clips_of, drawn, pose_errors, run_driver, seed_range
 from cltransfer.bench.driver_table import HEADER, summary, write_driver
 from cltransfer.bench.methods import judge_config
 from cltransfer.bench.rows import FILE
 from cltransfer.bench.section import table
+from cltransfer.camera import Camera, intrinsics
 from cltransfer.errors import UsageError
+from cltransfer.run.result import Result
+from cltransfer.subject import Subject
+from cltransfer.trajectory import Trajectory
+
+
+def _dolly(shaken: float = 0.0, side: tuple[float, ...] = (0.0,) * 5) -> Camera:
+    """Five cameras that move forward, each second one off by ``shaken``, each off to its side by its ``side``."""
+    eye = torch.zeros(5, 3, dtype=torch.float64)
+    eye[:, 2] = torch.arange(5) / 5 - 6
+    eye[:, 0] = torch.tensor(side)
+    eye[::2, 0] += shaken
+    return Camera.look_at(eye, eye + torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.0, -1.0, 0.0]), 0.7, (160, 90))
 
 
 @pytest.mark.parametrize("text", ["500", "seeds=5:5", "seeds=9:3", "seeds=a:b", "0:1001", "seeds=1:2;x"])
 def test_a_range_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="seeds=FIRST:LAST"):
         seed_range(text)
+
+
+@pytest.mark.parametrize("factor", [1.25, 0.8])
+def test_pose_errors_are_medians_of_places_turns_and_focal_factors(factor: float) -> None:
+    true, moved = _dolly(), _dolly(side=(0.0, 0.2, 0.4, 0.6, 0.8))
+    w2c, angles = moved.w2c.clone(), torch.tensor([3.0, 5.0, 7.0, 9.0, 11.0], dtype=torch.float64).deg2rad()
+    w2c[:, :3] = axis_angle_to_rotation_matrix(angles[:, None] * torch.eye(3, dtype=torch.float64)[1]) @ w2c[:, :3]
+    found = Camera(w2c, intrinsics(2 * factor * true.focal, (320, 180)), (320, 180))
+    assert pose_errors(found, true, 2.0) == pytest.approx((0.2, 7.0, 0.25), abs=1e-4)
+
+
+@pytest.mark.parametrize(("target", "position"), [("self", 0.025), ("cross", math.nan)])
+def test_a_clip_tells_what_its_path_costs_and_smooths(
+    monkeypatch: pytest.MonkeyPatch, target: str, position: float
+) -> None:
+    true, path = Trajectory(_dolly(0.02), torch.arange(5) / 12), Trajectory(_dolly(0.07), torch.arange(5) / 12)
+    result = SimpleNamespace(
+        trajectory=path,
+        searched=SimpleNamespace(total=0.7),
+        spent=SimpleNamespace(evaluations=60),
+        seconds={"floaters": 1.0, "initial view": 2.0, "search": 4.0, "render": 100.0},
+        scene=SimpleNamespace(subject=SimpleNamespace(height=4.0)),
+        kept=SimpleNamespace(
+            found=SimpleNamespace(camera=_dolly(0.3)), cameras=path.camera, path=SimpleNamespace(total=0.9, free=0.6)
+        ),
+    )
+    monkeypatch.setattr("cltransfer.bench.driver._judged", lambda run, result, true: 0.5)
+    run, subject = Run("fast", target, "pan", 3, 5), cast(Subject, SimpleNamespace(height=2.0))
+    clip = _clip(run, cast(Result, result), true, subject)
+    assert (clip.preset, clip.target, clip.shot, clip.seed) == ("fast", target, "pan", 3)
+    assert (clip.total, clip.judged, clip.evaluations, clip.seconds) == (0.7, 0.5, 12.0, 7.0)
+    assert clip.position == pytest.approx(position, nan_ok=True)
+    assert clip.extra == pytest.approx(0.3)
+    assert (clip.shaken, clip.smooth, clip.true) == pytest.approx((0.3, 0.07, 0.04), rel=1e-6)
+    result.kept.path = None
+    assert _clip(run, cast(Result, result), true, subject).extra == 0
 
 
 def test_a_shot_that_is_none_is_one_line() -> None:

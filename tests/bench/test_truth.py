@@ -20,6 +20,14 @@ def _dolly(count: int = 8, step: float = 0.2, start: float = -6.0) -> Camera:
     return Camera.look_at(eye, eye + torch.tensor([0.0, 0.0, 1.0]), up, 0.7, SIZE)
 
 
+def _turned(camera: Camera, degrees: list[float]) -> Camera:
+    """Each camera turned to its side where it stands."""
+    turn = torch.eye(4, dtype=torch.float64).repeat(len(degrees), 1, 1)
+    axis = torch.tensor([[0.0, math.radians(angle), 0.0] for angle in degrees], dtype=torch.float64)
+    turn[:, :3, :3] = axis_angle_to_rotation_matrix(axis)
+    return Camera(turn @ camera.w2c, camera.K, SIZE)
+
+
 def test_the_true_path_has_no_error():
     errors = path_errors(_dolly(), _dolly(), 2.0)
     assert (errors.position, errors.log_focal, errors.path_position) == pytest.approx((0, 0, 0), abs=1e-9)
@@ -51,11 +59,16 @@ def test_position_is_told_in_subject_heights_and_focal_as_a_log():
 
 def test_a_constant_turn_is_an_error_of_rotation_and_not_of_the_path_s():
     true = _dolly()
-    turn = torch.eye(4, dtype=torch.float64)
-    turn[:3, :3] = axis_angle_to_rotation_matrix(torch.tensor([[0.0, math.radians(5), 0.0]], dtype=torch.float64))[0]
-    errors = path_errors(Camera(turn @ true.w2c, true.K, SIZE), true, 1.0)
+    errors = path_errors(_turned(true, [5.0] * 8), true, 1.0)
     assert errors.rotation == pytest.approx(5, abs=1e-3)
     assert errors.path_rotation == pytest.approx(0, abs=1e-3)
+
+
+def test_a_turn_that_grows_is_an_error_of_the_path_s_rotation_from_its_first_frame_on():
+    true = _dolly(5)
+    errors = path_errors(_turned(true, [3.0, 5.0, 7.0, 9.0, 11.0]), true, 1.0)
+    assert errors.rotation == pytest.approx(7, abs=1e-3)
+    assert errors.path_rotation == pytest.approx(4, abs=1e-3)
 
 
 def test_a_standing_camera_has_no_scale():
