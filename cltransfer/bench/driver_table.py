@@ -40,9 +40,14 @@ def summary(clips: Sequence[Clip]) -> list[list[str]]:
             + [f"{median(c.seconds for c in mine):.2f}"]
             + ["" if math.isnan(values[0]) else f"{median(values):.4f}" for values in poses]
             + [f"{fmean(c.extra for c in mine):+.3f}"]
-            + [" / ".join(f"{fmean(getattr(c, name) for c in mine):.4f}" for name in ("shaken", "smooth", "true"))]
+            + [" / ".join(_jerk([getattr(c, name) for c in mine]) for name in ("shaken", "smooth", "true"))]
         )
     return rows
+
+
+def _jerk(values: Sequence[float]) -> str:
+    """Their mean; a clip of fewer than four frames has none."""
+    return "–" if math.isnan(fmean(values)) else f"{fmean(values):.4f}"
 
 
 def _against(pairs: Sequence[tuple[float, float]]) -> list[str]:

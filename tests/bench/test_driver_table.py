@@ -29,6 +29,11 @@ def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
     assert row["jerk before / after / of the reference"] == "0.2000 / 0.0200 / 0.0100"
 
 
+def test_clips_too_short_for_a_jerk_have_none_in_the_table() -> None:
+    row = dict(zip(HEADER, summary([replace(CLIP, shaken=NAN, smooth=NAN, true=NAN)])[0]))
+    assert row["jerk before / after / of the reference"] == "– / – / –"
+
+
 def test_a_preset_of_other_losses_is_held_against_the_paper_by_the_judge_alone() -> None:
     other = replace(CLIP, preset="jaws_clean", total=0.1)
     row = dict(zip(HEADER, summary([other, replace(CLIP, preset="paper", judged=1.2)])[0]))
