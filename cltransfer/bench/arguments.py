@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 PAGE_LIMIT = 2**24  # bytes of a page of figures
+LAST_SEED = 2**63  # that a config takes
 
 
 def page(path: Path | None) -> Path | None:

@@ -61,13 +61,13 @@ def run_describe(
     """Describe every canonical shot and every shot size in both built-in scenes.
 
     Args:
-        seeds: of where the cameras stand.
+        seeds: of where the cameras stand; one named twice counts once.
         readers: geometry (scene extractors) and networks (image extractors on renders).
         parts: of a config.
         done: told what was finished.
     """
     answers: list[Answer] = []
-    for seed in seeds:
+    for seed in dict.fromkeys(seeds):
         for name in SCENES:
             scene = builtin_scene(name)
             for reader in readers:

@@ -99,7 +99,7 @@ def named_methods(texts: Sequence[str] | None) -> dict[str, Any]:
 
 
 def rendered_pairs(scenes: Sequence[str], seeds: Sequence[int], shots: Sequence[str] = SHOTS) -> Iterator[Pair]:
-    """Pairs of frames of every shot in every scene, where a seed draws where the shot stands.
+    """Pairs of frames of every shot in every scene, where a seed draws where the shot stands; twice named counts once.
 
     Raises:
         InputError: a scene is missing or damaged, or no person is found in it.
@@ -107,7 +107,7 @@ def rendered_pairs(scenes: Sequence[str], seeds: Sequence[int], shots: Sequence[
     parts = Components.build(load_config())
     for name in scenes:
         scene = lifted_scene(load_scene(name), renderer_of(load_scene(name), parts.renderer), parts.extractors)
-        for number in seeds:
+        for number in dict.fromkeys(seeds):
             for move in shots:
                 yield from _pairs(scene, parts.renderer, move, number)
 

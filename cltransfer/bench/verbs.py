@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .arguments import Jobs, Out, folder
+from .arguments import LAST_SEED, Jobs, Out, folder
 from .protocol_verbs import bench_chart, bench_table1
 from .stress.verb import bench_stress
 
@@ -160,7 +160,9 @@ def bench_driver(
 @app.command("flow")
 def bench_flow(
     scene: Annotated[list[str] | None, typer.Argument(help="Scenes; the built-in ones where none is named.")] = None,
-    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of where the shots stand (repeatable).")] = None,
+    seed: Annotated[
+        list[int] | None, typer.Option(min=0, max=LAST_SEED, help="Seeds of where the shots stand (repeatable).")
+    ] = None,
     shot: Annotated[list[str] | None, typer.Option(help="Canonical shots; all where none is named.")] = None,
     method: Annotated[
         list[str] | None,
@@ -188,7 +190,7 @@ def bench_flow(
 @app.command("describe")
 def bench_describe(
     seed: Annotated[
-        list[int] | None, typer.Option(min=0, help="Seeds of where the cameras stand (repeatable).")
+        list[int] | None, typer.Option(min=0, max=LAST_SEED, help="Seeds of where the cameras stand (repeatable).")
     ] = None,
     networks: Annotated[bool, typer.Option("--networks", help="Read renders by networks too.")] = False,
     out: Out = None,

@@ -11,6 +11,8 @@ WRONG = [
     ("driver", "--frames", "0"),
     ("driver", "--paper-shots", "-1"),
     ("flow", "--seed", "-1"),
+    ("flow", "--seed", "99999999999999999999"),
+    ("describe", "--seed", "99999999999999999999"),
     ("speed", "--seed", "-1"),
     ("table1", "--seed", "-1"),
     ("stress", "--seed", "-1"),
