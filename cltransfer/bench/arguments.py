@@ -7,22 +7,28 @@ from typing import Annotated
 
 import typer
 
-PAGE_LIMIT = 2**24  # bytes of a page of figures
 LAST_SEED = 2**63  # that a config takes
 
 
-def page(path: Path | None) -> Path | None:
-    """``path`` where a section can be written into it, checked before anything is measured.
+def page(context: typer.Context, path: Path | None) -> Path | None:
+    """``path`` where the verb's section can be written into it, checked before anything is measured.
 
     Raises:
         UsageError: it is a folder, a device or a pipe.
-        InputError: it is no text.
+        InputError: it is no text, or the section's markers are damaged.
     """
-    from ..storage.files import check_out_file, read_text
+    from .pages import SECTIONS, check_page
 
-    check_out_file(path)
-    if path is not None and path.exists():
-        read_text(path, PAGE_LIMIT)
+    if path is not None:
+        check_page(path, SECTIONS[str(context.info_name)])
+    return path
+
+
+def page_folder(context: typer.Context, path: Path | None) -> Path | None:
+    """``path`` where it can be a folder with a page ``benchmarks.md``, see :func:`page`."""
+    folder(path)
+    if path is not None:
+        page(context, path / "benchmarks.md")
     return path
 
 

@@ -12,6 +12,7 @@ from ..report.metrics import number as written
 from ..report.tables import Table, to_markdown
 from ..storage.files import write_text
 from .chart import TARGETS, Hits, Point, Setting, hit_curves, hits_csv, pareto, points, points_csv
+from .pages import SECTIONS
 from .rows import measured_at
 from .section import machine, write_section
 from .trial import Row
@@ -52,7 +53,7 @@ def write_chart(rows: Sequence[Row], settings: Sequence[Setting], folder: Path, 
             "",
             *to_markdown(_table(found)),
         ]
-        write_section(out, "Speed against accuracy", lines)
+        write_section(out, SECTIONS["chart"], lines)
 
 
 def _table(found: Sequence[Point]) -> Table:

@@ -15,6 +15,7 @@ from ..computer.cuda import require_gsplat
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene
+from .pages import SECTIONS
 from .section import machine, quartiles, table, write_section
 from .speed import ALL, GEOMETRY, cameras_around
 from .synthetic_room import room_cameras, synthetic_room
@@ -23,7 +24,6 @@ SIZE = (160, 90)
 CANDIDATES = (10, 64)
 REPEATS = 9
 COMPARED = 4  # cameras whose images are compared with the oracle's
-SECTION = "Splats on a GPU"
 
 
 @dataclass(frozen=True)
@@ -115,4 +115,4 @@ def write_cuda(rows: Sequence[CudaRow], path: Path) -> None:
         "",
         *table(CudaRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTION, lines)
+    write_section(path, SECTIONS["cuda"], lines)

@@ -24,6 +24,7 @@ from ..scenes.builtin import builtin_scene
 from ..shots import SHOTS, Setup, shot
 from ..subject import Subject
 from ..trajectory import Trajectory
+from .pages import SECTIONS
 from .section import machine, table, write_section
 
 SCENES = ("courtyard", "plaza")
@@ -188,4 +189,4 @@ def write_describe(answers: Sequence[Answer], path: Path, command: str) -> None:
         "",
         *report_lines(answers),
     ]
-    write_section(path, "Description", lines)
+    write_section(path, SECTIONS["describe"], lines)

@@ -10,6 +10,7 @@ from statistics import fmean, median
 from .driver import PAPER, Clip, clips_of, settings
 from .driver_chart import write_driver_chart
 from .judge import SIDE
+from .pages import SECTIONS
 from .rows import measured_at
 from .section import machine, table, write_section
 from .trial import Row
@@ -78,5 +79,5 @@ def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
         "",
         "![Loss against evaluations and seconds](driver.svg)",
     ]
-    write_section(path, "The driver", lines)
+    write_section(path, SECTIONS["driver"], lines)
     write_driver_chart(clips, path.parent)

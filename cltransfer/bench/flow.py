@@ -34,6 +34,7 @@ from ..scenes.load import load_scene
 from ..scenes.person.lifted import lifted_scene
 from ..shots import SHOTS, shot
 from .driver import drawn
+from .pages import SECTIONS
 from .section import machine, table, write_section
 
 SCENES = ("builtin:plaza", "builtin:courtyard")
@@ -219,4 +220,4 @@ def write_flow(scores: Mapping[str, Sequence[PairScore]], path: Path, command: s
         "",
         *table(HEADER, summary(scores)),
     ]
-    write_section(path, "Optical flow", lines)
+    write_section(path, SECTIONS["flow"], lines)

@@ -15,6 +15,7 @@ from ..camera import Camera
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
+from .pages import SECTIONS
 from .section import machine, quartiles, table, write_section
 from .synthetic_room import ROOM, room_cameras, synthetic_room
 
@@ -23,7 +24,6 @@ GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180))
 FRAMES = 4  # cameras a call
 THICKNESS = 3.0  # optical, of a voxel that holds a surface
-SECTION = "Voxel grid rendering"
 Posed = tuple[Scene, Camera]
 
 
@@ -158,4 +158,4 @@ def write_benchmarks(rows: Sequence[GridRow], path: Path) -> None:
         "",
         *table(GridRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTION, lines)
+    write_section(path, SECTIONS["grid"], lines)

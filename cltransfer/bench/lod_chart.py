@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..storage.files import write_text
 from .lod import LodRow, write_csv
+from .pages import SECTIONS
 from .section import machine, table, write_section
 
 PANELS = (
@@ -38,7 +39,7 @@ def write_lod(rows: Sequence[LodRow], folder: Path) -> None:
         "",
         *table(HEADER, [_cells(row) for row in rows]),
     ]
-    write_section(folder / "benchmarks.md", "Level of detail", lines)
+    write_section(folder / "benchmarks.md", SECTIONS["lod"], lines)
 
 
 def _cells(row: LodRow) -> list[str]:

@@ -17,6 +17,7 @@ from ..renderers.mesh import Mesh as Renderer
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.meshes.mesh import Mesh
+from .pages import SECTIONS
 from .section import machine, quartiles, table, write_section
 from .synthetic_room import PERSON, ROOM, room_cameras
 
@@ -25,7 +26,6 @@ GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180), (640, 360))
 FRAMES = 4  # cameras a call
 CLOSE = 1e-3  # relative difference of depth that still agrees
-SECTION = "Mesh rendering"
 Posed = tuple[Scene, Camera]
 
 
@@ -179,4 +179,4 @@ def write_benchmarks(rows: Sequence[MeshRow], path: Path) -> None:
         "",
         *table(MeshRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTION, lines)
+    write_section(path, SECTIONS["mesh"], lines)

@@ -12,9 +12,8 @@ from typing import Any
 import torch
 
 from ..computer.revision import commit
-from ..errors import InputError
-from ..storage.files import read_text, write_text
-from .arguments import PAGE_LIMIT
+from ..storage.files import write_text
+from .pages import markers, page_text
 
 
 def quartiles(times: Sequence[float]) -> tuple[float, float, float]:
@@ -51,15 +50,6 @@ def _load(rows: Sequence[Mapping[str, Any]]) -> str:
     return f", load average {span} while {some}measured"
 
 
-def markers(title: str) -> tuple[str, str]:
-    """The comments that a section stands between.
-
-    >>> markers("Mesh rendering")
-    ('<!-- mesh rendering: begin -->', '<!-- mesh rendering: end -->')
-    """
-    return f"<!-- {title.lower()}: begin -->", f"<!-- {title.lower()}: end -->"
-
-
 def write_section(path: Path, title: str, lines: Sequence[str]) -> None:
     """Put ``lines`` into the Markdown file ``path``, between two marker comments that it gets where it has none.
 
@@ -68,27 +58,13 @@ def write_section(path: Path, title: str, lines: Sequence[str]) -> None:
     """
     begin, end = markers(title)
     section = "\n".join([begin, *lines, end])
-    text = _page_text(path, title)
+    text = page_text(path, title)
     if begin in text:
         head, _, rest = text.partition(begin)
         text = head + section + rest.partition(end)[2]
     else:
         text = f"{text.rstrip()}\n\n## {title}\n\n{section}\n"
     write_text(path, text)
-
-
-def _page_text(path: Path, title: str) -> str:
-    """The page as it is, a heading where there is none.
-
-    Raises:
-        InputError: it is no text, or its markers of ``title`` are damaged.
-    """
-    begin, end = markers(title)
-    text = read_text(path, PAGE_LIMIT) if path.exists() else "# Benchmarks\n"
-    between = text.partition(begin)[2]
-    if (begin in text or end in text) and end not in between:
-        raise InputError(path, title, f"expected {begin!r}, then {end!r}", "mend or remove these two lines")
-    return text
 
 
 def _cpu() -> str:

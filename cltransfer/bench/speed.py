@@ -19,6 +19,7 @@ from ..renderers.gaussian_splats import GaussianSplats
 from ..renderers.kernels.splats import count_visible, make_view
 from ..scenes import Scene
 from ..scenes.load import load_scene
+from .pages import SECTIONS
 from .section import machine, quartiles, table, write_section
 from .synthetic_room import room_cameras, synthetic_room
 
@@ -27,7 +28,6 @@ GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180), (640, 360))
 FRAMES = 4  # cameras a call
 Posed = tuple[Scene, Camera]
-SECTION = "Splat rendering"
 
 _FIRST_FRAME = """
 import time
@@ -208,4 +208,4 @@ def write_benchmarks(rows: Sequence[SpeedRow], path: Path) -> None:
         "",
         *table(SpeedRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTION, lines)
+    write_section(path, SECTIONS["speed"], lines)

@@ -16,6 +16,7 @@ from ..report.tables import Table, to_latex, to_markdown
 from ..storage.files import write_text
 from .compare import Comparison, compared, together
 from .measures import SIDE_MEASURES, TERMS, failed_frames, is_self, paired, term
+from .pages import SECTIONS
 from .rows import measured_at
 from .section import machine, write_section
 from .trial import Row
@@ -177,4 +178,4 @@ def write_table1(rows: Sequence[Row], found: Sequence[Duel], folder: Path, out: 
     write_text(folder / "table1.csv", to_csv(found))
     write_text(folder / "table1.tex", "\n".join(latex(found)))
     if out is not None:
-        write_section(out, "Table 1", lines)
+        write_section(out, SECTIONS["table1"], lines)

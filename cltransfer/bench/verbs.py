@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .arguments import LAST_SEED, Jobs, Out, folder
+from .arguments import LAST_SEED, Jobs, Out, folder, page_folder
 from .protocol_verbs import bench_chart, bench_table1
 from .stress.verb import bench_stress
 
@@ -99,7 +99,8 @@ def bench_lod(
     seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the candidates (repeatable).")] = None,
     count: Annotated[int, typer.Option(min=1, help="Gaussians of the synthetic room.")] = 500_000,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", callback=folder, help="Folder for lod.csv, lod.svg and benchmarks.md.")
+        Path | None,
+        typer.Option("--out", "-o", callback=page_folder, help="Folder for lod.csv, lod.svg and benchmarks.md."),
     ] = None,
 ) -> None:
     """Level of detail: what merging gains in speed and costs in images, depth and the ranking of candidates."""

@@ -6,6 +6,8 @@ import os
 
 import pytest
 
+from cltransfer.bench.pages import SECTIONS, markers
+
 WRONG = [
     ("driver", "--jobs", "0"),
     ("driver", "--frames", "0"),
@@ -36,6 +38,22 @@ def test_a_page_that_cannot_be_written(command, tmp_path, bench):
         answer = command("bench", bench, "--out", tmp_path / name)
         assert (answer.code, answer.err.count("\n"), reason in answer.err) == (answer.code, 1, True), answer.err
         assert answer.code in (2, 3)
+
+
+@pytest.mark.parametrize("bench", sorted({*SECTIONS} - {"lod"}))
+def test_a_page_whose_section_has_no_end(command, tmp_path, bench):
+    begin = markers(SECTIONS[bench])[0]
+    (tmp_path / "page.md").write_text(f"{begin}\nmine\n")
+    answer = command("bench", bench, "--out", tmp_path / "page.md")
+    assert (answer.code, answer.out, answer.err.count("\n")) == (3, "", 1), answer.err
+    assert f"page.md: {SECTIONS[bench]}: expected '{begin}', then" in answer.err
+
+
+def test_a_page_that_is_written_where_no_other_is_named(command, tmp_path):
+    for name, words in (("benchmarks.md", ("lod", "--out")), ("stress.md", ("stress", "--tier", "smoke", "--rows"))):
+        (tmp_path / name).write_text(f"{markers(SECTIONS[words[0]])[0]}\nmine\n")
+        answer = command("bench", *words, tmp_path)
+        assert (answer.code, answer.out, answer.err.count("\n")) == (3, "", 1), answer.err
 
 
 def test_a_folder_that_is_a_file(command, tmp_path):

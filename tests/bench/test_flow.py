@@ -15,7 +15,7 @@ from cltransfer.bench.flow import (
     summary,
     write_flow,
 )
-from cltransfer.bench.section import markers
+from cltransfer.bench.pages import markers
 from cltransfer.errors import UsageError
 
 METHOD = "flow_dis={preset: ultrafast, height: 180}"

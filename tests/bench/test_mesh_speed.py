@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from cltransfer.bench.mesh_speed import SECTION, MeshRow, run_mesh_speed, synthetic_mesh, write_benchmarks
-from cltransfer.bench.section import markers
+from cltransfer.bench.mesh_speed import MeshRow, run_mesh_speed, synthetic_mesh, write_benchmarks
+from cltransfer.bench.pages import SECTIONS, markers
 
 ROW = MeshRow("room", (160, 90), "numba, all", 1, 10_000, (1.0, 2.0, 3.0), 28.4, 0.99996)
 
@@ -46,7 +46,7 @@ def test_the_section_is_rewritten_beside_others(tmp_path):
     write_benchmarks([ROW, ROW], page)
     write_benchmarks([ROW], page)
     text = page.read_text()
-    begin, end = markers(SECTION)
+    begin, end = markers(SECTIONS["mesh"])
     assert text.startswith("# Benchmarks\n\n## Losses\n\ntable\n\n## Mesh rendering\n\n" + begin)
     assert text.count(begin) == text.count(end) == 1
     assert "| room | 160x90 | numba, all | 1 | 10,000 | 2.0 (1.0-3.0) | 28x | 100.00 % |" in text

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from cltransfer.bench.section import markers
-from cltransfer.bench.speed import SECTION, SpeedRow, run_speed, write_benchmarks
+from cltransfer.bench.pages import SECTIONS, markers
+from cltransfer.bench.speed import SpeedRow, run_speed, write_benchmarks
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.ply import write_splats
 
-BEGIN, END = markers(SECTION)
+BEGIN, END = markers(SECTIONS["speed"])
 ROW = SpeedRow("room", (160, 90), "numba, all", 1, 10_000, 5_000, (1.0, 2.0, 3.0), 40.0, 90.0)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...storage.files import write_text
+from ..pages import SECTIONS
 from ..rows import kept_rows, measured_at
 from ..section import machine, table, write_section
 from ..trial import Row
@@ -136,7 +137,7 @@ def write_stress(rows: Sequence[Row], path: Path, command: str) -> None:
         "",
         *table(STRICTER_HEADER, stricter(rows, found[0].method)),
     ]
-    write_section(path, "Stress", lines)
+    write_section(path, SECTIONS["stress"], lines)
 
 
 def _budgets(rows: Sequence[Row]) -> list[str]:

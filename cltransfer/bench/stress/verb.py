@@ -44,6 +44,7 @@ def bench_stress(
     from dataclasses import replace
 
     from ...errors import UsageError
+    from ..pages import SECTIONS, check_page
     from ..section import table
     from .bench import TIERS, run_bench, write_stress
     from .verdicts import HEADER, summary, verdicts
@@ -58,6 +59,8 @@ def bench_stress(
         stressors=tuple(stressor or bench.stressors),
         seeds=tuple(dict.fromkeys(seed or bench.seeds)),
     )
+    out = out or rows / "stress.md"
+    check_page(out, SECTIONS["stress"])
     measured = run_bench(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
     print("\n".join(table(HEADER, summary(verdicts(measured)))))
-    write_stress(measured, out or rows / "stress.md", shlex.join(["cltransfer", *sys.argv[1:]]))
+    write_stress(measured, out, shlex.join(["cltransfer", *sys.argv[1:]]))
