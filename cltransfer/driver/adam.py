@@ -153,6 +153,7 @@ class Moments:
 class GradNorm:
     """Weights of K terms that keep their gradients alike, faster for terms that have decreased less.
 
+    A gradient is that by all M numbers that move; the published code of JAWS takes its first parameter's alone.
     They start at 1, add up to K and stay above :data:`LEAST_WEIGHT`. A term that is 0 at its first step, such as one
     that the reference lacks, has no ratio: it keeps the weight 1 and the others are balanced without it.
 
