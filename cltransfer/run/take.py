@@ -84,7 +84,10 @@ def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, sta
     take = _searched(job, config, stage, target, starts, report)
     if stage.scene is job.stage.scene:
         return _nearby(job, config, _past_steps(job, config, take))
-    return _nearby(job, config, _with_floaters(job, config, take, report))
+    kept = _nearby(job, config, _with_floaters(job, config, take, report))
+    if kept.found is not take.found or kept.path is not take.path:  # what floaters cost that was no score of a result
+        job.stage.spent.evaluations += len(take.x)
+    return kept
 
 
 def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
@@ -188,7 +191,8 @@ def _left_out(job: Job, take: Take) -> LeftOut:
 def _total(take: Take, stage: Stage) -> float:
     """Mean total of what was found, in the scene of ``stage``; a view that is blocked there pays every penalty.
 
-    Not counted as evaluations: of what is kept it is its score, as it is rendered for every result.
+    Not counted as evaluations: of what is kept it is its score, as it is rendered for every result; where something
+    else is kept :func:`search_path` counts it.
     """
     terms = stage.path_terms(take.clip.reference, take.cameras, guarded=True)
     return float(stage.objective.totals(terms, take.clip.defined).mean())

@@ -35,6 +35,7 @@ from cltransfer.run.take import (
     _searched,
     _total,
     _with_floaters,
+    search_path,
 )
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.load import load_scene
@@ -193,6 +194,22 @@ def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) 
     assert (there.alone, there.among) == pytest.approx((moved.total, _total(moved, job.stage)), abs=1e-6)
     assert moved.path is not None
     assert (moved.path.refined, moved.path.aside) == (True, False)
+
+
+@pytest.mark.parametrize(("count", "other"), [(30, True), (0, False)], ids=["refined among them", "there are none"])
+def test_what_floaters_cost_is_counted_where_another_path_is_kept(tmp_path: Path, count: int, other: bool) -> None:
+    """That of the path that is kept is its score."""
+    inputs = with_blobs(tmp_path, "builtin:courtyard", count, 2, "builtin:dolly_zoom")
+    least = ["preset=fast", "frames=6", "search_side=64", "output_side=96", "threads=1", "joint=2", "joint_steps=4"]
+    config = load_config(overrides=least)
+    job = prepare(inputs, config, Clock(), silent, None)
+    solid = replace(job.stage, scene=job.solid)
+    take = _searched(job, config, solid, job.wanted, job.starts, quiet)
+    assert (_with_floaters(job, config, take, quiet).path is not take.path) is other
+    search = cost(job, lambda: _searched(job, config, solid, job.wanted, job.starts, quiet))
+    beside = cost(job, lambda: _with_floaters(job, config, take, quiet))
+    whole = cost(job, lambda: search_path(job, config, solid, job.wanted, job.starts, quiet))
+    assert whole - search - beside == (len(take.x) if other else 0)
 
 
 def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too() -> None:
