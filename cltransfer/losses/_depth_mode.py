@@ -32,6 +32,33 @@ def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:
     """
     from ._kernels import depth_modes
 
+    _check_grid(depth, masks)
+    return torch.from_numpy(depth_modes(plain(depth), plain(masks))).to(depth.device)
+
+
+def nearest_peak(depth: Tensor, masks: Tensor, wanted: Tensor) -> Tensor:
+    """Peak of that density nearest to a depth that is wanted, of those at least a fifth as high as the highest.
+
+    Both change smoothly as the camera moves, where the mode jumps: it is that peak while its lead is below 0.
+
+    Args:
+        depth: as in :func:`depth_mode`.
+        masks: as in :func:`depth_mode`.
+        wanted: (B, K), > 0, unit of ``depth``; NaN where none is.
+
+    Returns:
+        (B, K, 2) float64: the peak, unit of ``depth``, and the log of the height of the highest other one over its own,
+        minus infinity where it is alone. NaN where nothing is wanted or a mask holds no depth.
+
+    Raises:
+        ValueError: depth and masks are not on one grid.
+    """
+    from ._kernels import depth_peaks
+
+    _check_grid(depth, masks)
+    return torch.from_numpy(depth_peaks(plain(depth), plain(masks), plain(wanted.double()))).to(depth.device)
+
+
+def _check_grid(depth: Tensor, masks: Tensor) -> None:
     if depth.shape != (len(masks), *masks.shape[2:]):
         raise ValueError(f"depth and masks must share a grid, got {tuple(depth.shape)} and {tuple(masks.shape)}")
-    return torch.from_numpy(depth_modes(plain(depth), plain(masks))).to(depth.device)
