@@ -16,8 +16,10 @@ class Loss(Protocol):
     Optional: ``residuals(reference, rendered) -> (B, R)`` for refiners that use least squares, with ``groups``, the
     group of each of the R: the loss is the sum over the groups of the norm of their residuals; ``signs``, what it means
     that each of them is positive ("larger"), by which an ablation tells which way its rows err, and
-    ``directions(reference, rendered) -> (B, R)`` with NaN where one of them is a cost and no direction; ``uses``,
-    features it takes from either side that has them: it is defined without.
+    ``directions(reference, rendered) -> (B, R)`` with NaN where one of them is a cost and no direction;
+    ``beyond(reference, rendered) -> (B, R, 2)`` where they jump: what each is beyond the jump, and how far it is from
+    there, 0 or less where it is there, NaN where none is known of; ``uses``, features it takes from either side that
+    has them: it is defined without.
     """
 
     requires: ClassVar[tuple[str, ...]]

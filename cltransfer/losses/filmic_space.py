@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..features import Features, check_pair
 from ..registry import LOSSES
-from ._depth_mode import depth_mode
+from ._depth_mode import depth_mode, nearest_peak
 
 
 def log_depth_ratios(depths: Tensor) -> Tensor:
@@ -119,6 +119,23 @@ class FilmicSpace:
         check_pair(reference, rendered)
         least = 0.0 if self.mode == "faithful" else self.min_area
         return log_depth_ratios(layer_depths(rendered, least)) - log_depth_ratios(layer_depths(reference, least))
+
+    def beyond(self, reference: Features, rendered: Features) -> Tensor:
+        """Both residuals as they would be beyond a jump of a mode, and how far it is from there, (B, 2, 2).
+
+        The density of a layer's depths may have a peak nearer to what is wanted than its highest: residuals are told of
+        that one. It becomes the mode where its lead, the log of the highest other one's height over its own, falls
+        below 0. NaN where a side lacks the layer.
+        """
+        check_pair(reference, rendered)
+        least = 0.0 if self.mode == "faithful" else self.min_area
+        first = reference.once(("layer depths", least), lambda: layer_depths(reference, least))
+        second = layer_depths(rendered, least)
+        there = ~second[:, [2, 0]].isnan()
+        wanted = (second[:, 1:2] * log_depth_ratios(first).exp()).masked_fill(~there, float("nan"))  # (B, 2)
+        outer = rendered.require("layers")[:, [2, 0]]
+        peak, lead = nearest_peak(rendered.require("depth"), outer, wanted).unbind(-1)
+        return torch.stack([(peak / wanted).log(), lead], dim=-1)
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:
         """Raw loss, (B,); NaN where undefined."""

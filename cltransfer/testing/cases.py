@@ -111,6 +111,18 @@ class LossCase(ComponentCase):
         norms = [values[:, groups == group].norm(dim=1) for group in groups.unique()]
         _same(self.component(reference, rendered), torch.stack(norms).sum(0))
 
+    def test_tells_residuals_beyond_its_jumps(self) -> None:
+        """What they are beyond one, and how far it is from there: as they are where that is 0 or less."""
+        reference, rendered = self._sample(1, 3), self._sample(2, 3)
+        beyond = getattr(self.component, "beyond", None)
+        if beyond is None:
+            return
+        residuals = self.component.residuals(reference, rendered)
+        told = beyond(reference, rendered)
+        assert told.shape == (*residuals.shape, 2)
+        there = told[..., 1] <= 0
+        _same(told[..., 0][there].double(), residuals[there].double())
+
 
 class ExtractorCase(ComponentCase):
     """What an extractor keeps to: it provides what it says from what it says, and changes nothing."""

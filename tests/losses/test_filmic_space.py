@@ -76,6 +76,33 @@ def test_lens_leaves_the_ratio_alone_row_10() -> None:
     assert float(filmic_space_loss(near, far)) > 0.1
 
 
+def split(nearer: int) -> Features:
+    """The character at 2 before a background at 8, behind 300 pixels of which so many are at 0.5, the others at 1."""
+    features = stage(1, 2, 8)
+    features.depth.view(-1)[:nearer] = 0.5
+    return features
+
+
+def test_beyond_a_jump_is_what_the_peak_that_is_wanted_costs() -> None:
+    reference, loss = stage(0.5, 2, 8), FilmicSpace()
+    rendered = Features.concatenate([split(nearer) for nearer in (120, 140, 160, 180)])
+    found = loss.beyond(reference, rendered)
+    assert found[:, 1, 0].tolist() == pytest.approx([0, 0, 0, 0], abs=1e-6)
+    leads = [math.log((300 - n) / n) for n in (120, 140, 160, 180)]
+    assert found[:, 1, 1].tolist() == pytest.approx(leads, abs=1e-6)
+    there = found[..., 1] <= 0
+    assert there.tolist() == [[True, False], [True, False], [True, True], [True, True]]
+    torch.testing.assert_close(found[..., 0][there], loss.residuals(reference, rendered)[there])
+    assert loss.residuals(reference, rendered)[:, 1].tolist() == pytest.approx([math.log(2)] * 2 + [0] * 2, abs=1e-6)
+
+
+def test_beyond_a_jump_there_is_no_layer_that_a_side_lacks() -> None:
+    for reference, rendered in ((stage(None, 2, 8), stage(1, 2, 8)), (stage(1, 2, 8), stage(None, 2, 8))):
+        found = FilmicSpace().beyond(reference, rendered)
+        assert found.isnan().all(-1).tolist() == [[False, True]]
+    assert FilmicSpace().beyond(stage(1, None, 8), stage(1, 2, 8)).isnan().all()
+
+
 def test_options_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match="mismatch must be >= 0, got -1"):
         FilmicSpace(mismatch=-1)
