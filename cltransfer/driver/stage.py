@@ -12,7 +12,7 @@ from torch import Tensor
 from ..camera import Camera
 from ..features import Features
 from ..pipeline.graph import run
-from ..pipeline.objective import Objective
+from ..pipeline.objective import Across, Objective
 from ..pipeline.plan import Plan
 from ..renderers._request import drawn_by
 from ..scenes import Scene
@@ -153,6 +153,19 @@ class Stage:
             return residuals
         blocked = self.guard.blocked(seen, reference)[:, None]
         return torch.where(blocked, self.objective.lost_residuals(defined), residuals)
+
+    def across(self, reference: Features, seen: Features, defined: Tensor) -> Across:
+        """:meth:`priced`, (B, R), and the same beyond jumps of the losses; there is nothing beyond a blocked view."""
+        told = self.objective.across(reference, seen, defined)
+        if self.guard is None:
+            return told
+        blocked = self.guard.blocked(seen, reference)[:, None]
+        lost = self.objective.lost_residuals(defined)
+        return Across(
+            torch.where(blocked, lost, told.residuals),
+            torch.where(blocked, lost, told.beyond),
+            torch.where(blocked, 0.0, told.far),
+        )
 
     def _allowed(self, reference: Features, seen: Features) -> Tensor:
         """Raw terms (B, L) of what was seen from B cameras; a view that is blocked has none."""

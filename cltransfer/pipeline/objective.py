@@ -16,6 +16,21 @@ ROUNDED = 1e-6  # below 0, that a difference of equal things may come to
 
 
 @dataclass(frozen=True)
+class Across:
+    """Views as the losses see them, and beyond their jumps.
+
+    Args:
+        residuals: weighted, (B, R).
+        beyond: the same beyond a jump, (B, R); as ``residuals`` where none is known of.
+        far: how far it is from there, (B, R), 0 or less where it is there or none is known of; in the loss's own unit.
+    """
+
+    residuals: Tensor  # (B, R)
+    beyond: Tensor  # (B, R)
+    far: Tensor  # (B, R)
+
+
+@dataclass(frozen=True)
 class Objective:
     """The active losses of a run, in the order of the config.
 
@@ -159,6 +174,25 @@ class Objective:
             part[lost, 0] = loss.penalty
             parts.append(loss.weight * part)
         return torch.cat(parts, dim=1)
+
+    def across(self, reference: Features, rendered: Features, defined: Tensor) -> Across:
+        """:meth:`residuals`, and what they would be beyond jumps that a loss tells of by its ``beyond``.
+
+        Raises:
+            ModelError: a loss fails, or gives anything else than it should.
+        """
+        residuals = self.residuals(reference, rendered, defined)
+        beyond, far, first = residuals.clone(), torch.zeros_like(residuals), 0
+        for (name, own), there in zip(self._groups.items(), defined.tolist()):
+            loss, columns = self.losses[name], slice(first, first + len(own))
+            first += len(own)
+            if there and hasattr(loss, "beyond") and all(rendered.has(n) for n in loss.requires):
+                shape = (len(rendered), len(own), 2)
+                told = answer(loss.beyond, (reference, rendered), shape, f"beyond of loss {name!r}")
+                known = told.isfinite().all(-1)
+                beyond[:, columns] = torch.where(known, loss.weight * told[..., 0], beyond[:, columns])
+                far[:, columns] = torch.where(known, told[..., 1], 0.0)
+        return Across(residuals, beyond, far)
 
     def lost_residuals(self, defined: Tensor) -> Tensor:
         """Weighted residuals (R,) of a view that shows nothing: the penalty of each of the ``defined`` terms (L,)."""

@@ -11,6 +11,7 @@ import torch
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
+from cltransfer.driver.guard import Guard
 from cltransfer.driver.journal import Journal
 from cltransfer.driver.stage import Spent, Stage
 from cltransfer.errors import ModelError
@@ -24,6 +25,21 @@ from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot
 
 SIZE = (64, 36)
+
+
+def test_beyond_a_view_that_is_blocked_there_is_nothing() -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts, cameras = Components.build(load_config()), shot("push_in", scene.subject, SIZE, 2).camera
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), SIZE)
+    reference = read_path(stage, cameras)[:1]
+    defined, seen = stage.objective.defined(reference)[0], stage.features(cameras[:1], None)
+    for height, blocked in ((scene.subject.height, False), (100 * scene.subject.height, True)):
+        guarded = replace(stage, guard=Guard(height))
+        told = guarded.across(reference, seen, defined)
+        assert bool((told.far == 0).all()) == blocked
+        assert torch.equal(told.residuals, guarded.priced(reference, seen, defined))
+        assert bool((told.beyond[0] == stage.objective.lost_residuals(defined)).all()) == blocked
 
 
 @dataclass(frozen=True)

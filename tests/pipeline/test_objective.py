@@ -133,6 +133,30 @@ def test_a_loss_that_the_reference_has_on_no_frame_needs_no_residuals() -> None:
     assert silent.lost_residuals(defined).tolist() == [0.0, 100.0, 0.0]
 
 
+@dataclass(frozen=True)
+class Stepped(Sloped):
+    """Knows what is 0.25 away, beyond a jump of its first residual."""
+
+    shape: tuple[int, ...] = (2, 2)
+
+    def beyond(self, reference: Features, rendered: Features) -> Tensor:
+        told = torch.tensor([0.5, 0.25, torch.nan, 1.0]).reshape(2, 2)
+        return told.expand(len(rendered), 2, 2).reshape(len(rendered), *self.shape)
+
+
+def test_what_is_beyond_a_jump_is_weighed_and_as_it_is_where_none_is_known_of() -> None:
+    objective = Objective({"sloped": Sloped(), "stepped": Stepped(), "lacking": Stepped()})
+    told = objective.across(boxes(1.0), boxes(3.0, 4.0), torch.tensor([True, True, False]))
+    torch.testing.assert_close(told.residuals, torch.tensor([[4.0, 0, 4, 0, 0, 0], [6, 0, 6, 0, 0, 0]]).double())
+    torch.testing.assert_close(told.beyond, torch.tensor([[4.0, 0, 1, 0, 0, 0], [6, 0, 1, 0, 0, 0]]).double())
+    torch.testing.assert_close(told.far, torch.tensor([[0, 0, 0.25, 0, 0, 0]]).double().expand(2, 6))
+
+
+def test_a_loss_that_does_not_tell_what_is_beyond_as_it_should_is_named_with_what_came() -> None:
+    with pytest.raises(ModelError, match=r"^beyond of loss 'stepped': expected values of shape \(1, 2, 2\), got shape"):
+        Objective({"stepped": Stepped(shape=(4,))}).across(boxes(1.0), boxes(3.0), torch.tensor([True]))
+
+
 def test_a_frame_the_reference_lacks_costs_nothing_whatever_is_rendered() -> None:
     reference = boxes(float("nan"))
     totals = OBJECTIVE.totals(OBJECTIVE.terms(reference, boxes(3.0)), OBJECTIVE.defined(reference)[0])
