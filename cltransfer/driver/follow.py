@@ -48,21 +48,22 @@ class Path:
     @property
     def drifts(self) -> bool:
         """Whether the last third of the frames ended far worse than the first: each built on the one before."""
-        totals = [solved.total for solved in self.frames]
+        totals = self._told(self.totals)
         third = max(1, len(totals) // 3)
-        return fmean(totals[-third:]) > DRIFT * fmean(totals[:third]) + DRIFT_FLOOR
+        return len(totals) > 0 and fmean(totals[-third:]) > DRIFT * fmean(totals[:third]) + DRIFT_FLOOR
 
     def leaps(self, totals: Tensor) -> bool:
         """Whether a frame costs far more than the others: they are as they should be, and it was lost.
 
-        Where nobody is seen, and in the frame after, whose flow is from there, none can do better.
-
         Args:
             totals: what each frame costs, (N,): as it ended, or on a path through them.
         """
+        return max(self._told(totals), default=0.0) > max(LEAP_FLOOR, LEAP * float(totals.median()))
+
+    def _told(self, totals: Tensor) -> list[float]:
+        """Totals (N,) but where nobody is seen, and in the frame after, whose flow is from there: none does better."""
         sought = [solved.stop != CARRIED for solved in self.frames]
-        told = [float(totals[i]) for i in range(len(totals)) if sought[i] and sought[max(i - 1, 0)]]
-        return max(told, default=0.0) > max(LEAP_FLOOR, LEAP * float(totals.median()))
+        return [float(totals[i]) for i in range(len(totals)) if sought[i] and sought[max(i - 1, 0)]]
 
 
 def follow(

@@ -42,6 +42,14 @@ class Job(NamedTuple):
     schedule: Schedule
 
 
+def ended(*totals: float, nobody: tuple[int, ...] = ()) -> Followed:
+    """A path whose frames ended so, but for those that show nobody."""
+    x, eye = torch.zeros(len(totals), 1), torch.zeros(len(totals), 3)
+    frames = [Solved(x[0], total, 0, "carried" if i in nobody else "worth", Memory()) for i, total in enumerate(totals)]
+    camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
+    return Followed(x, camera, tuple(frames))
+
+
 @pytest.mark.parametrize(
     ("totals", "leaps"),
     [
@@ -52,22 +60,21 @@ class Job(NamedTuple):
     ],
 )
 def test_a_path_leaps_where_a_frame_ends_far_above_the_others(totals: tuple[float, ...], leaps: bool) -> None:
-    x, eye = torch.zeros(len(totals), 1), torch.zeros(len(totals), 3)
-    frames = tuple(Solved(x[0], total, 0, "worth", Memory()) for total in totals)
-    camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
-    found = Followed(x, camera, frames)
+    found = ended(*totals)
     assert found.leaps(found.totals) == leaps
 
 
 @pytest.mark.parametrize(("lost", "leaps"), [(4, False), (5, False), (6, True)])
 def test_no_path_leaps_where_nobody_is_seen_nor_right_after(lost: int, leaps: bool) -> None:
-    x, eye = torch.zeros(12, 1), torch.zeros(12, 3)
-    frames = tuple(
-        Solved(x[0], 8.0 if i == lost else 0.1, 0, "carried" if i in (3, 4) else "worth", Memory()) for i in range(12)
-    )
-    camera = Camera.look_at(eye, eye + torch.eye(3)[0], torch.eye(3)[1], 0.7, SIZE)
-    found = Followed(x, camera, frames)
+    found = ended(*(8.0 if i == lost else 0.1 for i in range(12)), nobody=(3, 4))
     assert found.leaps(found.totals) == leaps
+
+
+@pytest.mark.parametrize(("nobody", "drifts"), [((), True), ((7, 8, 9, 10, 11), False), (tuple(range(12)), False)])
+def test_a_path_drifts_where_its_end_is_far_worse_but_not_where_nobody_is_seen(
+    nobody: tuple[int, ...], drifts: bool
+) -> None:
+    assert ended(*(0.1,) * 8, *(3.0,) * 4, nobody=nobody).drifts == drifts
 
 
 def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:
