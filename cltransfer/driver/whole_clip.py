@@ -72,15 +72,17 @@ class WholeClip:
     def aside(self, dimensions: int, lens_kept: bool = False, stands: bool = False) -> Tensor | None:
         """Moves (W, D) of x by which the camera goes a little aside; None where the search has none.
 
-        One that ``stands`` is also tried nearby, with another lens too, as that stays the same along the clip.
+        One that ``stands`` is also tried nearby, with another lens too where x has it, as that stays the same along the
+        clip.
         """
         ways: Tensor | None = getattr(self.search, "aside", None)
         if ways is not None and stands and hasattr(self.search, "nearby"):
             ways = torch.cat([ways, self.search.nearby])
+        if ways is None:
+            return None
+        ways = ways[(ways[:, dimensions:] == 0).all(1)][:, :dimensions]
         lens = self.lens(dimensions) if lens_kept and not stands else None
-        if ways is None or lens is None:
-            return None if ways is None else ways[:, :dimensions]
-        return ways[(ways @ lens).abs() < 1e-9]
+        return ways if lens is None else ways[(ways @ lens).abs() < 1e-9]
 
     def total(self, x: Tensor) -> float:
         """Mean total of a path (N, D); one evaluation a frame."""
