@@ -23,7 +23,7 @@ from .whole_clip import WholeClip
 
 RIGHT = 0.3  # total that a frame which ended right has at most: every term at three tenths of its tolerance
 WRONG = 0.5  # total above which one did not
-SHARE = 0.25  # of the frames that have to be right
+SHARE = 0.1  # of the frames that have to be right
 NEAR = 0.05  # log of the ratio to a distance, at which a frame is tried nearer and farther
 APART = math.log(1.35)  # log of the distances' ratio, above which one that is wrong stands elsewhere
 GAINS = 0.5  # of the frames that ended wrong, that have to cost less there as they are aimed

@@ -73,6 +73,14 @@ def test_a_frame_that_hides_the_person_tells_nothing(job: Job) -> None:
     torch.testing.assert_close(found.x[:4, 3], x[4, 3].expand(4), atol=0.02, rtol=0)
 
 
+def test_an_eighth_of_the_frames_tells_the_others(job: Job) -> None:
+    """A guide that leads astray soon is followed rightly for a few frames alone."""
+    x = astray(job, slice(1, FRAMES))
+    found = second(job, [0.1] + [1.0] * 7, x)
+    assert found is not None
+    torch.testing.assert_close(found.x[:, 3], x[0, 3].expand(FRAMES))
+
+
 def test_between_right_ones_they_get_what_is_between(job: Job) -> None:
     x = astray(job, slice(3, 5))
     x[5:, 3] -= FAR / 5
@@ -114,7 +122,7 @@ def test_it_is_worth_following_where_the_wrong_frames_cost_less_there(job: Job) 
 
 def test_there_is_none_where_it_would_tell_nothing(job: Job) -> None:
     x = astray(job, slice(0, 3))
-    assert second(job, [1.0] * 7 + [0.1], x) is None  # one of eight is right
+    assert second(job, [1.0] * 8, x) is None  # none is right
     assert second(job, [0.4] * 3 + [0.1] * 5, x) is None  # none is far off
     assert second(job, [1.0] * 3 + [0.1] * 5) is None  # they stand where the right ones do
 
