@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from ..pipeline.objective import group_norms
 from ..reading.tracks import along
+from .jumps import WORTH, Jumps, jumps_of
 from .spline import Local, bending, moved
 from .whole_clip import WholeClip
 
@@ -24,6 +26,7 @@ NARROWER, FAR_NARROWER = 0.5, 0.25  # what it is multiplied by for the next roun
 MISSED = 2  # rounds without a gain, one after the other, that end it
 SHARED = 7  # frames that measure all directions together: moves are smooth, and so is what they need
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-3, 1e3
+LED_DAMPING = 0.1  # the first one across jumps
 SOFTER, HARDER = 0.3, 10.0  # what the damping is multiplied by after a step that was taken, or was not
 PROMISE = 0.002  # total, and bends, that the linear model has to promise
 DOWNHILL = 0.1  # of the cost: a step that saves as much is followed by another, beyond those of the round
@@ -69,30 +72,72 @@ class Moves:
 
 @dataclass(frozen=True)
 class _At:
+    clip: WholeClip
+    moves: Moves
     x: Tensor  # (N, D)
-    local: Local
-    about: Tensor | None  # (N, D)
-    at: Tensor | None  # (N,)
+    measured: Local  # of the residuals, and of jumps where there are some
+    jumps: Jumps | None = None
+
+    @cached_property
+    def local(self) -> Local:
+        """What leads."""
+        return self.measured if self.jumps is None else self.jumps.local(self.measured)
+
+    @cached_property
+    def cost(self) -> float:
+        """Of what leads."""
+        return self.local.total + self._bends(self.x)
 
     @property
-    def cost(self) -> float:
-        return self.local.total + bending(self.x, self.about, self.at)
+    def residuals(self) -> Tensor:
+        """As they are, (N, R)."""
+        return self.measured.residuals[:, : len(self.measured.groups)]
+
+    @cached_property
+    def true_cost(self) -> float:
+        """Of those."""
+        return self.clip.mean_total(self.residuals) + self._bends(self.x)
 
     @property
     def totals(self) -> Tensor:
         return group_norms(self.local.residuals, self.local.groups).sum(1)  # (N,)
 
-    def reached(self, x: Tensor, residuals: Tensor) -> _At:
-        """At x (N, D), with the Jacobians corrected by what that step has shown."""
-        jacobian = broyden(self.local, x - self.x, residuals)
-        return replace(self, x=x, local=replace(self.local, residuals=residuals, jacobian=jacobian))
+    def promised(self, damping: float) -> tuple[Tensor, float]:
+        """Where the model leads, (N, D), and its cost there."""
+        moves, clip = self.moves, self.clip
+        found = moved(self.x, self.local, moves.knots, damping, moves.fixed, moves.about, clip.at)
+        assert found.predicted is not None
+        return found.x, found.predicted + self._bends(found.x)
+
+    def reached(self, x: Tensor) -> _At:
+        """At x (N, D), with the Jacobians corrected by what that step shows."""
+        x = self.clip.inside(x)
+        there = self.clip.residuals(x) if self.jumps is None else self.jumps.values(self.clip.across(x))
+        jacobian = broyden(self.measured, x - self.x, there)
+        return replace(self, x=x, measured=replace(self.measured, residuals=there, jacobian=jacobian))
+
+    def led(self) -> _At:
+        """Across those jumps alone that the model brings near; across none where they are not worth it."""
+        at = self
+        while at.jumps is not None:
+            jumps = at.jumps.crossed(at.measured, at.promised(LED_DAMPING)[0] - at.x)
+            if jumps.worth < WORTH:
+                return replace(at, measured=at.jumps.own(at.measured), jumps=None)
+            if torch.equal(jumps.led, at.jumps.led):
+                break
+            at = replace(at, jumps=jumps)
+        return at
+
+    def _bends(self, x: Tensor) -> float:
+        return bending(x, self.moves.about, self.clip.at)
 
 
 def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, effort: Effort) -> tuple[Tensor, Tensor]:
     """The path moved to where it costs less, and its residuals.
 
     The differences of a round take D / :data:`SHARED` evaluations a frame, each of its steps one more. What wide ones
-    do not find downhill, because they reach across a bend, narrower ones may.
+    do not find downhill, because they reach across a bend, narrower ones may. Where a loss jumps, frames are led across
+    (:mod:`~.jumps`); of all paths on the way the one that costs least is taken.
 
     Args:
         clip: what it is a path for; every loss has residuals.
@@ -101,41 +146,54 @@ def refine_path(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, eff
         moves: that may be made.
         effort: rounds and steps.
     """
-    width, missed = effort.width, 0
+    width, missed, tried = effort.width, 0, torch.zeros_like(residuals, dtype=torch.bool)
     for i in range(effort.rounds):
-        begun = _At(x, clip.local(x, residuals, width, SHARED, i), moves.about, clip.at)
-        at = _round(clip, begun, moves, effort.steps)
-        x, residuals = at.x, at.local.residuals
-        missed = 0 if at.cost <= begun.cost - PROMISE else missed + 1
-        if missed and (missed == MISSED or at.local.total <= moves.enough):
+        begun = _begun(clip, x, residuals, moves, width, i, tried)
+        if begun.jumps is not None:
+            tried[:, begun.jumps.columns] |= begun.jumps.led
+        best = _round(begun, effort.steps)
+        x, residuals = best.x, best.residuals
+        missed = 0 if best.true_cost <= begun.true_cost - PROMISE else missed + 1
+        if missed and (missed == MISSED or clip.mean_total(residuals) <= moves.enough):
             break
         width *= FAR_NARROWER if missed else NARROWER
     return x, residuals
 
 
-def _round(clip: WholeClip, at: _At, moves: Moves, left: int) -> _At:
-    damping, downhill = DAMPING, False
+def _begun(clip: WholeClip, x: Tensor, residuals: Tensor, moves: Moves, width: float, first: int, tried: Tensor) -> _At:
+    across = clip.across(x, seen=True)
+    jumps = jumps_of(across, tried)
+    if jumps is not None:
+        at = _At(clip, moves, x, clip.local(x, jumps.values(across), ONCE, SHARED, first, jumps), jumps).led()
+        if at.jumps is not None or width == ONCE:
+            return at
+    return _At(clip, moves, x, clip.local(x, residuals, width, SHARED, first))
+
+
+def _round(at: _At, left: int) -> _At:
+    """The path that costs least of all on the way."""
+    damping, downhill, best = LED_DAMPING if at.jumps else DAMPING, False, at
+    fades = at.moves.fade and at.jumps is None  # to be across is worth more
     while (left > 0 or downhill) and damping <= MOST_DAMPING:
-        promised = moved(at.x, at.local, moves.knots, damping, moves.fixed, moves.about, clip.at)
-        assert promised.predicted is not None
-        if promised.predicted + bending(promised.x, moves.about, clip.at) > at.cost - PROMISE:
+        x, promised = at.promised(damping)
+        if promised > at.cost - PROMISE:
             break
-        x = clip.inside(promised.x)
-        there = at.reached(x, clip.residuals(x))
+        there = nearest = at.reached(x)
         left -= 1
-        best = there
-        if moves.fade and left > 0 and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
-            share = along((there.totals < at.totals).double()[:, None], BLEND, clip.at)
-            x = clip.inside(faded(at.x, there.x, share, moves.fixed))
-            part = at.reached(x, clip.residuals(x))
+        if fades and left > 0 and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
+            share = along((there.totals < at.totals).double()[:, None], BLEND, at.clip.at)
+            part = at.reached(faded(at.x, there.x, share, at.moves.fixed))
             left -= 1
-            best = min(there, part, key=lambda a: a.cost)
-        downhill = best.cost <= (1 - DOWNHILL) * at.cost
-        if best.cost < at.cost:
-            at, damping = best, max(SOFTER * damping, LEAST_DAMPING)
+            nearest = min(there, part, key=lambda a: a.cost)
+        best = min(best, nearest, key=lambda a: a.true_cost)
+        downhill = at.jumps is None and nearest.cost <= (1 - DOWNHILL) * at.cost
+        if nearest.cost < at.cost:
+            jumps = None if at.jumps is None else at.jumps.nearer(nearest.measured)
+            at, damping = replace(nearest, jumps=jumps), max(SOFTER * damping, LEAST_DAMPING)
         else:
-            at, damping = replace(at, local=replace(at.local, jacobian=there.local.jacobian)), HARDER * damping
-    return at
+            measured = replace(at.measured, jacobian=there.measured.jacobian)
+            at, damping = replace(at, measured=measured), HARDER * damping
+    return best
 
 
 def faded(x: Tensor, there: Tensor, share: Tensor, fixed: Tensor | None = None) -> Tensor:

@@ -6,7 +6,7 @@ again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -16,8 +16,9 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
-from ..pipeline.objective import group_norms
+from ..pipeline.objective import Across, group_norms
 from ..search import limits
+from .jumps import Jumps
 from .refine import STEP, Bounds, inside, inward
 from .spline import Local
 from .stage import Stage
@@ -118,6 +119,14 @@ class WholeClip:
         self.stage.spent.evaluations += len(x)
         return found
 
+    def across(self, x: Tensor, seen: bool = False) -> Across:
+        """Residuals of a path (N, D), and beyond jumps of the losses; one evaluation a frame if it was not ``seen``."""
+        if not seen:
+            self.stage.spent.evaluations += len(x)
+        views = self.stage.path(self.cameras(x))
+        told = [self.stage.across(self.reference[i], view, self.defined[i]) for i, view in enumerate(views)]
+        return Across(*(torch.cat([getattr(one, field.name) for one in told]) for field in fields(Across)))
+
     def still_totals(self, x: Tensor, frame: int) -> Tensor:
         """Totals (B,) of x (B, D) for one frame, of the losses that need no other one; B evaluations."""
         stage = self.stage
@@ -136,7 +145,15 @@ class WholeClip:
         self.stage.spent.evaluations += len(path)
         return found[first - begin :]
 
-    def local(self, x: Tensor, residuals: Tensor, step: float = STEP, shared: int = 1, first: int = 0) -> Local:
+    def local(
+        self,
+        x: Tensor,
+        residuals: Tensor,
+        step: float = STEP,
+        shared: int = 1,
+        first: int = 0,
+        jumps: Jumps | None = None,
+    ) -> Local:
         """What the losses make of a path (N, D), by differences of ``step``.
 
         Neighbours have nearly the same Jacobian, so each frame may measure every ``shared``-th direction only, starting
@@ -150,6 +167,7 @@ class WholeClip:
             step: of the differences, in the units of x; backwards where forwards leaves the limits.
             shared: frames that measure all directions together, at least 1.
             first: direction that the first frame measures first.
+            jumps: that the path is to be led across; ``residuals`` are :meth:`Jumps.values` then, and so is what comes.
 
         Raises:
             ValueError: a loss has no residuals.
@@ -159,24 +177,28 @@ class WholeClip:
             raise ValueError("a path is refined by the residuals of every loss")
         N, D = x.shape
         shared = min(shared, max(1, N - 1))  # the first frame has no flow: another one measures what it does
-        rows = torch.stack([objective.rows(frame) for frame in self.defined])
+        rows, paired = torch.stack([objective.rows(frame) for frame in self.defined]), objective.paired
+        if jumps is not None:
+            rows = torch.cat([rows, jumps.led, jumps.led], dim=1)
+            paired = torch.cat([paired, torch.zeros_like(rows[0, len(paired) :])])
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
         for r, d in ((rows.double().T @ measured.double() == 0) & rows.any(0)[:, None]).nonzero().tolist():
             having = rows[:, r].nonzero()[:, 0]
             if not measured[having, d].any():  # of a residual that few frames have one measures what none would
                 measured[having[len(having) // 2], d] = True
         steps = inward(x, step, self.limits(D))  # (N, D)
-        jacobians = torch.zeros(N, len(objective.groups), D, dtype=torch.float64)
+        jacobians = torch.zeros(N, rows.shape[1], D, dtype=torch.float64)
         before = None
         for i, (directions, now) in enumerate(zip(measured, stage.path(self.cameras(x)))):
             if directions.any():
                 around = x[i] + torch.diag(steps[i])[directions]
                 seen = stage.features(self.cameras(around), before)
-                r = stage.priced(self.reference[i], seen, self.defined[i])
+                told = (self.reference[i], seen, self.defined[i])
+                r = stage.priced(*told) if jumps is None else jumps.values(stage.across(*told))
                 jacobians[i][:, directions] = ((r - residuals[i]) / steps[i][directions, None]).T
                 stage.spent.evaluations += len(around)
             before = now
-        return Local(residuals, between(jacobians, measured, rows), objective.groups, objective.paired)
+        return Local(residuals, between(jacobians, measured, rows), objective.groups, paired)
 
 
 def between(jacobians: Tensor, measured: Tensor, rows: Tensor) -> Tensor:
