@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import save_file
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 
 from cltransfer.camera import Camera
 from cltransfer.errors import InputError
@@ -198,6 +200,21 @@ def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_feat
         assert torch.equal(kept(tmp_path / "a", subject=mask.to(dtype)).require("subject"), mask.bool())
     for dtype, want in ((torch.float16, torch.float32), (torch.float32, torch.float32), (torch.float64, torch.float64)):
         assert kept(tmp_path / "a", depth=mask.to(dtype)).require("depth").dtype is want
+
+
+def test_layers_that_are_checked_take_no_more_memory_than_they_have(tmp_path: Path) -> None:
+    made = []
+
+    class Told(TorchDispatchMode):
+        def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+            result = func(*args, **(kwargs or {}))
+            made.extend(one.nbytes for one in tree_leaves(result) if isinstance(one, torch.Tensor))
+            return result
+
+    layers = torch.eye(3, 4).bool().reshape(1, 3, 4, 1).expand(2, 3, 4, 8).contiguous()
+    with Told():
+        assert torch.equal(kept(tmp_path / "a", layers=layers).require("layers"), layers)
+    assert max(made) <= layers.nbytes
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -158,7 +159,8 @@ def _check_grids(path: Path, features: dict[str, Tensor]) -> None:
 def _check_layers(path: Path, features: dict[str, Tensor]) -> None:
     """Refuse layers of which two hold the same pixel."""
     if "layers" in features:
-        twice = (features["layers"].sum(1) > 1).flatten(1).any(1)
+        pairs = itertools.combinations(features["layers"].unbind(1), 2)  # a sum would take 8 bytes a pixel and layer
+        twice = torch.stack([(one & other).flatten(1).any(1) for one, other in pairs]).any(0)
         if bool(twice.any()):
             frame = int(twice.nonzero()[0])
             raise InputError(path, "layers", f"expected each pixel in one layer at most, frame {frame} has one in two")
