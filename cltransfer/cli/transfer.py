@@ -149,10 +149,13 @@ def render(
 
 def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
     """Paths first, then key=value; a path that holds '=' must exist."""
-    paths = [a for a in arguments if not is_override(a)]
+    from ..config.layers import QUOTES, is_cut
+
+    paths, overrides = [a for a in arguments if not is_override(a)], [a for a in arguments if is_override(a)]
     if len(paths) > most:
-        raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}")
-    return paths, [a for a in arguments if is_override(a)]
+        hint = QUOTES * any(map(is_cut, overrides))
+        raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}", hint)
+    return paths, overrides
 
 
 def is_override(argument: str) -> bool:

@@ -16,6 +16,7 @@ YAML_LIMIT = 2**20  # bytes
 PLAIN = "a number, text, true, false, null, a list or a mapping"
 MISREAD = re.compile(r"[-+]?(0[0-7_]+|[1-9][0-9_]*(:[0-5]?[0-9])+|[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*)")
 """What YAML 1.1 reads in base 8 or 60."""
+QUOTES = "what has spaces stands in quotes: 'key={a: b}'"
 NAMED = ("renderer", "extractors", "losses", "search")  # sections of components by name
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
 
@@ -114,7 +115,8 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         except ValueError as error:
             raise UsageError(COMMAND_LINE, key, str(error)) from None
         except yaml.YAMLError:
-            raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}") from None
+            hint = QUOTES * is_cut(text)
+            raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}", hint) from None
         for twice in _named_twice(yaml.compose(text, yaml.SafeLoader)):
             raise UsageError(COMMAND_LINE, key, f"expected each key once, {twice!r} is there twice")
         try:
@@ -140,6 +142,15 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         inside = any(parent in NAMED for parent in parents)
         target.update(merge({last: target.get(last)}, {last: value}, inside))  # what was said of its parts before stays
     return nested
+
+
+def is_cut(text: str) -> bool:
+    """Whether a value opens more brackets than it closes, as what a shell has cut at a space does.
+
+    >>> is_cut("{model:"), is_cut("{model: a.onnx}")
+    (True, False)
+    """
+    return sum(map(text.count, "{[")) > sum(map(text.count, "}]"))
 
 
 def _named_twice(node: Any) -> Iterator[str]:

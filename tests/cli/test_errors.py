@@ -197,6 +197,14 @@ def test_a_clip_before_the_scene_is_told(command: Callable[..., Any], tmp_path: 
     refused(command("transfer", tmp_path, "man.glb#t=0.6"), 2, f"{tmp_path}: is a folder, {hint}")
 
 
+def test_a_value_that_the_shell_has_cut_at_its_spaces_is_told(command: Callable[..., Any]) -> None:
+    quotes = "(what has spaces stands in quotes: 'key={a: b}')"
+    several = ["a.ply", "b.mp4", "extractors.depth_onnx={model:", "a.onnx,", "kind:", "depth}"]
+    refused(command("transfer", *several), 2, f"a.onnx,: expected at most 2 paths, got 5 {quotes}")
+    refused(command("transfer", "search={paper_box:", "{}}"), 2, f"search: not a YAML value: {{paper_box: {quotes}")
+    refused(command("transfer", "a.ply", "b.mp4", "c.mp4"), 2, "c.mp4: expected at most 2 paths, got 3\n")
+
+
 def test_the_value_of_an_option_that_is_a_key_is_found(command: Callable[..., Any]) -> None:
     refused(command("transfer", "a.ply", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
     refused(command("evaluate", "a.mp4", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
