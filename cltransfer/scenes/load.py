@@ -106,6 +106,8 @@ def _geometry(path: Path) -> Any:
         if str(path).partition("-")[0] in SETS:
             raise InputError(path, "", "no such file", f"did you mean {BUILTIN}{path}?")
     known = ", ".join((*SCENE_SUFFIXES, *own_suffixes()))
+    if path.is_dir():
+        raise InputError(path, "", "is a folder, expected the file of a scene", f"{known} or {BUILTIN}NAME")
     hint = f"expected {known} or builtin:NAME; others by a plugin, in verbs with --allow-plugin"
     raise InputError(path, "", f"no scene has the suffix {path.suffix!r}", hint)
 

@@ -35,6 +35,8 @@ def test_an_unknown_suffix_and_a_missing_file_are_named(tmp_path):
         load_scene(tmp_path / "scene.xyz")
     with pytest.raises(InputError, match="no such file"):
         load_scene(tmp_path / "scene.ply")
+    with pytest.raises(InputError, match=r"is a folder, expected the file of a scene \(\.ply, .*NAME\)"):
+        load_scene(tmp_path)
 
 
 def test_a_builtin_scene_has_its_own_up():
