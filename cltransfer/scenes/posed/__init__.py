@@ -121,6 +121,8 @@ def named_camera(source: str, option: str) -> Camera | None:
         UsageError: it has no such camera; ``option`` names where ``source`` was given.
     """
     name, colon, index = source.rpartition(":")
+    if colon and not index.isdecimal() and Path(name).exists() and not Path(source).exists():
+        raise UsageError(name, option, f"expected a whole number from 0 behind the colon, got {index!r}")
     if not (colon and index.isdecimal()):
         return None
     posed = read_posed(name)

@@ -15,8 +15,8 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
 from cltransfer.camera import Camera
-from cltransfer.errors import ResourceError
-from cltransfer.scenes.posed import read_posed
+from cltransfer.errors import ResourceError, UsageError
+from cltransfer.scenes.posed import named_camera, read_posed
 
 SIZE = (64, 48)
 FOCAL = 60.0
@@ -233,3 +233,12 @@ def test_images_that_do_not_fit_in_memory_are_refused_before_they_are_read(
     monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 1000)
     with pytest.raises(ResourceError, match=r"3 images of 64x48 .*take a smaller side"):
         posed.images(range(3), 64)
+
+
+@pytest.mark.parametrize("index", ["-1", "first", ""])
+def test_an_index_that_is_none_is_told_of_a_set_that_is_there(tmp_path: Path, index: str) -> None:
+    with pytest.raises(UsageError, match=f"--init: expected a whole number from 0 behind the colon, got '{index}'$"):
+        named_camera(f"{tmp_path}:{index}", "--init")
+    assert named_camera(f"{tmp_path / 'gone'}:{index}", "--init") is None
+    (tmp_path / f"a:{index}").mkdir()
+    assert named_camera(f"{tmp_path / 'a'}:{index}", "--init") is None
