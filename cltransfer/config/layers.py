@@ -81,18 +81,23 @@ def read_yaml(path: Any) -> dict[str, Any]:
         check_yaml(text, loader)
     except (yaml.YAMLError, ValueError) as error:
         _refuse_tab(text, path, getattr(error, "problem_mark", None))
-        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+        raise UsageError(path, "", f"not a config: {_fault(error)}") from None
     _refuse_misread(text, path, "", loader)
     try:
         value = OmegaConf.to_container(OmegaConf.create(text), resolve=False) if text.strip() else {}
     except yaml.YAMLError as error:  # a key that is there twice, of which only the reader knows
-        raise UsageError(path, "", f"not a config: {' '.join(str(error).split())[:200]}") from None
+        raise UsageError(path, "", f"not a config: {_fault(error)}") from None
     except Exception:  # omegaconf has one class per fault and no common base
         raise UsageError(path, "", f"not a config: expected keys with values, each {PLAIN}") from None
     if not isinstance(value, dict):
         raise UsageError(path, "", "expected a mapping of keys to values")
     _refuse_interpolation(value, path, "${")
     return {str(key): entry for key, entry in value.items()}
+
+
+def _fault(error: Exception) -> str:
+    """What a reader of YAML says is wrong, in one line; it calls any text a string and not by its file's name."""
+    return " ".join(str(error).replace('in "<unicode string>",', "at").split())[:200]
 
 
 def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:

@@ -235,7 +235,7 @@ CONFIGS = {
     "losses: {framing: {_target_: os.system}}\n": "no such option",
     "losses: 3\n": "losses",
     "generations: 3\n\tpatience: 1\n": "bad.yaml: line 2: a tab, expected spaces",
-    "generations: 3\ngenerations: 4\n": "duplicate",
+    "generations: 3\ngenerations: 4\n": "found duplicate key generations at line 2, column 1\n",
     "seed: !!python/object/apply:os.system [touch pwned]\n": "not a config",
     "preset: ${oc.env:HOME}\n": "interpolation",
     'preset: "\\x24{oc.env:HOME}"\n': "interpolation",
