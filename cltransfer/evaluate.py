@@ -62,15 +62,15 @@ def evaluate(
     taught, made, times = both.reference.image, both.render.image, both.shown
     check_maps(taught, made)
     whom, who = asked.who(both.original, both.reference.size), found.who(times, both.render.size)
-    features, read = read_frames(taught, plan, whom, progress, both.original)
+    features, read = read_frames(taught, plan, whom, progress, both.original, asked.path)
     if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):
         raise InputError(reference, "person", f"none found in {len(times)} frames")
     steps = both.original.diff(), times.diff()
-    rendered, seen = read_frames(made, in_time(plan, *steps), who, progress, times)
+    rendered, seen = read_frames(made, in_time(plan, *steps), who, progress, times, found.path)
     alike = plan.hiding(features.reasons.keys() ^ rendered.reasons.keys())
     if alike != plan:
-        features = read_frames(taught, alike, whom, progress, both.original)[0]
-        rendered = read_frames(made, in_time(alike, *steps), who, progress, times)[0]
+        features = read_frames(taught, alike, whom, progress, both.original, asked.path)[0]
+        rendered = read_frames(made, in_time(alike, *steps), who, progress, times, found.path)[0]
     objective = parts.objective
     scores = score(objective, features, rendered, plan.missing)
     passes = 2 * len(times) * plan.passes * (1 if alike == plan else 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -54,8 +55,8 @@ class Persons:
     back: tuple[tuple[int, ...], ...]
     gathered: bool = False
 
-    def follow(self, who: Who) -> tuple[np.ndarray, tuple[str, ...]]:
-        """Boxes (N, 5) of one person, and what a reader should know.
+    def follow(self, who: Who, clip: str | Path = "") -> tuple[np.ndarray, tuple[str, ...]]:
+        """Boxes (N, 5) of one person, and what a reader should know; ``clip`` is named where there is none.
 
         Raises:
             UsageError: there is no such person.
@@ -63,11 +64,11 @@ class Persons:
         count, frames = self.boxes.shape[:2]
         if count == 0 and who in (None, 0):
             return np.full((frames, 5), np.nan), ()
-        chosen = self.at(who) if isinstance(who, Spot) else who or 0
+        chosen = self.at(who, clip) if isinstance(who, Spot) else who or 0
         if chosen >= count:
             known = f"expected 0 to {count - 1}: {count} persons are seen"
             few = {0: "nobody is seen", 1: "only person 0 is seen in this clip"}
-            raise UsageError("", f"#person={who}", few.get(count, known))
+            raise UsageError(clip, f"#person={who}", few.get(count, known))
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
         if count > 1:
@@ -90,7 +91,7 @@ class Persons:
             )
         return self.boxes[chosen], tuple(flags)
 
-    def at(self, spot: Spot) -> int:
+    def at(self, spot: Spot, clip: str | Path = "") -> int:
         """Who covers ``spot``; of several the one whose box is smallest, for a person before another hides less.
 
         Raises:
@@ -103,7 +104,7 @@ class Persons:
             seen = [i for i in range(len(x)) if np.isfinite(x[i])]
             known = "; ".join("person {}, x {:.2f} to {:.2f}, y {:.2f} to {:.2f}".format(i, *corners[i]) for i in seen)
             where = f"nobody at {spot.x:g},{spot.y:g} of frame {spot.frame}"
-            raise UsageError("", "#person", where, f"seen there: {known or 'nobody'}")
+            raise UsageError(clip, "#person", where, f"seen there: {known or 'nobody'}")
         return int(np.where(over, width * height, np.inf).argmin())
 
     def _unclear(self, chosen: int) -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -82,7 +83,12 @@ def render_features(image: Tensor, cameras: Camera, subject: Subject | None, pla
 
 
 def read_frames(
-    image: Tensor, plan: Plan, who: Who, progress: Progress = silent, times: Tensor | None = None
+    image: Tensor,
+    plan: Plan,
+    who: Who,
+    progress: Progress = silent,
+    times: Tensor | None = None,
+    clip: str | Path = "",
 ) -> tuple[Features, tuple[str, ...]]:
     """Features of frames (N, 3, H, W) uint8, and what a reader should know.
 
@@ -94,6 +100,7 @@ def read_frames(
         who: whom to follow; None is the largest.
         progress: called with a step, frames done, frames in all.
         times: of the frames, (N,) [s], increasing; None takes 24 a second.
+        clip: for error lines.
 
     Raises:
         UsageError: there is no such person.
@@ -101,9 +108,9 @@ def read_frames(
     """
     if _detector(plan) is None and who not in (None, 0):
         hint = "add extractors.detect_yolox={}, and a loss that asks for what is read off a person"
-        raise UsageError("", "#person", "no extractor in use tells persons apart", hint)
+        raise UsageError(clip, "#person", "no extractor in use tells persons apart", hint)
     shown = None if times is None else times.double().cpu().numpy()
-    return _read(image, plan, lambda boxes: join(boxes, shown).follow(who), progress)
+    return _read(image, plan, lambda boxes: join(boxes, shown).follow(who, clip), progress)
 
 
 def _detector(plan: Plan) -> Step | None:

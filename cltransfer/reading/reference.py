@@ -127,7 +127,9 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         features, read = _with_pixels(stored.features, clip, plan), tuple(stored.origin.splitlines()[1:])
     else:
         plan.load_networks()
-        features, read = read_frames(clip.image, plan, where.who(clip.times, clip.size), progress, clip.times)
+        features, read = read_frames(
+            clip.image, plan, where.who(clip.times, clip.size), progress, clip.times, where.path
+        )
         file = FeatureFile(features, clip.times, "\n".join([where.path.name, *read]))
         if file.size <= LIMIT and file.lasts:  # others are read anew by every run
             with into_cache(cached, "the next run reads the clip anew"):

@@ -138,6 +138,8 @@ def test_a_person_who_is_not_there_cannot_be_followed() -> None:
         join(frames_of(walk(0, 1, 4))).follow(1)
     with pytest.raises(UsageError, match=r"#person=2: expected 0 to 1: 2 persons are seen$"):
         join(frames_of(walk(0, 1, 4), walk(200, 1, 4))).follow(2)
+    with pytest.raises(UsageError, match=r"^b.mp4: #person=1: only person 0"):
+        join(frames_of(walk(0, 1, 4))).follow(1, "b.mp4")
     with pytest.raises(UsageError, match=r"#person=1: nobody is seen$"):
         join([np.zeros((0, 5))] * 4).follow(1)
 
