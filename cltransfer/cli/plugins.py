@@ -78,7 +78,7 @@ def _show_config(as_json: bool) -> None:
     values = {key: value for key, value in asdict(load_config()).items() if key not in SECTIONS}
     about = {"": RunConfig, "adam.": AdamConfig, "extract.": ExtractConfig}
     texts = {prefix: cleandoc(cls.__doc__ or "") for prefix, cls in about.items()}
-    lines = [line for prefix, text in texts.items() for line in (f"{prefix or 'config: '}{text}", "")]
+    lines = [line for prefix, text in texts.items() for line in (f"{prefix.rstrip('.') or 'config'}: {text}", "")]
     flat = {key: value for key, value in values.items() if not isinstance(value, dict)}
     flat |= {f"{key}.{own}": v for key, value in values.items() if isinstance(value, dict) for own, v in value.items()}
     lines += ["by preset=balanced, which is the default (`transfer --print-config preset=fast` has another's):"]

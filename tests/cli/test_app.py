@@ -278,6 +278,7 @@ def test_plugins_are_listed_and_shown(command: Callable[..., Any]) -> None:
 
 def test_the_keys_of_a_run_are_explained_with_what_the_default_sets(command: Callable[..., Any]) -> None:
     shown = command("plugins", "show", "config")
+    assert all(f"\n{part}: " in f"\n{shown.out}" for part in ("config", "adam", "extract"))
     assert "popsize: candidates a generation." in shown.out
     assert "  joint = 3" in shown.out.splitlines()  # balanced, not the field's own default
     options = json.loads(command("plugins", "show", "config", "--json").out)["options"]
