@@ -72,6 +72,12 @@ class GridModule(pl.LightningModule):
         """The field as it is now; gradients flow to the parameters."""
         return NerfGrid(self.thickness / self.voxel, self.sh, torch.zeros_like(self.thickness), self.aabb)
 
+    def on_train_start(self) -> None:
+        """Lightning takes up the looks without gain from a checkpoint, and not that they had ended the level."""
+        stop = self.trainer.early_stopping_callback
+        if stop is not None and stop.wait_count >= stop.patience:
+            self.trainer.should_stop = True
+
     def training_step(self, batch: Tensor, batch_idx: int) -> Tensor:
         """Mean squared colour error of random pixels; what is drawn depends on the seed and the step alone."""
         random = torch.Generator().manual_seed((self.options.seed * 1_000_003 + self.global_step) % 2**63)

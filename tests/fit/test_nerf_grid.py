@@ -145,6 +145,23 @@ def test_an_interrupted_level_goes_on_and_ends_where_it_would_have(views, tmp_pa
     torch.testing.assert_close(first.sh, second.sh)
 
 
+def test_a_level_that_stopped_early_trains_no_more_when_what_came_after_is_repeated(views, tmp_path, monkeypatch):
+    options = replace(QUICK, steps=200, gain=50.0)
+    (whole,) = options.fit(views, tmp_path / "whole", silent)
+    assert whole.steps < options.steps
+
+    def interrupt(path, grid):
+        raise Stop
+
+    with monkeypatch.context() as patch:
+        patch.setattr("cltransfer.fit.nerf_grid.write_grid", interrupt)
+        with pytest.raises(Stop):
+            options.fit(views, tmp_path / "parts", silent)
+    told: list[int] = []
+    (resumed,) = options.fit(views, tmp_path / "parts", lambda step, done, total: told.append(done))
+    assert (told, resumed.steps, resumed.psnr) == ([], whole.steps, whole.psnr)
+
+
 def test_a_level_is_not_taken_over_by_a_fit_with_other_options_or_views(views, tmp_path):
     def interrupt(step: str, done: int, total: int) -> None:
         if done == 25:
