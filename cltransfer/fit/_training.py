@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import signal
+import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -128,17 +129,37 @@ class Teller(Callback):
         self.report(self.name, trainer.global_step, self.total)
 
 
+class Clock(Callback):
+    """Seconds since it was made, and those that a checkpoint tells of: a level's, however often it was interrupted."""
+
+    def __init__(self) -> None:
+        self.since = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Until now."""
+        return time.perf_counter() - self.since
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint keeps."""
+        return {"seconds": self.seconds}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Count on from a checkpoint."""
+        self.since -= state_dict["seconds"]
+
+
 def roughness(values: Tensor) -> Tensor:
     """Mean squared difference of neighbours of (Z, Y, X, C), summed over the axes and channels."""
     return sum((values.diff(dim=axis) ** 2).mean((0, 1, 2)).sum() for axis in range(3))  # type: ignore[return-value]
 
 
-def train(module: GridModule, checkpoint: Path, report: Report) -> int:
-    """Train ``module`` until its held-out PSNR stands still or its steps are done; return the steps.
+def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, float]:
+    """Train ``module`` until its held-out PSNR stands still or its steps are done; return the steps and their seconds.
 
     ``checkpoint``, a name that ends in .safetensors, is resumed where it exists, and rewritten at every look.
     """
-    options = module.options
+    options, clock = module.options, Clock()
     keep = ModelCheckpoint(
         checkpoint.parent, checkpoint.stem, save_top_k=1, save_on_train_epoch_end=True, enable_version_counter=False
     )
@@ -148,7 +169,7 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> int:
         trainer = pl.Trainer(
             accelerator="cpu",
             max_steps=options.steps,
-            callbacks=[Teller(report, checkpoint.stem, options.steps), stop, keep],
+            callbacks=[Teller(report, checkpoint.stem, options.steps), clock, stop, keep],
             plugins=[StateFiles()],
             default_root_dir=checkpoint.parent,
             num_sanity_val_steps=0,
@@ -158,7 +179,7 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> int:
         )
         with _signals():
             trainer.fit(module, ckpt_path=str(checkpoint) if checkpoint.is_file() else None)
-    return int(trainer.global_step)
+    return int(trainer.global_step), clock.seconds
 
 
 @contextlib.contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -147,9 +146,7 @@ class NerfGridFit:
         start = resampled(coarse, shape) if coarse else empty_grid(shape, self.degree, views.aabb)
         learn, held_out = views.split(self.hold_out)
         module = GridModule(start, filled_cells(start), (learn, held_out), self)
-        since = time.perf_counter()
-        steps = train(module, _checkpoint(folder, number), report)
-        seconds = time.perf_counter() - since
+        steps, seconds = train(module, _checkpoint(folder, number), report)
         grid = without_faint(module.grid())
         score = psnr(grid, held_out, self.renderer)
         filled = int(filled_cells(grid).sum())

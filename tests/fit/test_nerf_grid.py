@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import json
+import time
 from dataclasses import asdict, replace
 from itertools import pairwise
 
@@ -143,6 +144,18 @@ def test_an_interrupted_level_goes_on_and_ends_where_it_would_have(views, tmp_pa
     first, second = (read_grid(folder / "grid.safetensors") for folder in (whole, parts))
     torch.testing.assert_close(first.density, second.density)
     torch.testing.assert_close(first.sh, second.sh)
+
+
+def test_seconds_of_a_level_are_those_of_all_its_sessions(views, tmp_path):
+    def interrupt(step: str, done: int, total: int) -> None:
+        time.sleep(0.02)
+        if done == 45:
+            raise Stop
+
+    with pytest.raises(Stop):
+        QUICK.fit(views, tmp_path, interrupt)
+    (level,) = QUICK.fit(views, tmp_path, silent)
+    assert level.seconds >= 40 * 0.02  # what came after step 40 was lost
 
 
 def test_a_level_that_stopped_early_trains_no_more_when_what_came_after_is_repeated(views, tmp_path, monkeypatch):
