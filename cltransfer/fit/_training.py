@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
-from pytorch_lightning.plugins.io import CheckpointIO
 from pytorch_lightning.utilities.exceptions import SIGTERMException
 from torch import Tensor
 from torch.utils.data import DataLoader
@@ -22,30 +21,14 @@ from torch.utils.data import DataLoader
 from ..renderers._nerf_grid_torch import Rays, camera_rays
 from ..scenes.nerf_grid import NerfGrid
 from . import Report
+from ._checkpoint import StateFiles
 from ._rays import colors, distance_to_cells
-from ._state_file import read_state, write_state
 from ._views import Views, psnr
 
 if TYPE_CHECKING:
     from .nerf_grid import NerfGridFit
 
 STILL = 1e-6  # slope of the loss below which Adam makes no full step: noise would fill empty space with fog
-
-
-class StateFiles(CheckpointIO):
-    """Lightning's checkpoints as safetensors and JSON; a pickle is neither written nor read."""
-
-    def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
-        """Write ``checkpoint``, whole or not at all."""
-        write_state(Path(path), checkpoint)
-
-    def load_checkpoint(self, path: Any, map_location: Any = None, weights_only: bool | None = None) -> Any:
-        """Checkpoint of ``path``, on the CPU."""
-        return read_state(Path(path))
-
-    def remove_checkpoint(self, path: Any) -> None:
-        """Delete the file where there is one."""
-        Path(path).unlink(missing_ok=True)
 
 
 class GridModule(pl.LightningModule):
@@ -158,6 +141,9 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, fl
     """Train ``module`` until its held-out PSNR stands still or its steps are done; return the steps and their seconds.
 
     ``checkpoint``, a name that ends in .safetensors, is resumed where it exists, and rewritten at every look.
+
+    Raises:
+        InputError: ``checkpoint`` is damaged, or of something else.
     """
     options, clock = module.options, Clock()
     keep = ModelCheckpoint(
@@ -170,7 +156,7 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, fl
             accelerator="cpu",
             max_steps=options.steps,
             callbacks=[Teller(report, checkpoint.stem, options.steps), clock, stop, keep],
-            plugins=[StateFiles()],
+            plugins=[StateFiles({name: tuple(value.shape) for name, value in module.named_parameters()})],
             default_root_dir=checkpoint.parent,
             num_sanity_val_steps=0,
             logger=False,

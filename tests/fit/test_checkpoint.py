@@ -1,0 +1,76 @@
+"""A level goes on from a checkpoint of its own, and from nothing else."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from cltransfer.errors import InputError
+from cltransfer.fit._state_file import read_state, write_state
+from cltransfer.fit.nerf_grid import NerfGridFit
+
+OPTIONS = NerfGridFit(first=200, most=200, steps=9, look=3, rays=64, degree=0)
+SH = ("optimizer_states", 0, "state", 1, "exp_avg")
+
+
+class Stop(Exception):
+    """What interrupts a fit."""
+
+
+@pytest.fixture(scope="module")
+def interrupted(views, tmp_path_factory):
+    """Folder of a fit whose level 0 was interrupted after a look."""
+
+    def interrupt(step: str, done: int, total: int) -> None:
+        if done == 5:
+            raise Stop
+
+    folder = tmp_path_factory.mktemp("fit")
+    with pytest.raises(Stop):
+        OPTIONS.fit(views, folder, interrupt)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "line"),
+    [
+        (("state_dict",), None, "state_dict: expected dict, got nothing"),
+        (("pytorch-lightning_version",), None, "pytorch-lightning_version: expected str, got nothing"),
+        (("global_step",), "3", "global_step: expected int, got str"),
+        (("loops", "fit_loop"), {}, "loops.fit_loop.epoch_progress.total.ready: expected int, got nothing"),
+        (("optimizer_states",), [], "optimizer_states.0.state: expected dict, got nothing"),
+        (("lr_schedulers", 0), {}, "lr_schedulers.0.last_epoch: expected int, got nothing"),
+        (("state_dict", "thickness"), "x", "state_dict.thickness: expected tensor (6, 7, 7), got str"),
+        (
+            ("state_dict", "thickness"),
+            torch.ones(2),
+            "state_dict.thickness: expected tensor (6, 7, 7), got tensor (2,)",
+        ),
+        (SH, torch.ones(2), "optimizer_states.0.state.1.exp_avg: expected tensor (6, 7, 7, 1, 3), got tensor (2,)"),
+    ],
+)
+def test_a_part_that_does_not_fit_is_told_in_one_line(views, interrupted, keys, value, line):
+    path = interrupted / "level_0.safetensors"
+    whole = path.read_bytes()
+    state = within = read_state(path)
+    for key in keys[:-1]:
+        within = within[key]
+    within[keys[-1]] = value
+    write_state(path, state)
+    try:
+        with pytest.raises(InputError) as caught:
+            OPTIONS.fit(views, interrupted, lambda *step: None)
+        assert str(caught.value) == f"{path}: {line} (delete the file, and its level begins anew)"
+    finally:
+        path.write_bytes(whole)
+
+
+def test_a_list_is_no_checkpoint(views, interrupted):
+    path = interrupted / "level_0.safetensors"
+    whole = path.read_bytes()
+    write_state(path, [1])
+    try:
+        with pytest.raises(InputError, match=r"level_0\.safetensors: pytorch-lightning_version: expected str, got not"):
+            OPTIONS.fit(views, interrupted, lambda *step: None)
+    finally:
+        path.write_bytes(whole)
