@@ -56,8 +56,10 @@ class Views:
     @property
     def digest(self) -> str:
         """SHA-256 of all that a fit depends on."""
-        parts = (self.camera.w2c, self.camera.K, self.image, self.aabb)
-        return hashlib.sha256(b"".join(part.contiguous().numpy().tobytes() for part in parts)).hexdigest()
+        digest = hashlib.sha256()
+        for part in (self.camera.w2c, self.camera.K, *self.image, self.aabb):  # an image at a time: all may be large
+            digest.update(part.contiguous().numpy())
+        return digest.hexdigest()
 
     def check_near(self, near: float) -> None:
         """Refuse a near plane that hides the middle of the box from most views: the set is in other units.

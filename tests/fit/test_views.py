@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import tracemalloc
 
 import pytest
 import torch
@@ -29,6 +31,21 @@ def test_the_digest_follows_images_cameras_and_box(views):
     assert views.digest == dataclasses.replace(views).digest
     assert views.digest != dataclasses.replace(views, image=changed).digest
     assert views.digest != dataclasses.replace(views, aabb=views.aabb * 2).digest
+
+
+def test_the_digest_is_of_all_bytes_and_copies_one_image_at_most(views):
+    backwards = dataclasses.replace(
+        views, image=views.image.flip(1).permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
+    )
+    for seen in (views, backwards):
+        parts = (seen.camera.w2c, seen.camera.K, seen.image, seen.aabb)
+        expected = hashlib.sha256(b"".join(part.contiguous().numpy().tobytes() for part in parts)).hexdigest()
+        tracemalloc.start()
+        got = seen.digest
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert got == expected
+        assert peak < 2 * seen.image[0].numel()
 
 
 def test_images_must_be_as_large_as_their_cameras_say(views):
