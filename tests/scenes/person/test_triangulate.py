@@ -63,9 +63,33 @@ def test_pairs_are_looked_at_a_few_at_a_time_to_the_same_end(monkeypatch: pytest
     for block in (module.BLOCK, 70):
         monkeypatch.setattr(module, "BLOCK", block)
         found.append(triangulate(cameras, pixels, torch.ones(10, dtype=torch.bool), 8.0))
-    assert sizes == [45, 1, 7, 7, 7, 7, 7, 7, 3, 1]
+    assert sizes == [5, 45, 1, 5, 7, 7, 7, 7, 7, 7, 3, 1]
     torch.testing.assert_close(found[0].point, found[1].point, atol=1e-12, rtol=0)
     assert torch.equal(found[0].agreed, found[1].agreed)
+
+
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_views_that_all_agree_take_few_pairs_and_give_what_all_pairs_give(
+    monkeypatch: pytest.MonkeyPatch, wrong: int
+) -> None:
+    cameras = ring(21)
+    noise = torch.randn(21, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    pixels = cameras.project(POINT)[0][:, 0] + noise
+    pixels[:wrong] += 60.0
+    tried: list[torch.Tensor] = []
+    plain = module._of_pairs
+
+    def noted(P: torch.Tensor, xy: torch.Tensor, pairs: torch.Tensor) -> torch.Tensor:
+        tried.append(plain(P, xy, pairs))
+        return tried[-1]
+
+    monkeypatch.setattr(module, "_of_pairs", noted)
+    found = triangulate(cameras, pixels, torch.ones(21, dtype=torch.bool), 8.0)
+    assert sum(map(len, tried)) == (11 if wrong == 0 else 11 + 210 + 1)
+    P = cameras.K @ cameras.w2c[:, :3]
+    errors = plain(P, pixels, torch.combinations(torch.arange(21), 2))
+    best = errors[int(module._agreeing(errors, 8.0).argmax())] < 8.0
+    assert torch.equal(found.point, module._intersect(P[best][None], pixels[best][None])[0])
 
 
 def test_fewer_than_two_views_leave_the_point_unknown() -> None:
