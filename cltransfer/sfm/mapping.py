@@ -64,7 +64,8 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
 
     Args:
         clues: of the clip.
-        seconds: all of it may take.
+        seconds: all first guesses of the lens may take together, in equal parts of at least 1 s; COLMAP looks at the
+            clock between frames.
         lens: focal length [longer sides] where it is known; None finds it.
 
     Raises:

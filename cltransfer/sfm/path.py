@@ -57,12 +57,13 @@ def reconstruct_path(
         name: of the clip, for errors.
         lens: focal length [longer sides of the frame] where it is known; None finds it. A camera that moves without
             turning does not tell its lens: depths are then right up to scale, and the path is right for a lens unknown.
-        seconds: the mapper may take.
+        seconds: the mapper may take, as :func:`~cltransfer.sfm.mapping.place_frames` has it; corners, matches and
+            points are not counted.
 
     Raises:
         ModelError: pycolmap is not installed.
         NoPathError: the camera stands still, turns or zooms only, or too little is found again.
-        OutOfTimeError: too little is found in ``seconds``.
+        OutOfTimeError: the mapper placed too little in ``seconds``.
     """
     count = len(times)
     if not 3 <= count <= FRAME_LIMIT:

@@ -114,6 +114,18 @@ def test_a_model_that_time_cut_off_is_not_used(filmed, monkeypatch):
         reconstruct_path(image, subject, true.times, lens=1.1, seconds=60)
 
 
+@pytest.mark.parametrize(("lens", "seconds", "each"), [(None, 9, [3, 3, 3]), (None, 1, [1, 1, 1]), (1.1, 9, [9])])
+def test_seconds_are_shared_by_the_guesses_of_the_lens_each_at_least_one(filmed, monkeypatch, lens, seconds, each):
+    import pycolmap
+
+    given = []
+    monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *args: given.append(args[-1].max_runtime_seconds) or {})
+    true, image, _, subject = filmed("orbit", 12)
+    with pytest.raises(NoPathError, match="only 0 of 12 frames"):
+        reconstruct_path(image, subject, true.times, lens=lens, seconds=seconds)
+    assert given == each
+
+
 def test_a_lens_that_nobody_has_is_not_used(filmed, monkeypatch):
     true, image, _, subject = filmed("orbit", 12)
     options = mapping._options
