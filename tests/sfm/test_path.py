@@ -56,6 +56,15 @@ def test_depth_of_points_is_right_up_to_scale_on_the_subject_too(orbit):
     assert float(points.depth.median()) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("frames", [8, 12])
+def test_of_two_models_the_one_that_is_turned_inside_out_is_not_taken_though_it_explains_more(filmed, frames):
+    true, image, depth, subject = filmed("handheld", frames)
+    points = reconstruct_path(image, subject, true.times).points
+    column, row = points.pixels.floor().long().T
+    both = torch.stack([points.depth, depth[points.frames, row, column].double()]).log()[:, points.confidence > 0.5]
+    assert float(torch.corrcoef(both[:, both.isfinite().all(0)])[0, 1]) > 0.7
+
+
 @pytest.mark.parametrize(("name", "reason"), [("pan", "no parallax"), ("zoom", "no parallax")])
 def test_a_camera_that_only_turns_or_zooms_is_told_before_anything_is_mapped(filmed, monkeypatch, name, reason):
     import pycolmap
