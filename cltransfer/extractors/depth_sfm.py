@@ -28,8 +28,8 @@ class DepthSfm:
         min_confidence: of a point that counts, in [0, 1]; 0.5 is a relative error of the depth of 0.1.
         lens: focal length [longer sides of the frame] where it is known.
         seconds: COLMAP's mapper may take, over its first guesses of the lens (three; one where ``lens`` is named), each
-            at least 1 s; it looks at the clock between frames. Corners and their matches before it, and points after
-            it, are not counted: they depend on number and size of the frames alone.
+            at least 1 s; it looks at the clock between frames. Corners and their matches before it, and after it the
+            look whether space is inside out and the points, are not counted: they depend on the clip alone.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image", "subject")

@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,13 @@ from numpy.typing import NDArray
 from ..camera import Camera, intrinsics
 from . import NoPathError, OutOfTimeError, load_pycolmap
 from .corners import Corners
+from .inside_out import sharp, turned
 from .parallax import Evidence
 
 LENSES = (1.0, 0.7, 2.0)  # first guesses of the focal length [longer sides]
 FOCAL_RANGE = (0.1, 10.0)  # in which it is refined [longer sides]
 PLACED = 0.8  # of the frames must be placed
 AS_GOOD = 0.97  # of the most corners explained is as good
-BLURRED = 1.3  # median error over that of another model, of the corners of both, with which a model is not believed
-SHARED = 50  # corners two models must share for that
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,8 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
 
     Mapping starts from several lenses, since a poor guess loses frames; of the models that place enough of them, that
     are no worse than another on the corners of both and that explain most corners the one with the most ordinary lens
-    is kept. Single-threaded and seeded, and what time cut off
-    does not count: the same clip gives the same cameras.
+    is kept, and turned inside out where that explains its corners better. Single-threaded and seeded, and what time
+    cut off does not count: the same clip gives the same cameras.
 
     Args:
         clues: of the clip.
@@ -88,6 +86,8 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
     model = _chosen(clues, [model for model, cut_off in zip(models, late) if not cut_off])
     if model is None:
         raise _too_few(clues, max(model.num_reg_images() for model in models), seconds if any(late) else None)
+    other = turned(pycolmap, model, FOCAL_RANGE, lens is None)
+    model = model if other is None else sharp([model, other])[0]
     placed = sorted(model.reg_image_ids())
     w2c = torch.eye(4, dtype=torch.float64).repeat(len(placed), 1, 1)
     w2c[:, :3] = torch.from_numpy(np.stack([model.image(i).cam_from_world().matrix() for i in placed]))
@@ -122,42 +122,10 @@ def _chosen(clues: Clues, models: Sequence[Any]) -> Any | None:
         for model in models
         if model.num_reg_images() >= least and FOCAL_RANGE[0] <= lens[id(model)] <= FOCAL_RANGE[1]
     ]
-    enough = _sharp(enough)
+    enough = sharp(enough)
     best = max((model.compute_num_observations() for model in enough), default=0)
     good = [model for model in enough if model.compute_num_observations() >= AS_GOOD * best]
     return min(good, key=lambda each: abs(math.log(lens[id(each)])), default=None)
-
-
-def _sharp(models: Sequence[Any]) -> list[Any]:
-    """Those of ``models`` whose median error on shared corners is less than :data:`BLURRED` times any other's.
-
-    Measured on rendered clips: right models of one clip are within 1.06 of each other, those turned inside out at 1.7
-    to 2.4 of a right one.
-    """
-    errors = [_errors(model) for model in models]
-
-    def blurred(mine: dict[tuple[int, int], float], other: dict[tuple[int, int], float]) -> bool:
-        shared = mine.keys() & other.keys()
-        if len(shared) < SHARED:
-            return False
-        return median(mine[corner] for corner in shared) > BLURRED * median(other[corner] for corner in shared)
-
-    return [model for model, mine in zip(models, errors) if not any(blurred(mine, other) for other in errors)]
-
-
-def _errors(model: Any) -> dict[tuple[int, int], float]:
-    """Distance [px] of every corner, as image and number, from where ``model`` has its point."""
-    found: dict[tuple[int, int], float] = {}
-    for image in (model.image(number) for number in model.reg_image_ids()):
-        seen = [(number, corner) for number, corner in enumerate(image.points2D) if corner.has_point3D()]
-        if not seen:
-            continue
-        places = np.stack([model.points3D[corner.point3D_id].xyz for _, corner in seen])
-        projection = image.camera.calibration_matrix() @ image.cam_from_world().matrix()
-        pixels = places @ projection[:, :3].T + projection[:, 3]
-        off = np.linalg.norm(pixels[:, :2] / pixels[:, 2:] - np.stack([corner.xy for _, corner in seen]), axis=1)
-        found.update({(image.image_id, number): float(each) for (number, _), each in zip(seen, off)})
-    return found
 
 
 def _mapped(pycolmap: Any, clues: Clues, guess: float, options: Any) -> Any:

@@ -9,7 +9,7 @@ pytest.importorskip("pycolmap", reason="needs the extra sfm")
 
 from cltransfer.registry import RENDERERS
 from cltransfer.scenes.builtin import builtin_scene
-from cltransfer.shots import shot
+from cltransfer.shots import Setup, shot
 
 SIZE = (480, 270)
 
@@ -21,12 +21,12 @@ def filmed():
     renderer = RENDERERS.build("gaussian_splats")
     clips = {}
 
-    def film(name, frames=8):
-        if (name, frames) not in clips:
-            path = shot(name, scene.subject, SIZE, frames)
+    def film(name, frames=8, seed=0):
+        if (name, frames, seed) not in clips:
+            path = shot(name, scene.subject, SIZE, frames, setup=Setup(seed=seed))
             seen = renderer.render(scene, path.camera, frozenset({"image", "depth", "label"}))
             image = (seen.image.clamp(0, 1) * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
-            clips[name, frames] = (path, image, seen.depth, seen.label > 0.5)
-        return clips[name, frames]
+            clips[name, frames, seed] = (path, image, seen.depth, seen.label > 0.5)
+        return clips[name, frames, seed]
 
     return film

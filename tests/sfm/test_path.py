@@ -56,9 +56,10 @@ def test_depth_of_points_is_right_up_to_scale_on_the_subject_too(orbit):
     assert float(points.depth.median()) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("frames", [8, 12])
-def test_of_two_models_the_one_that_is_turned_inside_out_is_not_taken_though_it_explains_more(filmed, frames):
-    true, image, depth, subject = filmed("handheld", frames)
+@pytest.mark.parametrize(("frames", "seed"), [(8, 0), (12, 0), (8, 3)])
+def test_space_is_not_turned_inside_out(filmed, frames, seed):
+    """Of seed 0 the mapper has a right model too, that explains fewer corners; of seed 3 it has none."""
+    true, image, depth, subject = filmed("handheld", frames, seed)
     points = reconstruct_path(image, subject, true.times).points
     column, row = points.pixels.floor().long().T
     both = torch.stack([points.depth, depth[points.frames, row, column].double()]).log()[:, points.confidence > 0.5]
