@@ -29,7 +29,8 @@ class DepthSfm:
         lens: focal length [longer sides of the frame] where it is known.
         seconds: COLMAP's mapper may take, over its first guesses of the lens (three; one where ``lens`` is named), each
             at least 1 s; it looks at the clock between frames. Corners and their matches before it, and after it the
-            look whether space is inside out and the points, are not counted: they depend on the clip alone.
+            looks whether space is inside out and whether the lens changes, and the points, are not counted: they depend
+            on the clip alone.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image", "subject")

@@ -57,7 +57,7 @@ def turned(pycolmap: Any, model: Any, lenses: tuple[float, float], refine: bool)
         if pose is None:
             return None
         other.frame(image.frame_id).rig_from_world = pose
-    _refine(pycolmap, other, numbers, refine)
+    adjust(pycolmap, other, numbers, refine)
     camera = other.image(numbers[0]).camera
     lens = camera.focal_length / max(camera.width, camera.height)
     return other if lenses[0] <= lens <= lenses[1] else None
@@ -85,7 +85,7 @@ def _pose(pycolmap: Any, model: Any, image: Any) -> Any | None:
     return None if found is None else found["cam_from_world"]
 
 
-def _refine(pycolmap: Any, model: Any, numbers: Sequence[int], lens: bool) -> None:
+def adjust(pycolmap: Any, model: Any, numbers: Sequence[int], lens: bool) -> None:
     """Cameras and points of least reprojection error, and the lens where ``lens``."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False

@@ -19,6 +19,7 @@ from . import NoPathError, OutOfTimeError, load_pycolmap
 from .corners import Corners
 from .inside_out import sharp, turned
 from .parallax import Evidence
+from .zoom import zooming
 
 LENSES = (1.0, 0.7, 2.0)  # first guesses of the focal length [longer sides]
 FOCAL_RANGE = (0.1, 10.0)  # in which it is refined [longer sides]
@@ -49,7 +50,7 @@ class Placed:
 
     Args:
         frames: which, (M,) increasing.
-        camera: M cameras with one focal length.
+        camera: M cameras with one focal length, or of a zoom with one each.
     """
 
     frames: NDArray  # (M,)
@@ -57,12 +58,12 @@ class Placed:
 
 
 def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Placed:
-    """Cameras of a clip of one lens.
+    """Cameras of a clip of one lens, or of a zoom on the move that the mapper takes for one.
 
     Mapping starts from several lenses, since a poor guess loses frames; of the models that place enough of them, that
     are no worse than another on the corners of both and that explain most corners the one with the most ordinary lens
-    is kept, and turned inside out where that explains its corners better. Single-threaded and seeded, and what time
-    cut off does not count: the same clip gives the same cameras.
+    is kept, turned inside out where that explains its corners better, and with a lens for every frame where that does.
+    Single-threaded and seeded, and what time cut off does not count: the same clip gives the same cameras.
 
     Args:
         clues: of the clip.
@@ -88,10 +89,12 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
         raise _too_few(clues, max(model.num_reg_images() for model in models), seconds if any(late) else None)
     other = turned(pycolmap, model, FOCAL_RANGE, lens is None)
     model = model if other is None else sharp([model, other])[0]
+    other = zooming(pycolmap, model, FOCAL_RANGE) if lens is None else None
+    model = model if other is None else sharp([model, other])[0]
     placed = sorted(model.reg_image_ids())
     w2c = torch.eye(4, dtype=torch.float64).repeat(len(placed), 1, 1)
     w2c[:, :3] = torch.from_numpy(np.stack([model.image(i).cam_from_world().matrix() for i in placed]))
-    focal = torch.full((len(placed),), model.image(placed[0]).camera.focal_length, dtype=torch.float64)
+    focal = torch.tensor([model.image(i).camera.focal_length for i in placed], dtype=torch.float64)
     return Placed(np.array(placed) - 1, Camera(w2c, intrinsics(focal, clues.size), clues.size))
 
 

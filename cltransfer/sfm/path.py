@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 from torch import Tensor
 
-from ..camera import Camera
+from ..camera import Camera, intrinsics
 from ..trajectory import Trajectory
 from . import NoPathError
 from .corners import find_corners, match_clip
@@ -100,7 +100,8 @@ def _between(placed: Placed, count: int) -> Camera:
     for axis in range(3):
         full[:, axis, 3] = np.interp(at, placed.frames, c2w[:, axis, 3])
     w2c = torch.from_numpy(full).inverse()
-    return Camera(w2c, placed.camera.K[:1].expand(count, 3, 3), placed.camera.size)
+    focal = torch.from_numpy(np.exp(np.interp(at, placed.frames, placed.camera.focal.log().numpy())))
+    return Camera(w2c, intrinsics(focal, placed.camera.size), placed.camera.size)
 
 
 def _from_first(camera: Camera, unit: float) -> Camera:

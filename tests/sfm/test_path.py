@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from cltransfer import shots
 from cltransfer.sfm import NoPathError, OutOfTimeError, mapping
 from cltransfer.sfm.path import reconstruct_path
 
@@ -91,6 +93,19 @@ def test_a_zoom_on_the_move_is_told(filmed):
     true, image, _, subject = filmed("dolly_zoom", 12)
     with pytest.raises(NoPathError, match=r"only \d+ of 12 frames could be placed with one lens"):
         reconstruct_path(image, subject, true.times)
+
+
+@pytest.mark.parametrize("zoom", [1.1, 1.5])
+def test_a_zoom_while_orbiting_is_found(filmed, monkeypatch, zoom):
+    orbit = shots._moving(azimuth=(0.0, math.radians(30 if zoom < 1.2 else 60)), zoom=(1.0, zoom))
+    monkeypatch.setitem(shots._SHOTS, f"orbit_zoom_{zoom}", (2.8, 0.5, orbit))
+    true, image, depth, subject = filmed(f"orbit_zoom_{zoom}", 12)
+    found = reconstruct_path(image, subject, true.times)
+    np.testing.assert_allclose(found.trajectory.camera.focal, true.camera.focal, rtol=0.05)
+    points = found.points
+    column, row = points.pixels.floor().long().T
+    off = (points.depth / depth[points.frames, row, column]).log()[points.confidence > 0.5]
+    assert float((off - off.nanmedian()).abs().nanmedian()) < 0.05  # with one lens it is 0.19 and more
 
 
 def test_frames_without_texture_are_told():
