@@ -66,6 +66,7 @@ def turned(pycolmap: Any, model: Any, lenses: tuple[float, float], refine: bool)
 def _reversed(w2c: NDArray, places: NDArray) -> NDArray:
     """Points ``places`` (P, 3) where a camera (3, 4) sees them, the nearest as far as the farthest was."""
     seen = places @ w2c[:, :3].T + w2c[:, 3]
+    seen[seen[:, 2] == 0, 2] = np.finfo(float).tiny ** 0.5  # a point that this camera does not see may lie beside it
     nearness = 1 / seen[:, 2]
     low, high = np.percentile(nearness[nearness > 0], [5, 95])
     turned_over = (low + high - nearness).clip(low / 2, 2 * high)
@@ -99,7 +100,7 @@ def adjust(pycolmap: Any, model: Any, numbers: Sequence[int], lens: bool) -> Non
 
 
 def _errors(model: Any) -> dict[tuple[int, int], float]:
-    """Distance [px] of every corner, as image and number, from where ``model`` has its point."""
+    """Distance [px] of every corner, as image and number, from where ``model`` has its point; infinite behind it."""
     found: dict[tuple[int, int], float] = {}
     for image in map(model.image, model.reg_image_ids()):
         seen = [(number, corner) for number, corner in enumerate(image.points2D) if corner.has_point3D()]
@@ -108,6 +109,8 @@ def _errors(model: Any) -> dict[tuple[int, int], float]:
         places = np.stack([model.points3D[corner.point3D_id].xyz for _, corner in seen])
         projection = image.camera.calibration_matrix() @ image.cam_from_world().matrix()
         pixels = places @ projection[:, :3].T + projection[:, 3]
-        off = np.linalg.norm(pixels[:, :2] / pixels[:, 2:] - np.stack([corner.xy for _, corner in seen]), axis=1)
+        ahead, corners = pixels[:, 2] > 0, np.stack([corner.xy for _, corner in seen])
+        off = np.full(len(seen), np.inf)
+        off[ahead] = np.linalg.norm(pixels[ahead, :2] / pixels[ahead, 2:] - corners[ahead], axis=1)
         found.update({(image.image_id, number): float(each) for (number, _), each in zip(seen, off)})
     return found

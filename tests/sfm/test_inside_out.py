@@ -48,6 +48,15 @@ def test_of_two_models_the_blurred_one_is_not_believed():
     assert sharp([clear, blurred]) == [clear]
 
 
+@pytest.mark.filterwarnings("error")
+def test_points_that_no_camera_can_see_are_explained_worst():
+    right, odd = model(0.2), model(0.2)
+    for number in range(1, 60):
+        odd.points3D[number].xyz = np.array([0.0, 0.0, -1.0 if number % 2 else 0.0])
+    assert sharp([odd, right]) == [right]
+    assert turned(pycolmap, odd, (0.0, np.inf), refine=False) is None  # too few are left to place cameras by
+
+
 def test_models_that_are_as_good_are_both_believed():
     both = [model(0.2), model(0.22)]
     assert sharp(both) == both
