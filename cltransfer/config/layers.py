@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from ..storage.files import check_yaml, read_text
+from ..storage.files import check_yaml, named_twice, read_text
 
 COMMAND_LINE = "command line"
 YAML_LIMIT = 2**20  # bytes
@@ -122,7 +122,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         except yaml.YAMLError:
             hint = QUOTES * is_cut(text)
             raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}", hint) from None
-        for twice in _named_twice(yaml.compose(text, yaml.SafeLoader)):
+        for twice in named_twice(yaml.compose(text, yaml.SafeLoader)):
             raise UsageError(COMMAND_LINE, key, f"expected each key once, {twice!r} is there twice")
         try:
             value = yaml.safe_load(text) if text else None
@@ -156,17 +156,6 @@ def is_cut(text: str) -> bool:
     (True, False)
     """
     return sum(map(text.count, "{[")) > sum(map(text.count, "}]"))
-
-
-def _named_twice(node: Any) -> Iterator[str]:
-    """Keys that a mapping has twice in a node of YAML, whose reader would take the last; that of files refuses them."""
-    below = node.value if node is not None and node.id != "scalar" else []
-    if below and node.id == "mapping":
-        names = [key.value for key, _ in below if key.id == "scalar"]
-        yield from (name for i, name in enumerate(names) if name in names[:i])
-        below = [value for _, value in below]
-    for part in below:
-        yield from _named_twice(part)
 
 
 def _refuse_interpolation(value: Any, where: Any, field: str) -> None:

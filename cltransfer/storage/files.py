@@ -220,6 +220,17 @@ def check_yaml(text: str, loader: Any) -> None:
         raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
 
 
+def named_twice(node: Any) -> Iterator[str]:
+    """Keys that a mapping has twice in a node of YAML; ``yaml.safe_load`` takes the last."""
+    below = node.value if node is not None and node.id != "scalar" else []
+    if below and node.id == "mapping":
+        names = [key.value for key, _ in below if key.id == "scalar"]
+        yield from (name for i, name in enumerate(names) if name in names[:i])
+        below = [value for _, value in below]
+    for part in below:
+        yield from named_twice(part)
+
+
 def content_hash(path: Path) -> str:
     """SHA-256 of a file, or of the names and contents of a folder's files in name order."""
     digest = hashlib.sha256()

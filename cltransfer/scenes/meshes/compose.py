@@ -20,7 +20,7 @@ from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
 from ...errors import InputError
-from ...storage.files import check_yaml, content_hash, read_text
+from ...storage.files import check_yaml, content_hash, named_twice, read_text
 from ...subject import Subject
 from .. import Scene
 from .asset_files import inside
@@ -123,8 +123,11 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         about = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(path, "", f"not plain YAML: {' '.join(str(error).split())[:160]}") from None
+    for twice in named_twice(yaml.compose(text, yaml.SafeLoader)):
+        raise InputError(path, twice[:40], "expected each key once, it is there twice")
     if not isinstance(about, dict) or not about.keys() <= {"up", "parts"}:
-        raise InputError(path, "", "expected the keys up and parts and no other")
+        came = ", ".join(map(str, about)) if isinstance(about, dict) else type(about).__name__
+        raise InputError(path, "", f"expected the keys up and parts and no other, got {came[:80] or 'none'}")
     return about
 
 

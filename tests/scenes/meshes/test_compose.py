@@ -123,8 +123,11 @@ def test_a_line_is_short_whatever_a_part_holds(folder, field):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "expected the keys up and parts"),
-        ("- 1", "expected the keys up and parts"),
+        ("", "expected the keys up and parts and no other, got NoneType"),
+        ("- 1", "expected the keys up and parts and no other, got list"),
+        ("{}", "parts: expected a list"),
+        ("parts: []\nparts: [{file: tile.obj}]", "parts: expected each key once"),
+        ("parts: [{file: tile.obj, time: 1, time: 2}]", "time: expected each key once"),
         ("parts: [", "not plain YAML"),
         ("parts: []", "parts: expected a list"),
         ("parts: [tile.obj]", r"parts\[0\]: expected a mapping with file"),
@@ -140,7 +143,7 @@ def test_a_line_is_short_whatever_a_part_holds(folder, field):
         ("up: [0, 0, 0]\nparts: [{file: tile.obj}]", "up: expected a direction"),
         ("parts: [{file: tile.obj, label: subject}, {file: tile.obj, label: subject}]", "one subject at most"),
         ("a: !!python/object/apply:os.getcwd []", "not plain YAML"),
-        ("parts: [{file: tile.obj}]\nmore: 1", "expected the keys up and parts"),
+        ("parts: [{file: tile.obj}]\nmore: 1", "expected the keys up and parts and no other, got parts, more"),
         ("parts: [{file: tile.obj, translate: &a [0, 0, 1]}]", "expected no anchors and aliases"),
         ("up: &a [0, 1, 0]\nparts: [{file: tile.obj, translate: *a}]", "expected no anchors and aliases"),
         ("parts: [{file: tile.obj, time: 2001-99-99}]", "not plain YAML"),
