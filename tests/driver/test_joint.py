@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import pytest
 import torch
@@ -49,17 +50,9 @@ class Watched(WholeClip):
     def widths(self) -> list[float]:
         return []
 
-    def local(
-        self,
-        x: Tensor,
-        residuals: Tensor,
-        step: float = STEP,
-        shared: int = 1,
-        first: int = 0,
-        jumps: Jumps | None = None,
-    ) -> Local:
+    def local(self, x: Tensor, residuals: Tensor, step: float = STEP, *rest: Any, **named: Any) -> Local:
         self.widths.append(step)
-        return super().local(x, residuals, step, shared, first, jumps)
+        return super().local(x, residuals, step, *rest, **named)
 
 
 def shake(x: Tensor) -> float:
