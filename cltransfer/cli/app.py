@@ -22,7 +22,7 @@ from .models import assets_app, models_app
 from .plugins import app as plugins_app
 from .scenes import bake, lift, simplify
 from .shared import STOPS, Json, Terminated, fail, show, stopped
-from .slips import meant_as_option, options_of, told
+from .slips import check_once, command_of, meant_as_option, options_of, told
 from .study import study
 from .transfer import render, transfer
 
@@ -54,7 +54,9 @@ def main() -> NoReturn:
     """Run the command line; every failure is one line on stderr and an exit code."""
     signal.signal(signal.SIGTERM, _terminate)
     _show_every_letter()
+    verb, said = command_of(typer.main.get_command(app), sys.argv[1:])
     try:
+        check_once(verb, said)
         code = app(standalone_mode=False)
         if code == 130:  # the parser's word for an interrupt
             stopped(KeyboardInterrupt())
@@ -62,9 +64,6 @@ def main() -> NoReturn:
         if error.__cause__ is not None and _debugging():
             raise
         if isinstance(error, UsageError):
-            verb = typer.main.get_command(app)
-            for word in sys.argv[1:3]:  # `models align` has options of its own
-                verb = getattr(verb, "commands", {}).get(word, verb)
             error = meant_as_option(error, options_of(verb), sys.argv)
         fail(error, error.exit_code)
     except (typer.Abort, *STOPS) as stop:

@@ -1,13 +1,76 @@
-"""What a slip on the command line was meant as: a key for an option, an option for a key, a clip for the scene."""
+"""Slips on the command line: a key for an option, an option for a key, a clip for the scene, what is said twice."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from ..errors import UsageError
+
+KEY = re.compile(r"[-. ]*\w[-\w. ]*=")  # no name with a /, : or # is one
+
+
+def command_of(command: Any, words: Sequence[str]) -> tuple[Any, Sequence[str]]:
+    """The command that ``words`` name, ``command`` or one below it, and the words behind its name."""
+    while words and words[0] in getattr(command, "commands", {}):
+        command, words = command.commands[words[0]], words[1:]
+    return command, words
+
+
+def check_once(command: Any, words: Sequence[str]) -> None:
+    """Refuse what is said twice behind the name of a ``command`` of the parser, which takes the last.
+
+    Raises:
+        UsageError: an option, or a key, has a value that a later one replaces.
+    """
+    context = typer.Context(command, resilient_parsing=True)  # what else is wrong is told later
+    values, _, given = command.make_parser(context).parse_args(list(words))
+    if any(one.is_eager for one in given):  # --help
+        return
+    for i, one in enumerate(given):
+        if one in given[:i] and not one.multiple and (not one.is_flag or one.secondary_opts):
+            raise UsageError("", one.opts[0], "expected once, it is there twice", "leave one out")
+    for one in given:
+        if "KEY=VALUE" in str(one.metavar):
+            _check_keys(values[one.name] or ())
+
+
+def _check_keys(arguments: Sequence[str]) -> None:
+    """Refuse an override that a later one replaces; what they say of several parts of one mapping is merged."""
+    from ..config.layers import COMMAND_LINE, parse_overrides
+
+    said: dict[str, str] = {}  # overrides, by what they set
+    for item in filter(is_override, arguments):
+        try:
+            parts = dict(_parts(parse_overrides([item])))
+        except UsageError:  # told where it is read
+            continue
+        for key, value in parts.items():
+            lost = [other for other in said if other == key or (value is None and other.startswith(f"{key}."))]
+            if lost:
+                came = f"expected once, got {said[lost[0]]} before {item}"
+                raise UsageError(COMMAND_LINE, lost[0], came, "leave one out")
+        said.update(dict.fromkeys(parts, item))
+
+
+def _parts(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """What nested ``values`` set, by ``section.name.option``."""
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            yield from _parts(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
+
+
+def is_override(argument: str) -> bool:
+    """Whether it is key=value, its key perhaps misspelt with dashes or spaces, and not a file whose name has a =."""
+    return KEY.match(argument) is not None and not os.path.exists(argument)
 
 
 def told(error: Any, arguments: Sequence[str]) -> str:

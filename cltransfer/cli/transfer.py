@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import shlex
 import sys
 from pathlib import Path
@@ -13,7 +11,7 @@ import typer
 
 from ..errors import UsageError
 from .shared import STOPS, Allow, Config, Json, Out, Quiet, Up, settings_of, show, stopped, tell, unused_plugins, up_of
-from .slips import check_order
+from .slips import check_order, is_override
 
 if TYPE_CHECKING:
     from ..config.options import RunConfig
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
     from ..transfer import Inputs
 
 DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
-KEY = re.compile(r"[-. ]*\w[-\w. ]*=")  # no name with a /, : or # is one
 
 
 def transfer(
@@ -156,8 +153,3 @@ def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
         hint = QUOTES * any(map(is_cut, overrides))
         raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}", hint)
     return paths, overrides
-
-
-def is_override(argument: str) -> bool:
-    """Whether it is key=value, its key perhaps misspelt with dashes or spaces, and not a file whose name has a =."""
-    return KEY.match(argument) is not None and not os.path.exists(argument)

@@ -181,6 +181,38 @@ def test_a_command_that_cannot_be_meant_is_usage(
     assert not (tmp_path / "out").exists()
 
 
+TWICE = {
+    ("transfer", "--out", "a", "-o", "b"): "--out: expected once, it is there twice (leave one out)",
+    ("lift", "a.ply", "--up", "0,1,0", "--up=0,0,1"): "--up: expected once",
+    ("bench", "speed", "--quick", "--no-quick"): "--quick: expected once",
+    ("transfer", "frames=3", "frames=4"): "frames: expected once, got frames=3 before frames=4 (leave one out)",
+    ("evaluate", "a", "b", "frames=3", "seed=1", "frames=3"): "frames: expected once, got frames=3 before frames=3",
+    ("fit", "a", "--out", "b", "side=64", "side=96"): "side: expected once",
+    ("transfer", "adam.rate=0.1", "adam={rate: 1}"): "adam.rate: expected once, got adam.rate=0.1 before adam={rate:",
+    ("transfer", "losses.framing={}", "losses=null"): "losses.framing: expected once, got losses.framing={} before",
+}
+
+
+@pytest.mark.parametrize("arguments", TWICE, ids=" ".join)
+def test_what_a_later_word_would_replace_is_refused(
+    command: Callable[..., Any], arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(command(*arguments), 2, TWICE[arguments])
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_said_twice_and_replaces_nothing_is_taken(command: Callable[..., Any], tmp_path: Path) -> None:
+    for said in (
+        ("adam.rate=0.1", "adam={iterations: 3}", "-q", "-q", "--json", "--json"),
+        ("renderer.mesh={}", "renderer.mesh.samples=2", "losses.framing=null", "losses.shot_size.weight=3"),
+    ):
+        assert command("transfer", "--print-config", *said).code == 0, said
+    missing = tmp_path / "missing.ply"
+    refused(command("simplify", missing, "--out", "b.ply", "--view", "a:0", "--view", "a:1"), 3, "missing.ply")
+    assert command("transfer", "--out", "a", "--out", "b", "--help").code == 0
+
+
 def test_a_name_with_an_equals_sign_is_a_path_where_there_is_such_a_file_or_it_can_be_no_key(
     command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
