@@ -20,6 +20,9 @@ _LIBRARY = re.compile(rb"^mtllib[ \t]+(.*?)[ \t]*$", re.MULTILINE)
 _LONG = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){4}", re.MULTILINE)
 _BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
 _REST = re.compile(rb"/\S*|#.*")  # of a corner behind the number of its vertex; of a line, a remark
+_VERTEX = re.compile(rb"^v[ \t]", re.MULTILINE)
+_FROM_ONE = "expected a number of the {} vertices, which count from 1, got {}"
+_FACE = re.compile(rb"^f[ \t]+([^\n#]*)", re.MULTILINE)
 _NUMBERED = (b"v", b"vt", b"vn")  # what the numbers of a corner are of, in this order
 _PLACED = re.compile(rb"^f[ \t]+-?\d+/-?\d", re.MULTILINE)
 _BARE = re.compile(rb"^f[ \t]+-?\d+(?://|[ \t])", re.MULTILINE)
@@ -37,16 +40,17 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
         files: gives the libraries; what they are is told to it.
 
     Raises:
-        InputError: a vertex or a polygon is no numbers, or a polygon names a vertex that is not there.
+        InputError: a vertex or a face is no numbers, or a face names a vertex that is not there.
     """
     text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    if _BACK.search(text):
+        text = b"\n".join(_counted(text.split(b"\n")))
+    _check_faces(path, text)
     names = [name for line in _LIBRARY.findall(text) for name in files.named(line.decode("utf-8", "replace"))]
     bare = bool(names and _PLACED.search(text) and _BARE.search(text))
-    if len(names) < 2 and not bare and not _LONG.search(text) and not _BACK.search(text):
-        return data
+    if len(names) < 2 and not bare and not _LONG.search(text):
+        return text
     lines = text.split(b"\n")
-    if _BACK.search(text):
-        lines = _counted(lines)
     if _LONG.search(text):
         lines = _cut(path, lines)
     renamed = _rename(lines) if bare else frozenset()
@@ -69,13 +73,37 @@ def _counted(lines: Sequence[bytes]) -> list[bytes]:
     return counted
 
 
+def _check_faces(path: Path, text: bytes) -> None:
+    """Refuse a face that names no vertex of the file, in which all numbers count from the first."""
+    count, faces = len(_VERTEX.findall(text)), _FACE.findall(text)
+    if _name_vertices(_REST.sub(b"", b" ".join(faces)).split(), count):
+        return
+    for number, face in enumerate(faces, start=1):
+        for word in _REST.sub(b"", face).split():
+            if not _name_vertices([word], count):
+                came = word.decode("utf-8", "replace")
+                raise InputError(path, f"face {number}", _FROM_ONE.format(count, came))
+
+
+def _name_vertices(words: Sequence[bytes], count: int) -> bool:
+    """Whether all ``words`` are numbers of the vertices 1 to ``count``."""
+    try:
+        numbers = np.array(words, np.float64)
+    except ValueError:
+        return False
+    return bool(((numbers >= 1) & (numbers <= count) & (numbers == numbers.round())).all())
+
+
 def _corner(word: bytes, before: Sequence[int]) -> bytes:
-    numbers = word.split(b"/")
-    back = [number[:1] == b"-" and number[1:].isdigit() for number in numbers]
     return b"/".join(
-        b"%d" % (count + 1 + int(number)) if is_back else number
-        for number, count, is_back in zip(numbers, before, back)
+        b"%d" % (count + 1 + int(number)) if _counts_back(number, count) else number
+        for number, count in zip(word.split(b"/"), before)
     )
+
+
+def _counts_back(number: bytes, count: int) -> bool:
+    """Whether it counts back from where it stands, and not farther than the first of ``count``."""
+    return re.fullmatch(rb"-\d{1,18}", number) is not None and -int(number) <= count
 
 
 def _cut(path: Path, lines: Sequence[bytes]) -> list[bytes]:
@@ -88,8 +116,6 @@ def _cut(path: Path, lines: Sequence[bytes]) -> list[bytes]:
     cut = list(lines)
     for places in long.values():
         index = _numbers(path, "faces", [_REST.sub(b"", lines[i][1:]) for i in places]).astype(np.int64) - 1  # (F, k)
-        if not 0 <= index.min() <= index.max() < len(xyz):
-            raise InputError(path, "faces", f"name vertex {index.max() + 1} of {len(xyz)}")
         points = xyz[index]  # (F, k, 3)
         for f in np.flatnonzero(~fans_hold(points)):
             corners = _words(lines[places[f]])

@@ -182,7 +182,7 @@ def _part(
 ) -> Mesh:
     """One geometry in the world; a posed one is labelled."""
     vertices = torch.from_numpy(np.asarray(geometry.vertices, np.float64))
-    faces = np.asarray(geometry.faces)
+    faces = np.asarray(geometry.faces).reshape(-1, 3)  # of no faces at all trimesh knows no corners
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise InputError(path, "faces", f"name vertex {faces.max()} of {len(vertices)}")
     mesh = Mesh.plain(vertices, torch.from_numpy(faces.astype(np.int32)))

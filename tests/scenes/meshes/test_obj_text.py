@@ -132,8 +132,8 @@ def test_vertices_keep_their_colours_under_a_material_without_an_image(stage: Ca
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        (WALL + "f 1 2 3 4 9\n", "faces: name vertex 9 of 8"),
-        (WALL + "f 1 2 3 x\n", "faces: expected three numbers or more of each"),
+        (WALL + "f 1 2 3 4 9\n", "face 1: expected a number of the 8 vertices, which count from 1, got 9"),
+        (WALL + "f 1 2 3 x\n", "which count from 1, got x"),
         ("v 0 0\nv 1 0\n" + WALL + "f 3 4 5 6\n", "vertices: expected three numbers or more of each"),
     ],
 )
@@ -141,3 +141,17 @@ def test_polygons_that_cannot_be_are_told(stage: Callable[..., Path], text: str,
     with pytest.raises(InputError) as caught:
         read_mesh(stage(text))
     assert str(caught.value).endswith(line)
+
+
+@pytest.mark.parametrize("number", ["99", "0", "-9", "x", "3.5", "9" * 5000])
+def test_a_face_beyond_the_vertices_is_told_by_its_number(stage: Callable[..., Path], number: str) -> None:
+    line = f"face 2: expected a number of the 4 vertices, which count from 1, got {number[:900]}"
+    for corner in (number, f"{number}/1"):
+        with pytest.raises(InputError) as caught:
+            read_mesh(stage(f"{SQUARE}f 1 2 3\nf 1/1 2/2 {corner}  # 3\n"))
+        assert line in str(caught.value)
+
+
+def test_a_file_of_faces_with_two_corners_has_no_faces(stage: Callable[..., Path]) -> None:
+    with pytest.raises(InputError, match="holds no faces"):
+        read_mesh(stage(f"{SQUARE}f 1 2\n"))
