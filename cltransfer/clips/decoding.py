@@ -19,7 +19,7 @@ from av.video.stream import VideoStream
 
 from ..computer.threads import thread_count
 from ..errors import InputError
-from .image_header import exif_orientation, states_aspect
+from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 
 PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
@@ -133,7 +133,9 @@ def _image_source(path: Path) -> str | io.BytesIO:
     # the decoder fills up a JPEG that ends early without a word
     if data.startswith(b"\xff\xd8") and not jpeg_ends(data):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
-    return io.BytesIO(_drawn(data)) if data.startswith(_PNG) else str(path.absolute())
+    drawn = _drawn(data) if data.startswith(_PNG) else data
+    _check_size(path, "size", stored_size(drawn) or (0, 0))  # of a larger one the decoder tells nothing
+    return io.BytesIO(drawn) if data.startswith(_PNG) else str(path.absolute())
 
 
 def _drawn(data: bytes) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import logging
 import struct
 import warnings
@@ -36,6 +37,17 @@ def states_aspect(path: Path) -> bool:
     with _unread(), Image.open(path, formats=("JPEG", "PNG")) as image:
         return "aspect" in image.info or image.info.get("jfif_unit") == 0
     return False
+
+
+def stored_size(data: bytes) -> tuple[int, int] | None:
+    """(W, H) [px] that the header of an image file states; None where it cannot be read."""
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+
+    kind = JpegImageFile if data.startswith(b"\xff\xd8") else PngImageFile
+    with _unread(), kind(io.BytesIO(data)) as image:  # Image.open tells of a huge one no size
+        return image.size
+    return None
 
 
 @contextlib.contextmanager

@@ -1,4 +1,5 @@
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -161,13 +162,20 @@ def test_a_photograph_may_be_larger_than_a_frame_of_a_video(tmp_path):
     refused(video, "size", "at most 8300000 pixels a frame, got 4032x2200")
 
 
-def test_an_image_that_only_a_header_makes_huge_is_refused_before_it_is_decoded(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((8, 8, 3), np.uint8))
-    data = bytearray((tmp_path / "a.png").read_bytes())
-    data[16:24] = struct.pack(">II", 9000, 8000)
-    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
-    (tmp_path / "a.png").write_bytes(data)
-    with pytest.raises(InputError, match=r"a\.png: "):
+@pytest.mark.parametrize("size", [(8001, 8000), (60000, 60000)])
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_an_image_that_only_a_header_makes_huge_is_refused_before_it_is_decoded(tmp_path, suffix, size):
+    cv2.imwrite(str(tmp_path / f"a{suffix}"), np.zeros((8, 8, 3), np.uint8))
+    data = bytearray((tmp_path / f"a{suffix}").read_bytes())
+    if suffix == ".png":
+        data[16:24] = struct.pack(">II", *size)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    else:
+        at = data.index(b"\xff\xc0") + 5
+        data[at : at + 4] = struct.pack(">HH", *size[::-1])
+    (tmp_path / f"a{suffix}").write_bytes(data)
+    line = f"a{suffix}: size: expected at most 64000000 pixels a frame, got {size[0]}x{size[1]} (make it smaller)"
+    with pytest.raises(InputError, match=re.escape(line)):
         read_clip(tmp_path)
 
 
@@ -457,7 +465,7 @@ def test_a_frame_of_absurd_size_is_refused_before_it_is_decoded(tmp_path):
     bomb = png[:12] + header + struct.pack(">I", zlib.crc32(header)) + png[33:]
     (tmp_path / "frames").mkdir()
     damaged(tmp_path / "frames" / "0.png", bomb)
-    assert refused(tmp_path / "frames", "video").where.endswith("0.png")
+    assert refused(tmp_path / "frames", "size", "at most 64000000 pixels").where.endswith("0.png")
 
 
 def test_a_sound_file_has_no_video(tmp_path):

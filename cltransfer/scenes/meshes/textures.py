@@ -37,7 +37,9 @@ def image_size(path: Path, data: bytes) -> tuple[int, int]:
     try:
         with Image.open(io.BytesIO(data), formats=FORMATS) as image:
             size = image.size
-    except (*_DAMAGED, Image.DecompressionBombError):
+    except Image.DecompressionBombError:  # tells no size
+        raise InputError(path, "texture", f"expected at most {IMAGE_LIMIT} pixels, got more", HINT) from None
+    except _DAMAGED:
         raise InputError(path, "images", "a texture cannot be decoded", f"expected {', '.join(FORMATS)}") from None
     check_size(path, size)
     return size

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +93,15 @@ def test_too_many_pixels_are_refused_before_any_is_decoded(
     with pytest.raises(ResourceError, match=r"memory: textures of 120000 pixels need .* make the textures smaller"):
         read_mesh(path)
     assert decoded == []
+
+
+def test_a_texture_whose_header_is_huge_is_told_the_limit(bar, with_texture, picture, write_glb, tmp_path):
+    data = bytearray(picture())
+    data[16:24] = struct.pack(">II", 60000, 60000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    line = r"texture: expected at most 67108864 pixels, got more \(make the textures smaller\)"
+    with pytest.raises(InputError, match=line):
+        read_mesh(write_glb(tmp_path / "bar.glb", *with_texture(bar(), bytes(data))))
 
 
 def test_materials_that_trimesh_turns_into_base_colours_are_held_against_the_memory(
