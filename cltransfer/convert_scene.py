@@ -11,6 +11,7 @@ from torch import Tensor
 
 from .camera import Camera, fitted_size, in_one_frame
 from .errors import InputError, UsageError
+from .progress import Progress, silent
 from .scenes.bake import bake_grid, bake_splats, surface_area
 from .scenes.floaters import without_floaters
 from .scenes.load import load_scene
@@ -119,7 +120,9 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
     return {"file": str(out), **counts}
 
 
-def bake_to_folder(source: str, out: Path, representation: Representation, detail: int | None) -> Mapping[str, Any]:
+def bake_to_folder(
+    source: str, out: Path, representation: Representation, detail: int | None, report: Progress = silent
+) -> Mapping[str, Any]:
     """Bake the mesh ``source`` into ``out``: the scene, and its person's subject.json and labels where known.
 
     Args:
@@ -127,12 +130,14 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
         out: folder.
         representation: what to make of it.
         detail: Gaussians in all, or cells along the longest side; None is what the representation usually needs.
+        report: is told what is done.
 
     Raises:
         UsageError: the scene is not a mesh.
         InputError: it cannot be read, or has no area.
         ResourceError: what is to be made of it takes more memory than is free.
     """
+    report("reading the mesh", 0, 0)
     scene = load_scene(source)
     if not isinstance(scene.geometry, Mesh):
         kind = type(scene.geometry).__name__
@@ -142,6 +147,7 @@ def bake_to_folder(source: str, out: Path, representation: Representation, detai
         raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
     file = out / f"{scene.name}{'.ply' if representation == 'gaussian_splats' else '.safetensors'}"
     _refuse_source(file, source, part_files(Path(source)) if source.lower().endswith((".yaml", ".yml")) else ())
+    report("baking", 0, 0)
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
         count, label = len(splats), splats.label

@@ -228,6 +228,14 @@ def test_the_person_of_a_run_is_not_written_over(command: Callable[..., Any], tm
     assert (tmp_path / "subject.json").read_text() == "of the run"
 
 
+def test_a_bake_tells_what_it_does_but_not_quietly(command: Callable[..., Any], tmp_path: Path) -> None:
+    trimesh.creation.box().export(tmp_path / "box.obj")
+    words = ("bake", tmp_path / "box.obj", "--out", tmp_path / "baked", "--detail", 500)
+    told, quiet = command(*words), command(*words, "-q")
+    assert (told.code, told.err) == (0, "reading the mesh\nbaking\n")
+    assert (quiet.code, quiet.err, quiet.out) == (0, "", told.out)
+
+
 @pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])
 def test_a_mesh_without_area_is_said(tmp_path: Path, representation: Any) -> None:
     (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")

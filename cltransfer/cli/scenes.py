@@ -97,6 +97,7 @@ def bake(
         int | None, typer.Option(help="Gaussians in all, or cells along the longest side (up to 512).")
     ] = None,
     as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Turn MESH into splats or a voxel grid of the same geometry, to compare representations and nothing else.
 
@@ -111,9 +112,11 @@ def bake(
         raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
     refuse_run(out, "subject and labels", "baked")
     from ..convert_scene import bake_to_folder
+    from ..progress import progress
     from ..scenes.person.lifted import SUBJECT
 
-    found = bake_to_folder(mesh, out, representation, detail)  # type: ignore[arg-type]  # checked above
+    with progress(quiet) as report:
+        found = bake_to_folder(mesh, out, representation, detail, report)  # type: ignore[arg-type]  # checked above
     up = ",".join(f"{value:g}" for value in found["up"])
     command = ["cltransfer", "transfer", found["file"], "CLIP", "--up", up]
     command += ["--subject", str(out / SUBJECT)] if found["subject"] else []
