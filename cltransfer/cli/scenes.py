@@ -18,7 +18,7 @@ def lift(
     overrides: Overrides = None,
     out: Out = None,
     view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
-    views: Annotated[int, typer.Option(min=1, help="Views around the person where none are given.")] = 16,
+    views: Annotated[int, typer.Option(help="Views around the person where none are given, 3 to 64.")] = 16,
     person: Annotated[
         int | None, typer.Option(min=0, help="Which one, where there are several; 0 is who most views see.")
     ] = None,
@@ -39,12 +39,16 @@ def lift(
     person; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
+    from ..camera import VIEW_LIMIT
     from ..computer.threads import set_threads, thread_count
     from ..lift_folder import Lifting, lift_lines, lift_to_folder
     from ..progress import progress
     from ..run.folder import default_folder
+    from ..scenes.person.lift import MINIMUM_VIEWS
     from ..scenes.person.lifted import summary
 
+    if not MINIMUM_VIEWS <= views <= VIEW_LIMIT:
+        raise UsageError("", "--views", f"expected {MINIMUM_VIEWS} to {VIEW_LIMIT}, got {views}")
     set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
     refuse_run(folder, "subject and labels", "person")
