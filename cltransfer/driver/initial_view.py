@@ -11,10 +11,11 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera, concatenate
-from ..errors import UsageError
+from ..errors import InputError, UsageError
 from ..features import Features
 from ..placement import frame_joints, shows_person, visible_joints
-from ..scenes.posed import named_camera
+from ..scenes.posed import named_camera, read_posed
+from ..scenes.posed.formats import SET_FILES
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -44,10 +45,10 @@ def given_view(source: str) -> Camera:
 
     Raises:
         InputError: the file is no trajectory, or the set cannot be read.
-        UsageError: the set has no such camera.
+        UsageError: the set has no such camera, or is named without one.
     """
     camera = named_camera(source, "--init")
-    camera = Trajectory.load(Path(source)).camera[0] if camera is None else camera
+    camera = _first_camera(Path(source)) if camera is None else camera
     aside = (camera.K[0, :2, 2] / torch.tensor(camera.size) - 0.5).tolist()
     if max(map(abs, aside)) > ASIDE:
         expected = (
@@ -55,6 +56,21 @@ def given_view(source: str) -> Camera:
         )
         _log.warning("--init %s: principal point: %s; the search begins as if it were there", source, expected)
     return camera
+
+
+def _first_camera(path: Path) -> Camera:
+    try:
+        return Trajectory.load(path).camera[0]
+    except InputError as error:
+        if not path.is_dir() and path.name not in SET_FILES:
+            raise
+        told = error
+    try:
+        count = len(read_posed(path))
+    except InputError:
+        raise told from None
+    came = f"expected SET:INDEX, it has {count} cameras, {path}:0 to {path}:{count - 1}"
+    raise UsageError(path, "--init", came)
 
 
 @dataclass(frozen=True)

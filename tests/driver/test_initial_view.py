@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,6 +47,12 @@ def test_a_camera_of_a_posed_set_is_named_by_its_index(tmp_path: Path) -> None:
         given_view(f"{tmp_path}:3")
     with pytest.raises(InputError, match="no such file or folder"):
         given_view(f"{tmp_path / 'gone'}:0")
+    for path in (tmp_path, tmp_path / "transforms.json"):
+        line = f"{path}: --init: expected SET:INDEX, it has 3 cameras, {path}:0 to {path}:2"
+        with pytest.raises(UsageError, match=f"^{re.escape(line)}$"):
+            given_view(str(path))
+    with pytest.raises(InputError, match="expected a file, got a folder"):
+        given_view(str(tmp_path.parent))
 
 
 @pytest.mark.parametrize(("aside", "told"), [(0.0, False), (0.004, False), (-0.25, True)])

@@ -12,7 +12,8 @@ from .inria import read_inria
 from .llff import read_llff
 from .transforms import read_transforms
 
-KNOWN = "transforms.json, cameras.json, poses_bounds.npy, intri.yml, or sparse/0"
+SET_FILES = ("transforms.json", "cameras.json", "poses_bounds.npy", "intri.yml")
+KNOWN = f"{', '.join(SET_FILES)}, or sparse/0"
 
 
 def read(path: Path) -> PosedImages:
@@ -33,7 +34,7 @@ def read(path: Path) -> PosedImages:
 
 
 def _read_folder(folder: Path) -> PosedImages:
-    for name in ("transforms.json", "cameras.json", "poses_bounds.npy", "intri.yml"):
+    for name in SET_FILES:
         if (folder / name).is_file():
             return read(folder / name)
     model = find_model(folder)
