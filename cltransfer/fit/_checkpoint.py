@@ -12,6 +12,8 @@ from torch import Tensor
 from ..errors import InputError
 from ._state_file import read_state, write_state
 
+ANEW = "delete the file, and its level begins anew"
+
 Keys = tuple[str | int, ...]
 
 PARTS: Mapping[Keys, type] = {
@@ -80,4 +82,4 @@ def _unfit(path: Any, keys: Keys, expected: str, value: Any) -> InputError:
     came = "nothing" if value is None else type(value).__name__
     came = f"tensor {tuple(value.shape)}" if isinstance(value, Tensor) else came
     where = ".".join(map(str, keys))
-    return InputError(path, where, f"expected {expected}, got {came}", "delete the file, and its level begins anew")
+    return InputError(path, where, f"expected {expected}, got {came}", ANEW)

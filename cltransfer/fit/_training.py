@@ -6,6 +6,7 @@ import contextlib
 import logging
 import signal
 import time
+import traceback
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,16 +19,18 @@ from pytorch_lightning.utilities.exceptions import SIGTERMException
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from ..errors import InputError
 from ..renderers._nerf_grid_torch import Rays, camera_rays
 from ..scenes.nerf_grid import NerfGrid
 from . import Report
-from ._checkpoint import StateFiles
+from ._checkpoint import ANEW, StateFiles
 from ._rays import colors, distance_to_cells
 from ._views import Views, psnr
 
 if TYPE_CHECKING:
     from .nerf_grid import NerfGridFit
 
+OWN = ("training_step", "validation_step", "on_train_batch_end")  # what fails in these is no fault of a checkpoint
 STILL = 1e-6  # slope of the loss below which Adam makes no full step: noise would fill empty space with fog
 
 
@@ -163,7 +166,7 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, fl
             enable_progress_bar=False,
             enable_model_summary=False,
         )
-        with _signals():
+        with _signals(), _going_on(checkpoint):
             trainer.fit(module, ckpt_path=str(checkpoint) if checkpoint.is_file() else None)
     return int(trainer.global_step), clock.seconds
 
@@ -196,3 +199,17 @@ def _signals() -> Iterator[None]:
         raise KeyboardInterrupt from None
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def _going_on(checkpoint: Path) -> Iterator[None]:
+    """What Lightning or Adam raises of a part of ``checkpoint`` that only they know, told in one line with the file."""
+    resumed = checkpoint.is_file()
+    try:
+        yield
+    except (TypeError, ValueError, LookupError, AttributeError, RuntimeError) as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        if not resumed or any(frame.filename == __file__ and frame.name in OWN for frame in frames):
+            raise
+        reason = f"cannot be gone on from: {type(error).__name__}: {' '.join(str(error).split())}"
+        raise InputError(checkpoint, "", reason, ANEW) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 import torch
 
@@ -31,6 +33,15 @@ def interrupted(views, tmp_path_factory):
     return folder
 
 
+def write_with(path, keys, value):
+    """Write another ``value`` into a checkpoint."""
+    state = within = read_state(path)
+    for key in keys[:-1]:
+        within = within[key]
+    within[keys[-1]] = value
+    write_state(path, state)
+
+
 @pytest.mark.parametrize(
     ("keys", "value", "line"),
     [
@@ -52,17 +63,48 @@ def interrupted(views, tmp_path_factory):
 def test_a_part_that_does_not_fit_is_told_in_one_line(views, interrupted, keys, value, line):
     path = interrupted / "level_0.safetensors"
     whole = path.read_bytes()
-    state = within = read_state(path)
-    for key in keys[:-1]:
-        within = within[key]
-    within[keys[-1]] = value
-    write_state(path, state)
+    write_with(path, keys, value)
     try:
         with pytest.raises(InputError) as caught:
             OPTIONS.fit(views, interrupted, lambda *step: None)
         assert str(caught.value) == f"{path}: {line} (delete the file, and its level begins anew)"
     finally:
         path.write_bytes(whole)
+
+
+LOOPS, ADAM = ("loops", "fit_loop"), ("optimizer_states", 0, "param_groups", 0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "kind"),
+    [
+        (("pytorch-lightning_version",), "new", "InvalidVersion"),
+        ((*LOOPS, "epoch_loop.scheduler_progress"), {}, "KeyError: 'total'"),
+        ((*LOOPS, "epoch_loop.batch_progress", "total", "completed"), None, "TypeError"),
+        (("callbacks", "EarlyStopping{'monitor': 'psnr', 'mode': 'max'}", "wait_count"), "x", "TypeError"),
+        (("callbacks", "EarlyStopping{'monitor': 'psnr', 'mode': 'max'}", "best_score"), None, "AttributeError"),
+        (("callbacks", "Clock"), {"hours": 1}, "KeyError: 'seconds'"),
+        ((*ADAM, "betas"), [1], "ValueError"),
+        ((*ADAM, "differentiable"), 1, "RuntimeError"),
+    ],
+)
+def test_a_part_that_only_lightning_knows_is_told_in_one_line(views, interrupted, tmp_path, keys, value, kind):
+    folder = shutil.copytree(interrupted, tmp_path / "fit")
+    path = folder / "level_0.safetensors"
+    write_with(path, keys, value)
+    with pytest.raises(InputError) as caught:
+        OPTIONS.fit(views, folder, lambda *step: None)
+    assert str(caught.value).startswith(f"{path}: cannot be gone on from: {kind}")
+    assert str(caught.value).endswith("(delete the file, and its level begins anew)")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_fails_in_a_step_is_no_fault_of_a_checkpoint(views, interrupted, tmp_path):
+    def report(step: str, done: int, total: int) -> None:
+        raise ValueError("of whom is told")
+
+    with pytest.raises(ValueError, match="of whom is told"):
+        OPTIONS.fit(views, shutil.copytree(interrupted, tmp_path / "fit"), report)
 
 
 def test_a_list_is_no_checkpoint(views, interrupted):
