@@ -55,7 +55,7 @@ def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tens
         raise ValueError(f"flow and confidence must share a grid, got {tuple(flow.shape)} and {tuple(weight.shape)}")
     sums = torch.from_numpy(flow_sums(plain(flow), plain(weight), plain(layers))).to(flow.device)
     count = sums[..., :1]
-    mean = sums / count.clamp_min(1)
+    mean = sums / count.where(count > 0, 1)
     moments = mean[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].unflatten(-1, (3, 3))
     ridge = torch.diag(torch.tensor([0, RIDGE, RIDGE], dtype=sums.dtype, device=sums.device))
     empty = count[..., None] == 0  # (B, K, 1, 1)

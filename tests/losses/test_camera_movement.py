@@ -189,6 +189,15 @@ def test_confidence_weighs_like_repeated_pixels() -> None:
     assert float(fit.area) == pytest.approx(float(times.float().mean() / 3))
 
 
+def test_a_layer_of_little_confidence_has_the_field_and_moments_of_one_of_much() -> None:
+    flow = torch.randn(1, 2, 6, 8, generator=torch.Generator().manual_seed(3))
+    layers, trusted = torch.ones(1, 1, 6, 8, dtype=torch.bool), torch.ones(1, 6, 8)
+    much, little = (fit_affine_flow(flow, layers, 1.0, share * trusted) for share in (1.0, 2.0**-20))
+    torch.testing.assert_close(little.moments, much.moments)
+    torch.testing.assert_close(little.coefficients, much.coefficients)
+    assert float(little.area) == 2.0**-20
+
+
 def test_a_layer_that_no_confidence_is_left_in_has_no_field() -> None:
     frame = moving(PAN)
     fit = fit_affine_flow(frame.flow, frame.layers, 64, torch.full((1, 36, 64), NAN))
