@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
@@ -122,7 +122,7 @@ def follow(
             generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
             solved = solve(problem, starts, memory, schedule, generator)
         stage.spent.generations += solved.generations
-        memory = solved.memory
+        memory = replace(solved.memory, totals=memory.totals) if hidden[i] else solved.memory
         found.append(solved)
         camera = problem.cameras(solved.x[None])
         stage = stage.about(camera)

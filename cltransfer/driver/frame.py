@@ -35,7 +35,7 @@ class Memory:
         shape: of CMA-ES's covariance, (D, D).
         jacobian: of the residuals, (R, D).
         known: residuals, (R,) bool, that some frame so far had.
-        totals: of the frames so far.
+        totals: of the frames so far that show somebody; where nobody is seen nothing is compared, and a total is low.
         renewal: of the Jacobian, where it is carried from frame to frame.
         settled: residuals (R,) that the last frame ended at and could not lower; None where it could.
         rescue: of frames that are refined, by CMA-ES.
@@ -169,8 +169,8 @@ class _Refining:
 
     @property
     def usual(self) -> float:
-        """Total that the frames so far ended at."""
-        return float(np.median(self.memory.totals))
+        """Total that the frames so far ended at; 0 where there is none."""
+        return float(np.median(self.memory.totals or (0.0,)))
 
     def refined(
         self, x: Tensor, jacobian: Tensor | None = None, residuals: Tensor | None = None, steps: int | None = None

@@ -150,3 +150,20 @@ def test_before_anybody_is_seen_the_guide_leads_and_not_the_view_that_was_given(
     assert float((found.x[4:, :3] - true[4:, :3]).abs().max()) < 0.1
     assert float((found.x[4:, 4:6] - true[4:, 4:6]).abs().max()) < 0.05
     assert float(found.x[1:, 0].sub(found.x[:-1, 0]).abs().max()) < 0.2  # rad
+
+
+def test_a_first_frame_that_shows_nobody_makes_none_of_the_next_far_worse_than_usual(
+    late: Callable[..., tuple[Job, Features, Tensor]],
+) -> None:
+    job, reference, _ = late("truck", 6, 1)
+    subject = job.stage.scene.subject
+    assert subject is not None
+    home = any_view(subject, SIZE)
+    guide = closed_form(job.stage, job.search, reference, home, True, 4)
+    assert guide is not None
+    homes = job.search.cameras(guide[:1], home, subject)
+    frames = follow(job.stage, job.search, reference, homes, job.schedule, guide=guide).frames
+    totals = [frame.total for frame in frames]
+    assert totals[0] == 0 < totals[2] < totals[1]  # better than the only one before it that shows somebody
+    assert [frame.memory.renewal.wait for frame in frames] == [1] * 6  # no Jacobian was measured afresh in vain
+    assert frames[-1].memory.totals == tuple(totals[1:])
