@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Any
 
 import numpy as np
 import torch
@@ -17,7 +16,7 @@ from ..pipeline.objective import Objective
 from .frame import CARRIED, Memory, Schedule, Solved, carried, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local
-from .stage import Stage
+from .whole_clip import WholeClip
 
 GOOD = 0.3  # total of a frame that is about right
 DRIFT, DRIFT_FLOOR = 9.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
@@ -67,31 +66,27 @@ class Path:
 
 
 def follow(
-    stage: Stage,
-    search: Any,
-    reference: Features,
+    clip: WholeClip,
     homes: Camera,
     schedule: Schedule,
     progress: Callable[[int, Solved], None] = lambda frame, found: None,
     guide: Tensor | None = None,
 ) -> Path:
-    """Find a camera for every frame of ``reference``, in order.
+    """Find a camera for every frame of ``clip``, in order.
 
     Sequential because flow spans a frame and the one before (paper Sec. 9). A warm frame starts where a guide leads, or
     else the last frames or the reference's joints, and with what the last one learned of the landscape: neighbours have
     nearly the same. Each frame has its own random numbers, derived from the seed and its index.
 
     Args:
-        stage: renders and scores candidates.
-        search: vectors to cameras.
-        reference: N frames.
+        clip: N frames, and what renders and scores candidates.
         homes: initial views, the best first; the first frame starts from the best of them.
         schedule: engine, budgets and starts.
         progress: called after each frame.
         guide: a path (N, D) that every frame may start from too, None where there is none.
     """
-    home, subject = homes[0], stage.scene.subject
-    defined = stage.objective.defined(reference)
+    stage, search, reference, home, defined = clip.stage, clip.search, clip.reference, clip.home, clip.defined
+    subject = stage.scene.subject
     hidden = _hidden(stage.objective, defined)
     D = search.dimensions if schedule.free_lens else search.dimensions - 1
     at_home = search.vector(homes, home, subject)[:, :D]

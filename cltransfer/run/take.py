@@ -15,6 +15,7 @@ from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
 from ..driver.path_order import LeastPath, least_path, refined
+from ..driver.schedule import Schedule
 from ..driver.second_guide import second_guide
 from ..driver.stage import Stage
 from ..driver.starts import Starts
@@ -205,15 +206,15 @@ def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, start
     long as the path passes them by; where it does not, there is a path through either, and the better one is taken.
     """
     clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
-    among, schedule = stage.reduced(starts.homes[0], config.lod), job.schedule
+    among, schedule = replace(clip, stage=stage.reduced(clip.home, config.lod)), job.schedule
 
     def taken(found: Path) -> Take:
-        found = _followed_again(job, among, target, starts, report, found)
+        found = _followed_again(among, job.schedule, starts, report, found)
         return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
 
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
-        return taken(follow(among, job.search, target, starts.homes, schedule, report, starts.guide))
-    first = follow(among, job.search, target, starts.homes, schedule.lean, report, starts.guide)
+        return taken(follow(among, starts.homes, schedule, report, starts.guide))
+    first = follow(among, starts.homes, schedule.lean, report, starts.guide)
     if first.local is None:
         return taken(first)
     poor = first.local.total > schedule.lean_limit or first.drifts
@@ -221,7 +222,7 @@ def _searched(job: Job, config: RunConfig, stage: Stage, target: Features, start
         lean = taken(first)
         if not lean.leaps:
             return lean
-    second = follow(among, job.search, target, starts.homes, schedule, report, starts.guide)
+    second = follow(among, starts.homes, schedule, report, starts.guide)
     return taken(_better(first, second)) if poor else min(lean, taken(second), key=lambda take: take.total)
 
 
@@ -232,16 +233,15 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     return least_path(clip, found.x, local, job.noise, Effort(config.joint, config.joint_steps), guide)
 
 
-def _followed_again(job: Job, stage: Stage, target: Features, starts: Starts, report: Report, found: Path) -> Path:
+def _followed_again(clip: WholeClip, schedule: Schedule, starts: Starts, report: Report, found: Path) -> Path:
     """Once more at other distances, where part of ``found`` ended right and the rest would cost less at its own."""
-    if found.local is None or starts.guide is None or stage.scene.subject is None:
+    if found.local is None or starts.guide is None or clip.stage.scene.subject is None:
         return found
-    clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
     again = second_guide(clip, starts.guide, found.x, found.totals)
     if again is None or not again.gains(clip, found.x, clip.totals(found.local.residuals)):
         return found
     homes = concatenate([starts.homes, again.first_views(clip)])
-    return _better(found, follow(stage, job.search, target, homes, job.schedule.lean, report, again.x))
+    return _better(found, follow(clip, homes, schedule.lean, report, again.x))
 
 
 def _better(first: Path, second: Path) -> Path:

@@ -20,6 +20,7 @@ from cltransfer.driver.frame import Memory, Solved
 from cltransfer.driver.initial_view import any_view
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
+from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
@@ -90,7 +91,7 @@ def test_a_guide_from_behind_is_not_left_by_a_whole_turn() -> None:
     reference = read_path(stage, search.cameras(wanted, view, scene.subject))
     homes = search.cameras(guide[:1], view, scene.subject)
     schedule = make_schedule(config, search, objective, reference)
-    found = follow(stage, search, reference, homes, schedule, guide=guide[:, :6])
+    found = follow(WholeClip(stage, search, reference, homes[0]), homes, schedule, guide=guide[:, :6])
     assert float((found.x[:, 0] - wanted[:, 0]).abs().max()) < 0.05
 
 
@@ -146,7 +147,7 @@ def test_before_anybody_is_seen_the_guide_leads_and_not_the_view_that_was_given(
         eye = subject.anchor - 3 * subject.facing
         behind = Camera.look_at(eye[None], subject.anchor[None], subject.up, 0.7, SIZE)
         homes = concatenate([behind, homes])
-    found = follow(job.stage, job.search, reference, homes, job.schedule, guide=guide)
+    found = follow(WholeClip(job.stage, job.search, reference, homes[0]), homes, job.schedule, guide=guide)
     assert float((found.x[4:, :3] - true[4:, :3]).abs().max()) < 0.1
     assert float((found.x[4:, 4:6] - true[4:, 4:6]).abs().max()) < 0.05
     assert float(found.x[1:, 0].sub(found.x[:-1, 0]).abs().max()) < 0.2  # rad
@@ -162,7 +163,7 @@ def test_a_first_frame_that_shows_nobody_makes_none_of_the_next_far_worse_than_u
     guide = closed_form(job.stage, job.search, reference, home, True, 4)
     assert guide is not None
     homes = job.search.cameras(guide[:1], home, subject)
-    frames = follow(job.stage, job.search, reference, homes, job.schedule, guide=guide).frames
+    frames = follow(WholeClip(job.stage, job.search, reference, homes[0]), homes, job.schedule, guide=guide).frames
     totals = [frame.total for frame in frames]
     assert totals[0] == 0 < totals[2] < totals[1]  # better than the only one before it that shows somebody
     assert [frame.memory.renewal.wait for frame in frames] == [1] * 6  # no Jacobian was measured afresh in vain

@@ -209,8 +209,8 @@ def test_no_frame_is_taken_from_inside_a_wall_though_the_losses_like_it_there() 
     inside = replace(stage, scene=walled(scene, true[0]))
     assert not bool(guard.blocked(read_path(inside, home)).any())
     blocked = [
-        guard.blocked(read_path(inside, follow(replace(inside, guard=by), search, reference, home, schedule).camera))
-        for by in (None, guard)
+        guard.blocked(read_path(inside, follow(WholeClip(by, search, reference, home[0]), home, schedule).camera))
+        for by in (inside, replace(inside, guard=guard))
     ]
     assert bool(blocked[0].all())
     assert not bool(blocked[1].any())

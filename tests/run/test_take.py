@@ -280,8 +280,8 @@ def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weigh
     astray: tuple[Job, Stage, Starts],
 ) -> None:
     job, stage, starts = astray
-    found = follow(stage, job.search, job.wanted, starts.homes, job.schedule, quiet, starts.guide)
     clip = WholeClip(stage, job.search, job.wanted, starts.homes[0])
+    found = follow(clip, starts.homes, job.schedule, quiet, starts.guide)
     assert found.local is not None
     assert starts.guide is not None
     again = second_guide(clip, starts.guide, found.x, found.totals)
@@ -290,5 +290,5 @@ def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weigh
     torch.testing.assert_close(whole, clip.totals(clip.residuals(found.x)))
     assert not again.gains(clip, found.x, found.totals)  # half the weight, by which each frame was searched
     assert again.gains(clip, found.x, whole)
-    farther = _followed_again(job, stage, job.wanted, starts, quiet, found)
+    farther = _followed_again(clip, job.schedule, starts, quiet, found)
     assert float((farther.x - found.x)[NEARER, 3].min()) > 0.4
