@@ -13,6 +13,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..features import Features
 from ..pipeline.objective import Objective
+from ..reading.places import counted
 from .frame import CARRIED, Memory, Schedule, Solved, carried, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local
@@ -86,7 +87,7 @@ def follow(
         guide: a path (N, D) that every frame may start from too, None where there is none.
     """
     stage, search, reference, home, defined = clip.stage, clip.search, clip.reference, clip.home, clip.defined
-    subject = stage.scene.subject
+    subject, at = stage.scene.subject, counted(len(reference), clip.at)
     hidden = _hidden(stage.objective, defined)
     D = search.dimensions if schedule.free_lens else search.dimensions - 1
     at_home = search.vector(homes, home, subject)[:, :D]
@@ -103,12 +104,12 @@ def follow(
             starts = torch.cat([guide[i][None], at_home])
         elif schedule.warm and i > 0 and memory.placed(stage.objective, schedule):
             if guide is None or hidden[i]:
-                starts = predictions([solved.x for solved in found])
+                starts = predictions([solved.x for solved in found], at)
                 starts = torch.cat([starts, problem.aimed(starts[-1:])])
             else:
                 starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
                 if found[-1].total < GOOD:  # then its own motion may go on too, lest the guide leaps
-                    starts = torch.cat([starts, predictions([solved.x for solved in found])[-1:]])
+                    starts = torch.cat([starts, predictions([solved.x for solved in found], at)[-1:]])
         if hidden[i] and found and schedule.warm:
             if guide is not None:
                 starts = torch.cat([starts, (found[-1].x + guide[i] - guide[i - 1])[None]])

@@ -238,8 +238,10 @@ class _Refining:
         return Solved(found.x, found.total, generations, stop, memory)
 
 
-def predictions(xs: list[Tensor]) -> Tensor:
-    """The last frame, and the last motion continued, (1 or 2, D)."""
+def predictions(xs: list[Tensor], at: Tensor) -> Tensor:
+    """The last frame, and the last motion continued, (1 or 2, D), of a clip whose frames stand ``at`` (N,)."""
     if len(xs) < 2:
         return xs[-1][None]
-    return torch.stack([xs[-1], 2 * xs[-1] - xs[-2]])
+    before, last, now = at[len(xs) - 2 : len(xs) + 1].tolist()
+    on = (now - last) / (last - before)
+    return torch.stack([xs[-1], (1 + on) * xs[-1] - on * xs[-2]])

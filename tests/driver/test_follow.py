@@ -168,3 +168,18 @@ def test_a_first_frame_that_shows_nobody_makes_none_of_the_next_far_worse_than_u
     assert totals[0] == 0 < totals[2] < totals[1]  # better than the only one before it that shows somebody
     assert [frame.memory.renewal.wait for frame in frames] == [1] * 6  # no Jacobian was measured afresh in vain
     assert frames[-1].memory.totals == tuple(totals[1:])
+
+
+def test_a_steady_move_goes_on_as_fast_however_the_frames_of_its_clip_are_spaced() -> None:
+    scene, config, search = load_scene("builtin:plaza"), load_config(overrides=["preset=fast"]), SubjectOrbit()
+    parts, at = Components.build(config), torch.tensor([0, 1, 2, 6, 7, 11, 12, 16, 17], dtype=torch.float64)
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), SIZE)
+    home = any_view(scene.subject, SIZE)
+    true = search.vector(home, home, scene.subject).repeat(len(at), 1)
+    true[:, 0] += 0.05 * at  # round the person
+    reference = read_path(stage, search.cameras(true, home, scene.subject))
+    schedule = make_schedule(config, search, stage.objective, reference)
+    before = stage.spent.evaluations
+    found = follow(WholeClip(stage, search, reference, home, at), home, schedule)
+    assert stage.spent.evaluations - before < 42  # 50 where the last step is taken again whatever time passes
+    assert float((found.x - true).abs().max()) < 0.01
