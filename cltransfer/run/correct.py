@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..features import Features
 from ..orientation import wrap
+from ..reading.places import counted
 from ..reading.tracks import along, running_median
 from ..skeleton import VISIBLE
 
@@ -42,23 +43,25 @@ class Bias:
         return bool(self.joints.any() or self.angles.any())
 
 
-def measure_bias(network: Features, geometry: Features, window: float) -> Bias:
+def measure_bias(network: Features, geometry: Features, window: float, at: Tensor | None = None) -> Bias:
     """The bias of ``network`` against ``geometry``, two readings of the same N frames.
 
     Args:
         network: read by image extractors.
         geometry: read by scene extractors.
         window: standard deviation of the smoothing along the clip [frames]; 0 takes every frame's own difference.
+        at: places of the frames, see :func:`cltransfer.reading.places.places`; None are evenly spaced.
     """
+    at = counted(len(geometry), at)
     joints = torch.zeros(len(geometry), 28, dtype=torch.float64)
     if network.has("keypoints") and geometry.has("keypoints"):
         off = _joints(network) - _joints(geometry)
         sure = (network.require("keypoints")[..., 2] > VISIBLE) & (off.norm(dim=-1) < FARTHEST)
-        joints = _smooth(off.flatten(1), sure.repeat_interleave(2, dim=1), window)
+        joints = _smooth(off.flatten(1), sure.repeat_interleave(2, dim=1), window, at)
     angles = torch.zeros(len(geometry), 3, dtype=torch.float64)
     if network.has("orientation") and geometry.has("orientation"):
         turn = wrap(network.require("orientation").double() - geometry.require("orientation").double())
-        angles = _smooth(turn, turn.abs() < WIDEST, window)
+        angles = _smooth(turn, turn.abs() < WIDEST, window, at)
     return Bias(joints.unflatten(1, (14, 2)), angles)
 
 
@@ -79,8 +82,8 @@ def _joints(features: Features) -> Tensor:
     return features.require("keypoints")[..., :2].double() / torch.tensor(features.size, dtype=torch.float64)
 
 
-def _smooth(off: Tensor, sure: Tensor, window: float) -> Tensor:
-    """Bias (N, D), 0 in columns with too few sure frames."""
+def _smooth(off: Tensor, sure: Tensor, window: float, at: Tensor) -> Tensor:
+    """Bias (N, D) of frames that stand ``at`` (N,), 0 in columns with too few sure frames."""
     known = torch.where(sure & torch.isfinite(off), off, math.nan)
     if window == 0:
         return torch.nan_to_num(known)
@@ -92,12 +95,12 @@ def _smooth(off: Tensor, sure: Tensor, window: float) -> Tensor:
         values = running_median(known[index, d : d + 1])
         placed = torch.full((len(off), 1), math.nan, dtype=off.dtype)
         placed[index] = values
-        bias[:, d] = _filled(along(placed, window)[:, 0])
+        bias[:, d] = _filled(along(placed, window, at)[:, 0], at)
     return bias
 
 
-def _filled(line: Tensor) -> Tensor:
-    """A line (N,) with NaN replaced by the nearest known value."""
+def _filled(line: Tensor, at: Tensor) -> Tensor:
+    """A line (N,) ``at`` (N,) with NaN replaced by the nearest known value."""
     index = torch.isfinite(line).nonzero()[:, 0]
-    nearest = (torch.arange(len(line))[:, None] - index[None]).abs().argmin(1)
+    nearest = (at[:, None] - at[index][None]).abs().argmin(1)
     return line[index[nearest]]

@@ -89,7 +89,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         clock.lap("reading back")
         if last or seen is None:
             break
-        bias = measure_bias(shown.features, seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0)
+        window = BIAS_WINDOW if config.extract.bias == "robust" else 0.0
+        bias = measure_bias(shown.features, seen, window, job.starting.at)
         if bool(nobody(shown.features).all()):
             return made, UNSEEN
         if not bias.known:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from cltransfer.features import Features
+from cltransfer.reading.places import places
 from cltransfer.run.correct import corrected, measure_bias
 
 N = 24
@@ -94,3 +95,14 @@ def test_frames_without_a_person_take_the_bias_of_their_neighbours(lost: int) ->
     read[lost] = math.nan
     bias = measure_bias(clip((480, 908), read, angles), clip((85, 160), joints, angles), 4.0)
     torch.testing.assert_close(bias.joints[lost], torch.full((14, 2), 0.02, dtype=torch.float64))
+
+
+def test_a_bias_that_changes_steadily_is_found_however_the_frames_are_spaced() -> None:
+    joints, angles = scene()
+    times = torch.arange(N, dtype=torch.float64) / 24 + (torch.arange(N) >= 10) * 0.125  # three frames were left out
+    off = 0.02 + 0.02 * times[:, None, None]
+    unsure = torch.arange(N) == 10  # right after those
+    network = clip((480, 908), torch.where(unsure[:, None, None], joints + 0.5, joints + off), angles + 0.2)
+    bias = measure_bias(network, clip((85, 160), joints, angles), 4.0, places(times))
+    there = bias.joints - torch.where(unsure[:, None, None], off[11], off)  # the nearest in time, not the one before
+    assert float(there.abs().max()) < 1e-9
