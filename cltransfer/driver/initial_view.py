@@ -58,6 +58,13 @@ def given_view(source: str) -> Camera:
     return camera
 
 
+def tell_turned_away(source: str, view: Camera, subject: Subject) -> None:
+    """Tell where the view of ``source`` has the person behind it: a search about the person has no such view."""
+    if float(view.project(subject.anchor[None])[1]) <= 0:
+        hint = "the search begins there too, but turned to the person"
+        _log.warning("--init %s: expected a view towards the person, who is behind this camera; %s", source, hint)
+
+
 def _first_camera(path: Path) -> Camera:
     try:
         return Trajectory.load(path).camera[0]

@@ -18,7 +18,7 @@ from ..camera import fitted_size, resized
 from ..computer.threads import default_count, set_threads, thread_count
 from ..config.options import RunConfig
 from ..driver.guard import READ, Guard
-from ..driver.initial_view import any_view, given_view
+from ..driver.initial_view import any_view, given_view, tell_turned_away
 from ..driver.journal import VIEW, Journal, fingerprint
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
@@ -195,6 +195,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     home = any_view(scene.subject, output) if given is None and scene.subject is not None else given
     if home is not None:
         check_search(search, home, scene.subject)
+    if given is not None and search.needs_subject and scene.subject is not None:
+        tell_turned_away(inputs.init, given, scene.subject)
     starting = Starting(search, schedule, config.guide, given, output, read, at)
     starts = starting.starts(replace(stage, scene=solid), wanted)
     clock.lap("initial view")

@@ -159,7 +159,10 @@ class SubjectOrbit:
         return x + whole
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:
-        """x (B, 7), azimuth in (-pi, pi]; exact for cameras that have the subject in front of them."""
+        """x (B, 7), azimuth in (-pi, pi]; exact for cameras that have the subject in front of them.
+
+        One that has it behind is turned to it where it stands, and keeps which way is up in its frame.
+        """
         subject = _required(subject)
         offset = camera.center - subject.anchor
         distance = offset.norm(dim=1)
@@ -168,12 +171,16 @@ class SubjectOrbit:
         elevation = torch.asin((outward @ subject.up).clamp(-1, 1))
         heights = distance / subject.height
         focal = camera.focal / camera.size[1]
-        seen = camera.project(subject.anchor[None])[0][:, 0]
+        seen, depth = (told[:, 0] for told in camera.project(subject.anchor[None]))
+        behind = depth <= 0
         screen = seen / torch.tensor(camera.size, dtype=torch.float64) - 0.5
+        screen = torch.where(behind[:, None], 0.0, screen)
         aspect = camera.size[0] / camera.size[1]
         place = _place(screen[:, 0], screen[:, 1], focal, aspect)
         turn = place.transpose(1, 2) @ camera.w2c[:, :3, :3] @ _aimed(outward, subject.up).transpose(1, 2)
         roll = torch.atan2(turn[:, 1, 0], turn[:, 0, 0])
+        upwards = camera.w2c[:, :3, :3] @ subject.up
+        roll = torch.where(behind, torch.atan2(upwards[:, 0], -upwards[:, 1]), roll)
         lens = torch.log(focal / heights)
         return torch.stack([azimuth, elevation, roll, heights.log(), *screen.unbind(1), lens], dim=1) / SCALE
 

@@ -18,7 +18,10 @@ from cltransfer.errors import InputError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
+from cltransfer.progress import silent
+from cltransfer.run.preparation import Clock, Inputs, prepare
 from cltransfer.scenes.builtin import named_scene
+from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.testing.samples import sample_cameras, sample_features
 from cltransfer.trajectory import Trajectory
@@ -70,6 +73,26 @@ def test_a_principal_point_that_no_search_keeps_is_told(
     assert caplog.messages == [f"--init {path}: principal point: {where}; the search begins as if it were there"] * int(
         told
     )
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(60, False), (120, True)])
+def test_a_view_that_looks_away_from_the_person_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, degrees: float, told: bool
+) -> None:
+    subject, path = load_scene("builtin:plaza").subject, tmp_path / "view.json"
+    assert subject is not None
+    eye, turn = subject.anchor + 3 * subject.facing, math.radians(degrees)
+    ahead = eye - math.cos(turn) * subject.facing + math.sin(turn) * subject.left
+    view = Camera.look_at(eye[None], ahead[None], subject.up, 0.7, (96, 54))
+    Trajectory(view, torch.zeros(1, dtype=torch.float64)).save(path)
+    config = load_config(overrides=["preset=fast", "frames=2", "search_side=48", "output_side=48"])
+    with caplog.at_level(logging.WARNING, "cltransfer"):
+        prepare(Inputs("builtin:plaza", "builtin:static", str(path)), config, Clock(), silent, None)
+    line = (
+        f"--init {path}: expected a view towards the person, who is behind this camera;"
+        " the search begins there too, but turned to the person"
+    )
+    assert caplog.messages == [line] * int(told)
 
 
 def test_the_frame_to_stand_by_is_one_that_shows_the_person() -> None:

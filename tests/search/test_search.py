@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 
 from cltransfer.camera import Camera
 from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.registry import SEARCHES
 from cltransfer.search import check_search
-from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
 from cltransfer.subject import Subject
 from cltransfer.testing.samples import sample_subject
 
@@ -94,6 +95,25 @@ def test_home_is_a_point_of_the_search(name: str) -> None:
     again = search.cameras(search.vector(at, at, subject), at, subject)
     torch.testing.assert_close(again.w2c, at.w2c, atol=1e-9, rtol=0)
     torch.testing.assert_close(again.K, at.K, atol=1e-7, rtol=0)
+
+
+@pytest.mark.parametrize("degrees", [91, 120, 180])
+def test_a_camera_that_has_the_person_behind_it_is_turned_to_them_and_not_on_its_head(degrees: float) -> None:
+    subject, away = person(), home(person())
+    turn, roll = torch.zeros(2, 1, 3, dtype=torch.float64).unbind(0)
+    turn[:, 1], roll[:, 2] = math.radians(degrees), 0.3
+    w2c = away.w2c.clone()
+    w2c[:, :3] = axis_angle_to_rotation_matrix(roll) @ axis_angle_to_rotation_matrix(turn) @ w2c[:, :3]
+    camera = Camera(w2c, away.K, away.size)
+    assert float(camera.project(subject.anchor[None])[1]) < 0
+    x = SubjectOrbit().vector(camera, away, subject)
+    again = SubjectOrbit().cameras(x, away, subject)
+    torch.testing.assert_close(again.center, camera.center)
+    torch.testing.assert_close(again.K, camera.K)
+    seen, depth = again.project(subject.anchor[None])
+    torch.testing.assert_close(seen[0, 0], torch.tensor(SIZE, dtype=torch.float64) / 2)
+    assert float(depth) > 0
+    assert float((x * SCALE)[0, 2]) == pytest.approx(0.3, abs=0.1)  # it leans as the camera that was given does
 
 
 @pytest.mark.parametrize("name", SEARCHES.names())
