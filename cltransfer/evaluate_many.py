@@ -37,6 +37,7 @@ class ClipScore:
         reason: why there is nothing, where nothing could be scored.
         notes: what a reader should know of it.
         lacking: why a term has no value, by term.
+        seconds: of the reference, from the first of the frames to the last.
     """
 
     method: str
@@ -47,6 +48,7 @@ class ClipScore:
     reason: str = ""
     notes: tuple[str, ...] = ()
     lacking: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class Interval:
         clips: that have a value, ``of`` how many.
         defined: frames of these clips that have a value.
         most: the same where each clip counts those of the method that has most of it.
+        seconds, most_seconds: the same of the time that the frames of all clips are spread over.
         reason: why something is None, or clips are missing.
     """
 
@@ -68,6 +71,8 @@ class Interval:
     of: int
     defined: int = 0
     most: int = 0
+    seconds: float = 0.0
+    most_seconds: float = 0.0
     reason: str = ""
 
 
@@ -132,7 +137,8 @@ def _scored(method: str, name: str, reference: Path, render: Path | None, config
     found = rows_of(report)
     means, defined = {row.name: row.mean for row in found}, {row.name: row.defined for row in found}
     lacking = {row.name: row.reason for row in found if row.reason}
-    return ClipScore(method, name, means, defined, len(report.times), notes=report.notes, lacking=lacking)
+    seconds = round(float(report.times[-1] - report.times[0]), 3)
+    return ClipScore(method, name, means, defined, len(report.times), "", report.notes, lacking, seconds)
 
 
 def notes_of(rows: list[ClipScore]) -> list[str]:
@@ -167,7 +173,10 @@ def _some(names: list[str]) -> str:
 
 
 def interval(
-    values: list[float | None], seed: int = 0, frames: tuple[int, int] = (0, 0), reasons: Iterable[str] = ()
+    values: list[float | None],
+    seed: int = 0,
+    scored: tuple[int, int, float, float] = (0, 0, 0.0, 0.0),
+    reasons: Iterable[str] = (),
 ) -> Interval:
     """Mean of the clips' values and its interval by :func:`bootstrap_t`, of :data:`FEWEST` clips or more.
 
@@ -176,7 +185,7 @@ def interval(
     Args:
         values: of the clips.
         seed: of the bootstrap.
-        frames: that have a value, and at most, see :class:`Interval`.
+        scored: frames that have a value, and at most, and seconds; see :class:`Interval`.
         reasons: why clips have none.
     """
     known = np.array([value for value in values if value is not None])
@@ -184,14 +193,14 @@ def interval(
     clips = "1 clip has" if lacking == 1 else f"{lacking} clips have"
     said = [f"{clips} no value", *dict.fromkeys(filter(None, reasons))] if lacking else []
     if len(known) == 0:
-        return Interval(None, None, None, 0, len(values), *frames, "; ".join(said))
+        return Interval(None, None, None, 0, len(values), *scored, "; ".join(said))
     low, high = bootstrap_t(known, seed) if len(known) >= FEWEST else (math.nan, math.nan)
     if len(known) < FEWEST:
         said.insert(0, f"too few clips for an interval: {len(known)}, expected {FEWEST} or more")
     elif math.isnan(low):
         said.insert(0, "too many clips have one value for an interval")
     bounds = [None if math.isnan(end) else end for end in (low, high)]
-    return Interval(float(known.mean()), bounds[0], bounds[1], len(known), len(values), *frames, "; ".join(said))
+    return Interval(float(known.mean()), bounds[0], bounds[1], len(known), len(values), *scored, "; ".join(said))
 
 
 def bootstrap_t(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
@@ -224,13 +233,21 @@ def summarise(rows: list[ClipScore], seed: int = 0) -> dict[str, dict[str, Inter
     terms = list(dict.fromkeys(name for row in rows for name in row.means))
     by_method: dict[str, list[ClipScore]] = {}
     most: Counter[tuple[str, str]] = Counter()  # of clip and term
+    longest: dict[str, float] = {}  # of clips [s]
     for row in rows:
+        longest[row.clip] = max(longest.get(row.clip, 0.0), row.seconds)
         by_method.setdefault(row.method, []).append(row)
         for term, defined in row.defined.items():
             most[row.clip, term] = max(most[row.clip, term], defined)
-    return {m: {term: _over_clips(found, term, seed, most) for term in terms} for m, found in by_method.items()}
+    return {
+        m: {term: _over_clips(found, term, seed, most, longest) for term in terms} for m, found in by_method.items()
+    }
 
 
-def _over_clips(rows: list[ClipScore], term: str, seed: int, most: Counter[tuple[str, str]]) -> Interval:
+def _over_clips(
+    rows: list[ClipScore], term: str, seed: int, most: Counter[tuple[str, str]], longest: Mapping[str, float]
+) -> Interval:
     frames = sum(row.defined.get(term, 0) for row in rows), sum(most[row.clip, term] for row in rows)
-    return interval([row.means.get(term) for row in rows], seed, frames, [row.lacking.get(term, "") for row in rows])
+    seconds = sum(row.seconds for row in rows), sum(longest[row.clip] for row in rows)
+    values, reasons = [row.means.get(term) for row in rows], [row.lacking.get(term, "") for row in rows]
+    return interval(values, seed, (*frames, *seconds), reasons)

@@ -12,6 +12,8 @@ from .report.metrics import number
 from .report.tables import Table, to_latex, to_markdown
 from .storage.files import csv_text, write_json, write_text
 
+ALIKE = 0.01  # by which the time may differ that as many frames are spread over: the nearest to even ones are taken
+
 Summary = Mapping[str, Mapping[str, Interval]]
 
 
@@ -55,16 +57,17 @@ def clips_csv(rows: Sequence[ClipScore]) -> str:
 
 def methods_csv(summary: Summary) -> str:
     """One row a method and term: mean, interval, clips; undefined is an empty cell."""
-    head = ["method", "term", "mean", "low", "high", "clips", "of", "frames", "most_frames", "reason"]
+    head = ["method", "term", "mean", "low", "high", "clips", "of", "frames", "most_frames"]
+    head += ["seconds", "most_seconds", "reason"]
     return csv_text(
         [head, *([m, t, *asdict(found).values()] for m, terms in summary.items() for t, found in terms.items())]
     )
 
 
 def methods_markdown(summary: Summary) -> str:
-    """A row a method, a column a term: mean [low, high]; the best is bold where all have every clip and as many frames.
+    """A row a method, a column a term: mean [low, high]; the best is bold where all have every clip and the same of it.
 
-    Clips that have a value are counted where not all have one, frames where another method has more.
+    Clips that have a value are counted where not all have one, frames and seconds where another method has more.
     """
     return "\n".join(to_markdown(_table(summary)))
 
@@ -88,7 +91,7 @@ def _terms(summary: Summary) -> list[str]:
 def _best(summary: Summary) -> set[tuple[str, str]]:
     """Method and term of the lowest mean, unless two share it, a method lacks a clip or has fewer frames of one.
 
-    Movement is measured from frame to frame, so that who has fewer of them moves more.
+    Movement is measured from frame to frame, so that who has fewer of them moves more, and less in a shorter time.
     """
     best = set()
     for term in _terms(summary):
@@ -96,7 +99,7 @@ def _best(summary: Summary) -> set[tuple[str, str]]:
         means = {method: value.mean for method, value in found.items() if value.mean is not None}
         if len(found) > 1 and means and all(value.clips == value.of for value in found.values()):
             lowest = [method for method, mean in means.items() if mean == min(means.values())]
-            if len(lowest) == 1 and all(value.defined == value.most for value in found.values()):
+            if len(lowest) == 1 and all(value.defined == value.most and _as_long(value) for value in found.values()):
                 best.add((lowest[0], term))
     return best
 
@@ -107,4 +110,11 @@ def _cell(found: Interval) -> str:
         text += f" [{number(found.low)}, {number(found.high)}]"
     if found.clips < found.of:
         return f"{text} ({found.clips}/{found.of})"
-    return text if found.defined == found.most else f"{text} ({found.defined}/{found.most} frames)"
+    if found.defined < found.most:
+        return f"{text} ({found.defined}/{found.most} frames)"
+    return text if _as_long(found) else f"{text} ({found.seconds:.2f}/{found.most_seconds:.2f} s)"
+
+
+def _as_long(found: Interval) -> bool:
+    """Whether no other method's frames are spread over more of the clips, to :data:`ALIKE`."""
+    return found.seconds >= (1 - ALIKE) * found.most_seconds

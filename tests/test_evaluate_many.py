@@ -118,7 +118,7 @@ def test_a_few_frames_that_survived_are_never_the_best() -> None:
     table = methods_markdown(summarise([few, *ROWS[1:]]))
     assert "**" not in table
     assert "(5/8 frames)" in table
-    assert methods_csv(summarise([few, *ROWS[1:]])).splitlines()[0].endswith("clips,of,frames,most_frames,reason")
+    assert methods_csv(summarise([few, *ROWS[1:]])).splitlines()[0].endswith("most_frames,seconds,most_seconds,reason")
 
 
 def test_nobody_is_the_best_whose_movement_is_measured_over_shorter_steps() -> None:
@@ -126,6 +126,27 @@ def test_nobody_is_the_best_whose_movement_is_measured_over_shorter_steps() -> N
     table = methods_markdown(summarise(sparse))
     assert "**" not in table
     assert "(4/8 frames)" in table
+
+
+@pytest.mark.parametrize(("seconds", "bold"), [(4.0, True), (3.97, True), (2.0, False)])
+def test_nobody_is_the_best_whose_as_many_frames_are_closer_together(seconds: float, bold: bool) -> None:
+    rows = [replace(row, seconds=seconds if row.method == "ours" else 4.0) for row in ROWS]
+    table = methods_markdown(summarise(rows))
+    assert ("**0.200" in table) == bold
+    assert ("(4.00/8.00 s)" in table) == (not bold)
+
+
+def test_of_clips_that_end_early_as_many_frames_are_closer_together(mean_flow: tuple[str, ...], tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    ends = {
+        "whole": folder_of(tmp_path / "whole", a=wall(1, 3)),
+        "half": folder_of(tmp_path / "half", a=wall(1, 3)[:3]),
+    }
+    rows = evaluate_many(references, ends, load_config(overrides=[*mean_flow, "frames=3"]))
+    assert [row.frames for row in rows] == [3, 3]
+    table = methods_markdown(summarise(rows))
+    assert "**" not in table
+    assert "(0.25/0.38 s)" in table
 
 
 def test_frames_that_are_missing_of_one_clip_are_not_made_up_for_by_another() -> None:
