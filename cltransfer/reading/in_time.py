@@ -12,7 +12,9 @@ from torch import Tensor
 from ..features import Features
 from ..pipeline.plan import Plan, Step
 
-ROUNDED = 0.0011  # [s]: videos keep milliseconds, and a step has two of them
+ROUNDED = 0.0011  # [s]: some videos keep milliseconds, and a step has two of them
+WHOLE = 1e-5  # [s] from a whole millisecond
+SHARE = 0.03  # of a step, by which others may differ: 29.97 frames a second are 30, and 24 are not 25
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ def in_time(plan: Plan, original: Tensor, shown: Tensor) -> Plan:
     """
     if not in_other_steps(original, shown) or not any("flow" in step.extractor.provides for step in plan.steps):
         return plan
-    other = (original - shown).abs() > ROUNDED
+    other = _other(original, shown)
     share = torch.cat([torch.ones(1, dtype=original.dtype), torch.where(other, original / shown, 1.0)])
     after = _after(plan, {"flow"})
     before = [step for step in plan.steps if step not in after]
@@ -53,7 +55,26 @@ def in_time(plan: Plan, original: Tensor, shown: Tensor) -> Plan:
 
 def in_other_steps(original: Tensor, shown: Tensor) -> bool:
     """Whether any of the steps [s], (N - 1,) each, takes another time than its counterpart."""
-    return bool(((original - shown).abs() > ROUNDED).any())
+    return bool(_other(original, shown).any())
+
+
+def _other(original: Tensor, shown: Tensor) -> Tensor:
+    """Which of the steps [s], (N - 1,) each, take another time than their counterpart, (N - 1,) bool."""
+    rounded = _rounded(original) or _rounded(shown)
+    return (original - shown).abs() > (ROUNDED if rounded else (SHARE * original).clamp(max=ROUNDED))
+
+
+def _rounded(steps: Tensor) -> bool:
+    """Whether ``steps`` (N - 1,) [s] are of a clip that keeps milliseconds and plays at a rate that needs more.
+
+    >>> _rounded(torch.tensor([0.004, 0.004, 0.005])), _rounded(torch.tensor([0.005, 0.005, 0.010]))
+    (True, False)
+    """
+    if not len(steps):
+        return False
+    counted = steps / steps.min()
+    kept = (steps - steps.round(decimals=3)).abs() < WHOLE
+    return bool(kept.all() and ((counted - counted.round()).abs() * steps.min() > WHOLE).any())
 
 
 def own_steps(plan: Plan, losses: Mapping[str, Any]) -> list[str]:

@@ -12,12 +12,13 @@ import torch
 from torch import Tensor
 
 from cltransfer.clips.clip import write_video
+from cltransfer.clips.pairs import pairs
 from cltransfer.config import load_config
 from cltransfer.evaluate import OWN_STEPS, evaluate
 from cltransfer.features import Features
 from cltransfer.pipeline.graph import run_clip
 from cltransfer.pipeline.plan import CLIP_SOURCE, Plan, make_plan
-from cltransfer.reading.in_time import in_other_steps, in_time, own_steps
+from cltransfer.reading.in_time import InTime, in_other_steps, in_time, own_steps
 from cltransfer.registry import EXTRACTORS, LOSSES
 
 EQUAL, SLOWER = torch.full((2,), 0.04), torch.tensor([0.04, 0.08])
@@ -110,6 +111,34 @@ def test_what_is_read_from_flow_is_read_from_that_of_the_reference_s_steps() -> 
     assert found.require("speed").tolist() == [1.0, 1.0, 0.5]
     assert in_time(plan("brighter"), EQUAL, SLOWER) == plan("brighter")
     assert in_time(plan("speed"), EQUAL, EQUAL + 0.001) == plan("speed")  # by which times are rounded
+
+
+def rate(frames: float, tick: float | None = None) -> Tensor:
+    """Times of half a second of a clip of so many frames a second, kept in ticks [s]."""
+    times = torch.arange(round(frames / 2), dtype=torch.float64) / frames
+    return times if tick is None else (times / tick).round() * tick
+
+
+@pytest.mark.parametrize(
+    ("original", "shown", "other"),
+    [
+        (rate(240), rate(200), True),  # steps of 4.2 ms and 5 ms
+        (rate(165), rate(144, 1 / 90000), True),
+        (rate(240), rate(240, 1 / 90000), False),
+        (rate(240), rate(240, 0.001), False),  # 4 and 5 ms for 4.2
+        (rate(240, 0.001), rate(240, 1 / 90000), False),
+        (rate(30), rate(29.97, 1 / 90000), False),
+    ],
+)
+def test_steps_of_high_rates_are_told_apart_as_far_as_their_times_tell(
+    original: Tensor, shown: Tensor, other: bool
+) -> None:
+    first, second = pairs(original, shown)
+    steps = original[first].diff(), shown[second].diff()
+    assert in_other_steps(*steps) == other
+    share = in_time(plan("speed"), *steps).steps[-2].extractor
+    taken = share.share[1:] if isinstance(share, InTime) else torch.ones(len(steps[0]))
+    torch.testing.assert_close(taken, steps[0] / steps[1] if other else torch.ones_like(taken))
 
 
 def test_what_compares_two_frames_and_is_no_flow_is_in_nobody_s_time() -> None:
