@@ -145,9 +145,9 @@ def _distances(
     at: Tensor,
 ) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
-    frames = np.unique(np.linspace(0, len(reference) - 1, samples).round().astype(int))
-    if samples == 1:  # one that tells
-        frames = aimed_at(reference, stage.scene.subject).nonzero()[:1, 0].numpy()
+    frames, told = _spread(len(reference), samples), aimed_at(reference, stage.scene.subject).numpy()
+    if samples == 1 or not told[frames].any():  # among those that tell
+        frames = np.flatnonzero(told)[_spread(int(told.sum()), samples)]
     logs, seen = DISTANCES.log(), False
 
     def look_up(k: int, tried: NDArray) -> NDArray:
@@ -164,6 +164,11 @@ def _distances(
         return between / SCALE[3]
     apart = (len(reference) - 1) / (len(frames) - 1)
     return along(between[:, None], min(BETWEEN * apart, LONGEST), at)[:, 0] / SCALE[3]
+
+
+def _spread(frames: int, samples: int) -> NDArray:
+    """The first of N frames and the last, and others evenly between, as many as there are ``samples``."""
+    return np.unique(np.linspace(0, frames - 1, samples).round().astype(int))
 
 
 def _looked_up(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:

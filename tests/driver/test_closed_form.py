@@ -126,6 +126,17 @@ def test_a_single_frame_is_one_that_shows_somebody(prepared: Any) -> None:
     torch.testing.assert_close(guide, job.starts.guide, rtol=0, atol=1e-9)
 
 
+def test_distances_are_looked_up_where_somebody_is_seen_though_it_is_in_between(prepared: Any) -> None:
+    job, _ = prepared("push_in")
+    gone = {name: job.wanted.require(name).clone() for name in ("keypoints", "subject", "layers")}
+    hidden = [0, 2, 4, 5, 7]  # of the whole clip these would be looked up
+    gone["keypoints"][hidden], gone["subject"][hidden], gone["layers"][hidden] = torch.nan, False, False
+    guide, whole = found(job, **gone), found(job)
+    assert guide is not None
+    step = float(DISTANCES[1] / DISTANCES[0]) - 1
+    assert float((guide - whole)[[1, 3, 6], 3].abs().max()) < 2.5 * step
+
+
 @pytest.mark.parametrize("name", ["push_in", "orbit", "dolly_zoom"])
 def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
     prepared: Any, name: str, monkeypatch: pytest.MonkeyPatch
