@@ -7,6 +7,7 @@ from torch import Tensor
 
 BLACK = 24  # of 255: a pixel no brighter on any frame may belong to a bar
 FULL = 0.5  # part of the picture's first row or column that must be brighter: bars end at once
+WHOLE = 0.9  # the same of a picture that takes less than half of either side, as things before black do too
 EVEN = 0.25  # by which the two bars may differ, of the wider one, and two pixels
 RING = 0.02  # of the frame: compression lights some pixels of a bar, so far from the picture, at least two rows
 LEAST = 0.02  # of the frame that two bars take
@@ -26,14 +27,25 @@ def find_letterbox(image: Tensor) -> tuple[int, int, int, int]:
     left, right = _bars(bright[top:bottom].T)
     if (top, bottom) == (0, len(bright)):  # rows of a narrow picture are not half lit before its bars beside are gone
         top, bottom = _bars(bright[:, left:right])
+    if (left, top, right, bottom) == (0, 0, *bright.T.shape):
+        return _small_picture(bright)
     return left, top, right, bottom
 
 
-def _bars(bright: Tensor) -> tuple[int, int]:
-    """First and last + 1 of the rows of (H, W) that are between two bars."""
+def _small_picture(bright: Tensor) -> tuple[int, int, int, int]:
+    """What :func:`find_letterbox` finds of pixels (H, W) of which no row and no column is half lit."""
+    columns = bright.any(0).nonzero()[:, 0].tolist() or [0]
+    top, bottom = _bars(bright[:, columns[0] : columns[-1] + 1], WHOLE)
+    left, right = _bars(bright[top:bottom].T, WHOLE)
+    found, whole = (left, top, right, bottom), (0, 0, *bright.T.shape)
+    return whole if any(a == b for a, b in zip(found, whole)) else found
+
+
+def _bars(bright: Tensor, least: float = FULL) -> tuple[int, int]:
+    """First and last + 1 of the rows between two bars of (H, W); more than ``least`` of the outer ones is lit."""
     count = len(bright)
     share = bright.float().mean(1)
-    lit, full = ((share > least).nonzero()[:, 0] for least in (0.0, FULL))
+    lit, full = ((share > part).nonzero()[:, 0] for part in (0.0, least))
     if len(full) == 0:
         return 0, count
     first, last = int(full[0]), int(full[-1]) + 1

@@ -205,7 +205,10 @@ def test_an_upright_picture_in_a_wide_frame_has_bars() -> None:
     assert find_letterbox(frames) == (328, 0, 632, 540)
 
 
-@pytest.mark.parametrize("picture", [(219, 30, 421, 330), (60, 30, 580, 330), (40, 60, 600, 300)])
+@pytest.mark.parametrize(
+    "picture",
+    [(219, 30, 421, 330), (60, 30, 580, 330), (40, 60, 600, 300), (170, 100, 470, 260), (240, 110, 400, 250)],
+)
 def test_bars_on_all_four_sides_are_all_bars(picture: tuple[int, int, int, int]) -> None:
     left, top, right, bottom = picture
     frames = torch.zeros(3, 3, 360, 640, dtype=torch.uint8)
@@ -220,6 +223,9 @@ def test_a_dark_picture_and_a_thing_before_black_are_no_letterbox() -> None:
     y, x = torch.meshgrid(torch.arange(SIZE[1]), torch.arange(SIZE[0]), indexing="ij")
     thing[:, :, (y - 18) ** 2 + (x - 32) ** 2 < 200] = 200
     assert find_letterbox(thing) == whole
+    lamp = torch.zeros_like(thing)
+    lamp[:, :, 14:22, 10:20] = 200  # a rectangle, and not in the middle
+    assert find_letterbox(lamp) == whole
     night = 40 + scenery(5) // 2
     night[:, :, :8] = 2  # a black sky over a lit street: no bar below
     assert find_letterbox(night) == whole
