@@ -91,8 +91,12 @@ def _is_trajectory(path: Path) -> bool:
     return bool(read_json(path).get("format") == FORMAT)
 
 
-def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplification) -> Mapping[str, Any]:
+def simplify_file(
+    source: str, out: Path, views: Sequence[str], options: Simplification, report: Progress = silent
+) -> Mapping[str, Any]:
     """Write the Gaussians of ``source`` that ``views`` need to ``out``; returns how many were left by each step.
+
+    What is done is told to ``report``.
 
     Raises:
         UsageError: the scene is not made of splats, or ``out`` is no .ply.
@@ -100,18 +104,24 @@ def simplify_file(source: str, out: Path, views: Sequence[str], options: Simplif
     if out.suffix.lower() != ".ply":
         raise UsageError(out, "--out", "expected a .ply file")
     _refuse_source(out, source)
+    report("reading the scene", 0, 0)
     scene = load_scene(source)
     if not isinstance(scene.geometry, Splats):
         kind = type(scene.geometry).__name__
         raise UsageError(source, "scene", f"expected Gaussian splats, got {kind}", "only these can be simplified")
     unseen = options.floaters == "drop" and options.k == options.prune == 0 and not views
     cameras = None if unseen else given_views(views, options.side)
-    splats: Splats = (without_floaters(scene) if options.floaters == "drop" else scene).geometry
+    splats: Splats = scene.geometry
+    if options.floaters == "drop":
+        report("leaving out floaters", 0, 0)
+        splats = without_floaters(scene).geometry
     solid = len(splats)
     if cameras is not None and options.prune > 0:
+        report("pruning", 0, 0)
         splats = subset(splats, importance(splats, weighing_views(splats, cameras)) >= options.prune)
     pruned = len(splats)
     if cameras is not None and options.k > 0 and pruned:
+        report("merging", 0, 0)
         splats = merged(splats, cameras, options.k)
     if len(splats) == 0:
         raise InputError(source, "prune", "leaves no Gaussian", "is the scene in the views?")

@@ -236,6 +236,15 @@ def test_a_bake_tells_what_it_does_but_not_quietly(command: Callable[..., Any], 
     assert (quiet.code, quiet.err, quiet.out) == (0, "", told.out)
 
 
+def test_simplifying_tells_what_it_does_but_not_quietly(
+    room: tuple[str, str], command: Callable[..., Any], tmp_path: Path
+) -> None:
+    words = ("simplify", room[0], "--view", room[1], "--out", tmp_path / "few.ply", "prune=0.005", "floaters=drop")
+    told, quiet = command(*words), command(*words, "-q")
+    assert (told.code, told.err) == (0, "reading the scene\nleaving out floaters\npruning\nmerging\n")
+    assert (quiet.code, quiet.err, quiet.out) == (0, "", told.out)
+
+
 @pytest.mark.parametrize("representation", ["gaussian_splats", "nerf_grid"])
 def test_a_mesh_without_area_is_said(tmp_path: Path, representation: Any) -> None:
     (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")

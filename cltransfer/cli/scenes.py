@@ -72,6 +72,7 @@ def simplify(
         typer.Argument(metavar="[KEY=VALUE]...", help="k=2 (px), prune=0 (of a pixel), side=160 (px), floaters=keep."),
     ] = None,
     as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Merge the Gaussians of SCENE that no view can tell apart, and leave out those that no view shows.
 
@@ -83,9 +84,11 @@ def simplify(
     themselves and nothing else, as `transfer` does for its search, and needs no view.
     """
     from ..convert_scene import Simplification, simplify_file
+    from ..progress import progress
 
     options: Simplification = _options(Simplification, overrides or [])
-    found = simplify_file(scene, out, view or [], options)
+    with progress(quiet) as report:
+        found = simplify_file(scene, out, view or [], options, report)
     steps = {"solid": options.floaters == "drop", "pruned": options.prune > 0, "after": options.k > 0}
     words = {"solid": "without floaters", "pruned": "after pruning", "after": "after merging"}
     done = ", ".join(f"{found[name]:,} {words[name]}" for name, taken in steps.items() if taken)
