@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -26,6 +27,8 @@ _SWITCH = r"(?:blendu|blendv|cc|clamp|imfchan|boost|bm|texres|type)\s+\S+"
 _OPTIONS = re.compile(rf"(?:-(?:{_SWITCH}|mm\s+\S+\s+\S+|[ost](?:\s+{_NUMBER}){{1,3}})\s+)+", re.IGNORECASE)
 _PLACED = re.compile(rf"-([os])((?:\s+{_NUMBER}){{1,3}})\s", re.IGNORECASE)
 _CLAMPED = re.compile(r"-clamp\s+on\s", re.IGNORECASE)
+
+_log = logging.getLogger("cltransfer")
 
 
 class ObjFiles(Beside):
@@ -102,7 +105,7 @@ def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
     """What the materials of an OBJ say that trimesh does not pass on, by their names.
 
     Less than half opaque by ``d`` is not drawn, as in a glTF; ``-o``, ``-s`` and ``-clamp on`` place the image. Bumps,
-    turbulence and ``map_d`` are passed over.
+    turbulence and ``map_d`` are passed over; the last is told, see :func:`tell_passed_over`.
 
     Args:
         visuals: those of trimesh.
@@ -159,7 +162,21 @@ def check_images(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
             raise InputError(library, "map_Kd", reason, f"expected {', '.join(FORMATS)}")
 
 
-def _images(library: Path) -> dict[str, str]:
+def tell_passed_over(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
+    """Tell which materials are drawn whole though an image, ``map_d``, says where they are not.
+
+    Args:
+        libraries: the .mtl files that say so.
+        visuals: those of trimesh.
+    """
+    shown = {material.name for one in visuals if (material := getattr(one, "material", None)) is not None}
+    for library in libraries:
+        if cut := [name for name in _images(library, "map_d") if name in shown]:
+            names = f"{cut[0][:40]!r}{f' and {len(cut) - 1} more' * (len(cut) > 1)}"
+            _log.warning("%s: map_d of material %s: images of opacity are not read, all of it is drawn", library, names)
+
+
+def _images(library: Path, kind: str = "map_kd") -> dict[str, str]:
     """Name of the image file by name of the material, read as trimesh reads them: of one name the last counts."""
     from trimesh.util import decode_text
 
@@ -170,6 +187,6 @@ def _images(library: Path) -> dict[str, str]:
         if key.lower() == "newmtl" and words:
             material = " ".join(words)
             found.pop(material, None)
-        elif key.lower() == "map_kd" and words and material is not None:
+        elif key.lower() == kind and words and material is not None:
             found[material] = line.strip()[len(key) :].strip()
     return found

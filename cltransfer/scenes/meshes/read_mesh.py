@@ -27,7 +27,7 @@ from .mesh import Mesh
 from .mesh_need import check_obj, check_ply
 from .mesh_paint import Look, painted, with_looks
 from .moment import START, Moment
-from .mtl import ObjFiles, check_images, looks_of
+from .mtl import ObjFiles, check_images, looks_of, tell_passed_over
 from .obj_text import readable
 from .ply_colors import own_visual
 from .ply_faces import of_triangles
@@ -85,6 +85,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     visuals = [geometry.visual for _, _, geometry in found]
     if isinstance(files, ObjFiles):
         check_images(files.libraries, visuals)
+        tell_passed_over(files.libraries, visuals)
         looks = looks_of(visuals)
         visuals = [_with_vertex_colours(geometry, looks) for _, _, geometry in found]
     least = {name: look.least for name, look in looks.items()}

@@ -56,6 +56,16 @@ def test_where_no_face_has_a_place_in_an_image_none_is_asked_for(stage):
     assert (mesh.textures, mesh.colors.unique(dim=0).tolist()) == ((), [[1, 0, 0]])
 
 
+def test_an_image_of_opacity_is_told_where_it_is_passed_over(stage, caplog):
+    leaf = "map_Kd wood.png\nmap_d wood.png\n"
+    path = stage(f"newmtl spare\n{leaf}newmtl dark wood\nmap_Kd wood.png\n")
+    read_mesh(path)
+    assert caplog.messages == []  # no face shows it
+    read_mesh(stage(f"newmtl dark wood\n{leaf}"))
+    told = "map_d of material 'dark wood': images of opacity are not read, all of it is drawn"
+    assert caplog.messages == [f"{path.with_suffix('.mtl')}: {told}"]
+
+
 def test_a_library_of_any_size_is_not_read(stage):
     path = stage("newmtl dark wood\nKd 1 0 0\n" + "#" * LIBRARY_LIMIT)
     with pytest.raises(InputError, match=rf"stage.mtl: expected at most {LIBRARY_LIMIT} bytes, got "):
