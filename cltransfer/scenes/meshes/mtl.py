@@ -20,6 +20,7 @@ from .textures import FORMATS, image_of
 
 WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
 JOINED = "the libraries of this file"  # that it names, as one
+BOM = b"\xef\xbb\xbf"  # before the first line, of some programs
 LIBRARY_LIMIT = 4 * 2**20  # bytes; trimesh takes up to 45 times what the file does
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
@@ -50,12 +51,10 @@ class ObjFiles(Beside):
         Raises:
             InputError: one is not there, empty, or they are larger than a library may be.
         """
-        from trimesh.util import decode_text
-
         texts = []
         for name in dict.fromkeys(names):
             self.libraries.append(self.find(name))
-            texts.append(decode_text(read_limited(self.libraries[-1], LIBRARY_LIMIT)))
+            texts.append(_text(self.libraries[-1]))
         text = "\n".join(texts)
         text += "".join(_plain(text, material) for material in sorted(without))
         self._joined = text.encode()
@@ -67,7 +66,7 @@ class ObjFiles(Beside):
         """Bytes of the file ``name``, or of what was joined."""
         if name == JOINED and self._joined:
             return self._joined
-        data = super().get(name)
+        data = super().get(name).removeprefix(BOM)
         self.libraries = self.libraries or [self.given[0]]
         return data
 
@@ -76,6 +75,12 @@ class ObjFiles(Beside):
     def find(self, name: str) -> Path:
         """The file ``name`` beside or below, with or without options; see :meth:`Beside.find`."""
         return super().find(name if os.path.isfile(self.path.parent / name) else _without_options(name))
+
+
+def _text(library: Path) -> str:
+    from trimesh.util import decode_text
+
+    return str(decode_text(read_limited(library, LIBRARY_LIMIT).removeprefix(BOM)))
 
 
 def _without_options(name: str) -> str:
@@ -178,11 +183,9 @@ def tell_passed_over(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
 
 def _images(library: Path, kind: str = "map_kd") -> dict[str, str]:
     """Name of the image file by name of the material, read as trimesh reads them: of one name the last counts."""
-    from trimesh.util import decode_text
-
     found: dict[str, str] = {}
     material = None
-    for line in decode_text(read_limited(library, LIBRARY_LIMIT)).splitlines():
+    for line in _text(library).splitlines():
         key, *words = line.split() or [""]
         if key.lower() == "newmtl" and words:
             material = " ".join(words)

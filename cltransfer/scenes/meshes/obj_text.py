@@ -13,12 +13,13 @@ import numpy as np
 
 from ...errors import InputError
 from ...renderers.kernels import Array
-from .mtl import WITHOUT, ObjFiles
+from .mtl import BOM, WITHOUT, ObjFiles
 from .polygons import fans_hold, triangles_of
 
 _LIBRARY = re.compile(rb"^mtllib[ \t]+(.*?)[ \t]*$", re.MULTILINE)
 _LONG = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){4}", re.MULTILINE)
 _BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
+_REMARK = re.compile(rb"^((?:v|vt|vn|f)[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
 _REST = re.compile(rb"/\S*|#.*")  # of a corner behind the number of its vertex; of a line, a remark
 _VERTEX = re.compile(rb"^v[ \t]", re.MULTILINE)
 _FROM_ONE = "expected a number of the {} vertices, which count from 1, got {}"
@@ -42,7 +43,8 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
     Raises:
         InputError: a vertex or a face is no numbers, or a face names a vertex that is not there.
     """
-    text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    text = data.removeprefix(BOM).replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    text = _REMARK.sub(rb"\1", text)
     if _BACK.search(text):
         text = b"\n".join(_counted(text.split(b"\n")))
     _check_faces(path, text)

@@ -45,6 +45,20 @@ def shown(mesh: Mesh, at: tuple[float, float]) -> tuple[list[float], bool]:
     return [round(c, 2) for c in color.tolist()], bool(mesh.shaded[face])
 
 
+def test_a_mark_of_byte_order_is_no_part_of_the_first_line(stage: Callable[..., Path]) -> None:
+    faces = "v 5 5 5\nusemtl red\nf 1/1 2/2 3/3\n"
+    mesh = read_mesh(stage(f"\ufeff{SQUARE}mtllib look.mtl\n{faces}", look="\ufeffnewmtl red\nmap_Kd red.png\n")).mesh
+    assert mesh.vertices[mesh.faces.long()].tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]]
+    assert len(mesh.textures) == 1
+
+
+@pytest.mark.parametrize("face", ["f 1 2 3", "f 1/1/1 2/2/1 3/3/1", "f 1 2 3 4"])
+def test_a_remark_behind_numbers_is_passed_over(stage: Callable[..., Path], face: str) -> None:
+    lines = [f"{line} # {line}" for line in SQUARE.splitlines()]
+    bare, told = (read_mesh(stage("\n".join([*text, ""]))).mesh for text in ([SQUARE, face], [*lines, f"{face} # up"]))
+    assert torch.equal(bare.vertices[bare.faces.long()], told.vertices[told.faces.long()])
+
+
 UPPER, LOWER = (1 / 3, 2 / 3), (2 / 3, 1 / 3)  # middles of BARE and PLACED
 
 
