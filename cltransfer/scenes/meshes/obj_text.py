@@ -6,7 +6,7 @@ It takes one library, counts back from the end of the file, closes inlets, and k
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +21,9 @@ _LONG = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){4}", re.MULTILINE)
 _BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
 _REMARK = re.compile(rb"^((?:v|vt|vn|f)[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
 _REST = re.compile(rb"/\S*|#.*")  # of a corner behind the number of its vertex; of a line, a remark
-_VERTEX = re.compile(rb"^v[ \t]", re.MULTILINE)
-_FROM_ONE = "expected a number of the {} vertices, which count from 1, got {}"
+_VERTEX, _PLACE = (re.compile(rb"^%s[ \t]" % key, re.MULTILINE) for key in (b"v", b"vt"))
+_SECOND = re.compile(rb"(?<!\S)[^\s/]+/([^\s/]+)")  # number of a corner
+_FROM_ONE = "expected a number of the {} {}, which count from 1, got {}"
 _FACE = re.compile(rb"^f[ \t]+([^\n#]*)", re.MULTILINE)
 _NUMBERED = (b"v", b"vt", b"vn")  # what the numbers of a corner are of, in this order
 _PLACED = re.compile(rb"^f[ \t]+-?\d+/-?\d", re.MULTILINE)
@@ -41,13 +42,15 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
         files: gives the libraries; what they are is told to it.
 
     Raises:
-        InputError: a vertex or a face is no numbers, or a face names a vertex that is not there.
+        InputError: a vertex or a face is no numbers, or a face names a vertex that is not there, or a place in a
+            texture where the file has any.
     """
     text = data.removeprefix(BOM).replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
     text = _REMARK.sub(rb"\1", text)
     if _BACK.search(text):
         text = b"\n".join(_counted(text.split(b"\n")))
     _check_faces(path, text)
+    _check_places(path, text)
     names = [name for line in _LIBRARY.findall(text) for name in files.named(line.decode("utf-8", "replace"))]
     bare = bool(names and _PLACED.search(text) and _BARE.search(text))
     if len(names) < 2 and not bare and not _LONG.search(text):
@@ -77,18 +80,31 @@ def _counted(lines: Sequence[bytes]) -> list[bytes]:
 
 def _check_faces(path: Path, text: bytes) -> None:
     """Refuse a face that names no vertex of the file, in which all numbers count from the first."""
-    count, faces = len(_VERTEX.findall(text)), _FACE.findall(text)
-    if _name_vertices(_REST.sub(b"", b" ".join(faces)).split(), count):
+    count = len(_VERTEX.findall(text))
+    _check_numbers(path, text, lambda faces: _REST.sub(b"", faces).split(), count, "vertices")
+
+
+def _check_places(path: Path, text: bytes) -> None:
+    """Refuse a face that names no place of a file that has places in a texture, and a library that may show one."""
+    count = len(_PLACE.findall(text))
+    if count and _LIBRARY.search(text):
+        _check_numbers(path, text, _SECOND.findall, count, "places in a texture (vt)")
+
+
+def _check_numbers(path: Path, text: bytes, told: Callable[[bytes], list[bytes]], count: int, what: str) -> None:
+    """Refuse a face of which one of the numbers that are ``told`` is of none of ``count``."""
+    faces = _FACE.findall(text)
+    if _from_one(told(b" ".join(faces)), count):
         return
     for number, face in enumerate(faces, start=1):
-        for word in _REST.sub(b"", face).split():
-            if not _name_vertices([word], count):
+        for word in told(face):
+            if not _from_one([word], count):
                 came = word.decode("utf-8", "replace")
-                raise InputError(path, f"face {number}", _FROM_ONE.format(count, came))
+                raise InputError(path, f"face {number}", _FROM_ONE.format(count, what, came))
 
 
-def _name_vertices(words: Sequence[bytes], count: int) -> bool:
-    """Whether all ``words`` are numbers of the vertices 1 to ``count``."""
+def _from_one(words: Sequence[bytes], count: int) -> bool:
+    """Whether all ``words`` are whole numbers from 1 to ``count``."""
     try:
         numbers = np.array(words, np.float64)
     except ValueError:

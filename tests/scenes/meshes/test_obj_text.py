@@ -166,6 +166,25 @@ def test_a_face_beyond_the_vertices_is_told_by_its_number(stage: Callable[..., P
         assert line in str(caught.value)
 
 
+@pytest.mark.parametrize("number", ["99", "0", "-9", "x"])
+def test_a_place_that_is_not_there_is_told_where_a_texture_is_lost_with_it(
+    stage: Callable[..., Path], number: str
+) -> None:
+    library, faces = "newmtl red\nmap_Kd red.png\n", f"usemtl red\n{PLACED}f 1//1 2//1 3/{number}/1\n"
+    with pytest.raises(
+        InputError, match=r"face 2: expected a number of the 4 places in a texture \(vt\), which count"
+    ) as c:
+        read_mesh(stage(f"mtllib look.mtl\n{SQUARE}{faces}", look=library))
+    assert str(c.value).endswith(f"got {number}")
+
+
+@pytest.mark.parametrize("number", ["99", "0"])
+def test_a_place_that_is_not_there_harms_no_mesh_without_a_texture(stage: Callable[..., Path], number: str) -> None:
+    assert len(read_mesh(stage(f"{SQUARE}f 1/1 2/2 3/{number}\n")).mesh) == 1
+    bare = "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1/1 2/2 3/3\n"
+    assert len(read_mesh(stage(f"mtllib look.mtl\n{bare}", look="newmtl red\n")).mesh) == 1
+
+
 def test_a_file_of_faces_with_two_corners_has_no_faces(stage: Callable[..., Path]) -> None:
     with pytest.raises(InputError, match="holds no faces"):
         read_mesh(stage(f"{SQUARE}f 1 2\n"))
