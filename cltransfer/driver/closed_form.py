@@ -8,7 +8,6 @@ best may suit the rest badly, and a search that follows the clip frame by frame 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -23,12 +22,10 @@ from ..reading.places import counted
 from ..reading.tracks import along
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
+from .lookups import cheapest_along
 from .stage import Stage
 
 DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
-COARSE = 3  # steps of distances that are looked up first; then those around the cheapest path, in steps of one
-POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all distances are looked up
-POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 SLOPE, LEAD = 3, 12  # frames that tell how the person moved in the frame before, and for how many that is believed
 PLACE = slice(4, 6)  # of x: where in the frame the person stands
@@ -156,7 +153,7 @@ def _distances(
         seen |= found
         return costs
 
-    chosen = _looked_up(look_up, len(frames), logs.numpy(), BEND * len(frames) / len(reference))
+    chosen = cheapest_along(look_up, len(frames), logs.numpy(), BEND * len(frames) / len(reference))
     if not seen:
         return None
     between = torch.from_numpy(np.interp(at.numpy(), at.numpy()[frames], logs.numpy()[chosen]))
@@ -169,59 +166,6 @@ def _distances(
 def _spread(frames: int, samples: int) -> NDArray:
     """The first of N frames and the last, and others evenly between, as many as there are ``samples``."""
     return np.unique(np.linspace(0, frames - 1, samples).round().astype(int))
-
-
-def _looked_up(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:
-    """Which of K values each sample takes, (S,), see :func:`_cheapest`; ``look_up(k, tried)`` costs evaluations.
-
-    First some for every sample, then those about the cheapest path, all where that is poor, and in the end what its
-    neighbours take: a narrow gap that one has found would be left again where the next one has not looked. A single
-    sample, for which all frames are to stand still, takes the cheapest of all: no other would tell of a narrow gap.
-    """
-    costs, chosen = np.full((samples, len(values)), np.inf), np.zeros(samples, int)
-    for wanted in (_all,) if samples == 1 else (_coarse, _beside, _rest, *[_likewise] * samples):
-        for k, tried in enumerate(wanted(costs, chosen) & np.isinf(costs)):
-            if tried.any():
-                costs[k, tried] = look_up(k, tried)
-        chosen = _cheapest(costs, values, rate)
-    return chosen
-
-
-def _all(costs: NDArray, chosen: NDArray) -> NDArray:
-    """All of (S, K), bool, whatever was ``chosen`` (S,)."""
-    return np.ones(costs.shape, bool)
-
-
-def _coarse(costs: NDArray, chosen: NDArray) -> NDArray:
-    """Those of costs (S, K) that are looked up first, bool, whatever was ``chosen`` (S,)."""
-    return np.broadcast_to(np.arange(costs.shape[1]) % COARSE == 0, costs.shape)
-
-
-def _beside(costs: NDArray, chosen: NDArray) -> NDArray:
-    """Those of (S, K) nearer to what was ``chosen`` (S,) than the next that was looked up first."""
-    return np.abs(np.arange(costs.shape[1]) - chosen[:, None]) < COARSE
-
-
-def _rest(costs: NDArray, chosen: NDArray) -> NDArray:
-    """All of (S, K) where what was ``chosen`` (S,) is poor: what hides the person leaves a narrow gap."""
-    return np.broadcast_to(_poor(costs[np.arange(len(costs)), chosen])[:, None], costs.shape)
-
-
-def _likewise(costs: NDArray, chosen: NDArray) -> NDArray:
-    """Those of (S, K) that were ``chosen`` (S,) by the sample before and the one after."""
-    wanted = np.zeros(costs.shape, bool)
-    wanted[np.arange(1, len(costs)), chosen[:-1]] = True
-    wanted[np.arange(len(costs) - 1), chosen[1:]] = True
-    return wanted
-
-
-def _poor(costs: NDArray) -> NDArray:
-    """Frames (S,) bool whose cost (S,) is high, or far above that of the others.
-
-    >>> _poor(np.array([0.2, 0.3, 1.1, 0.4])).tolist()
-    [False, False, True, False]
-    """
-    return costs > min(POOR, max(LEAST, POORER * float(np.median(costs))))
 
 
 def _costs(
@@ -237,26 +181,3 @@ def _costs(
     defined = objective.defined(frame)[0] & still
     weighted = objective.weighted(terms, defined)[:, still].sum(1).numpy()
     return weighted, bool(torch.isfinite(terms[:, defined]).any())
-
-
-def _cheapest(costs: NDArray, values: NDArray, rate: float) -> NDArray:
-    """Which value (S,) each of S samples takes, so that costs (S, K) and ``rate`` times every bend are least.
-
-    A bend is a second difference: a steady move is as good as standing still, since the reference may move too.
-
-    >>> _cheapest(np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 5.0).tolist()
-    [1, 1, 1]
-    """
-    if len(costs) < 3:
-        return costs.argmin(1)
-    bend = rate * np.abs(values[:, None, None] - 2 * values[:, None] + values)  # (K, K, K)
-    best, back = costs[0][:, None] + costs[1], []  # (K, K) of the last two
-    for cost in costs[2:]:
-        ways = best[:, :, None] + bend
-        back.append(ways.argmin(0))
-        best = ways.min(0) + cost
-    last, now = np.unravel_index(best.argmin(), best.shape)
-    chosen = [int(now), int(last)]
-    for step in reversed(back):
-        chosen.append(int(step[chosen[-1], chosen[-2]]))
-    return np.array(chosen[::-1])

@@ -5,24 +5,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.closed_form import (
-    COARSE,
     DISTANCES,
     LEAD,
     _bridged,
-    _cheapest,
     _led,
-    _looked_up,
     aimed_at,
     aimed_path,
     closed_form,
 )
+from cltransfer.driver.lookups import COARSE, cheapest_along
 from cltransfer.progress import silent
 from cltransfer.run.preparation import Clock, Inputs, Job, prepare
 from cltransfer.scenes.load import load_scene
@@ -85,28 +82,6 @@ def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepar
     assert first + 2 * (COARSE - 1) <= len(DISTANCES) / 2
 
 
-def test_what_one_frame_found_is_looked_up_beside_it() -> None:
-    """The first frames see a gap that the coarse lookups miss, and a wide valley elsewhere; the last see the gap."""
-    values, slope = DISTANCES.log().numpy(), np.abs(np.arange(24) - 16.0)
-    costs = np.stack([1.0 + 0.1 * slope] * 3 + [6.0 + 0.0 * slope] * 3)
-    costs[:, 8] = 0.5
-    costs[3:, 9] = 3.0  # leads there from the coarse ones
-    known = np.zeros(costs.shape, bool)
-
-    def look_up(k: int, tried: np.ndarray) -> np.ndarray:
-        known[k] |= tried
-        return costs[k, tried]
-
-    assert _looked_up(look_up, 6, values, 1.0).tolist() == [8] * 6
-    assert known.sum(1).max() <= 24 / 2 + 2
-
-
-def test_a_single_frame_sees_a_gap_that_coarse_lookups_miss() -> None:
-    costs = 1.0 + 0.1 * np.abs(np.arange(24) - 16.0)
-    costs[2] = 0.2
-    assert _looked_up(lambda k, tried: costs[tried], 1, DISTANCES.log().numpy(), 1.0).tolist() == [2]
-
-
 def test_distances_are_looked_up_once_where_nothing_moves(prepared: Any) -> None:
     job, _ = prepared("static", "guide=5")
     assert job.schedule.still
@@ -143,7 +118,7 @@ def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
 ) -> None:
     job, _ = prepared(name)
     lean, before = found(job), job.stage.spent.evaluations
-    monkeypatch.setattr(f"{closed_form.__module__}.COARSE", 1)
+    monkeypatch.setattr(f"{cheapest_along.__module__}.COARSE", 1)
     torch.testing.assert_close(lean, found(job), rtol=0, atol=0)
     assert job.stage.spent.evaluations - before == 5 * len(DISTANCES)
 
@@ -231,17 +206,3 @@ def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
 def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
     job, _ = prepared("static", "search={subject_orbit: null, paper_box: {}}")
     assert job.starts.guide is None
-
-
-def test_a_depth_that_suits_the_first_frame_alone_is_not_taken() -> None:
-    costs = np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
-    assert _cheapest(costs, np.array([0.0, 1.0]), 5.0).tolist() == [1, 1, 1, 1]
-
-
-def test_a_steady_move_costs_no_more_than_standing_still() -> None:
-    costs = 0.2 * np.abs(np.arange(4)[:, None] - np.arange(4))
-    assert _cheapest(costs, np.arange(4.0), 5.0).tolist() == [0, 1, 2, 3]
-
-
-def test_two_samples_take_the_cheapest_each() -> None:
-    assert _cheapest(np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 5.0).tolist() == [0, 1]
