@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..storage.kept_lines import keep, read_kept
-from .trial import Outcome
+from .outcome import Outcome
 
 LIMIT = 2**28  # bytes; a trial takes about 1 kB
 

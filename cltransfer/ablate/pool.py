@@ -10,8 +10,9 @@ from typing import Any
 
 from ..computer.threads import thread_count
 from ..errors import ResourceError, UsageError
+from .outcome import Outcome
 from .sweep import EngineConfig
-from .trial import Job, Outcome, Trial, run_trial
+from .trial import Job, Trial, run_trial
 
 PATIENCE = 30  # seconds to wait for a scheduler
 

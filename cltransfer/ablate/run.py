@@ -19,12 +19,13 @@ from ..storage.run_files import DONE
 from .content import digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
+from .outcome import Outcome
 from .pool import outcomes
 from .sources import check_sources
 from .summary import CONFIDENCE, FEWEST, LEVEL, RowSummary, alike, summarise
 from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
-from .trial import Job, Outcome, trials
+from .trial import Job, trials
 
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"
 MARK = "# made by: "  # how an ablation.yaml that was written here begins

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .outcome import Case, Metric, Outcome
 from .read import DRAWN
-from .trial import Case, Metric, Outcome
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999

@@ -8,8 +8,8 @@ from typing import Any
 from ..report.metrics import number
 from ..report.tables import Table, escape
 from ..storage.files import csv_text
+from .outcome import Outcome
 from .summary import Estimate, Measure, RowSummary
-from .trial import Outcome
 
 COST = ("evaluations a frame", "seconds a trial")
 CSV_HEADER = (

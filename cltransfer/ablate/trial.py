@@ -6,13 +6,11 @@ import functools
 import hashlib
 import json
 import math
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from torch import Tensor
 
@@ -21,18 +19,8 @@ from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
 from ..reading.scene_source import split_scene
 from .content import Digest, codes_of, digests, parts_content
+from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep
-
-MOST = 1e15  # that a count on disk may be
-
-
-@dataclass(frozen=True)
-class Case:
-    """What a row is run on: names as in the file. Rows are compared on the cases they share."""
-
-    scene: str
-    reference: str
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -73,79 +61,6 @@ class Job:
     plugins: tuple[str, ...] = ()
     runs: str | None = None
     codes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One number of one result: mean raw value over the frames in which the reference has one, None where it has none.
-
-    A render that lacks the term there pays its penalty.
-    """
-
-    mean: float | None
-    unit: str
-    defined: int
-    reason: str
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of a trial.
-
-    Args:
-        key, row, case: of the trial.
-        failed: why there is no result, empty where there is one.
-        metrics: by name, the weighted total last.
-        directions: which way the result errs, see :func:`cltransfer.ablate.measure.measured`.
-        note: what a reader must know of the search, empty where nothing.
-        commit: that it was measured at.
-        frames: of the result.
-        evaluations, network_passes: what the search cost.
-        seconds: on the clock of the worker.
-    """
-
-    key: str
-    row: str
-    case: Case
-    failed: str = ""
-    metrics: dict[str, Metric] | None = None
-    frames: int = 0
-    evaluations: int = 0
-    network_passes: int = 0
-    seconds: float = 0.0
-    directions: dict[str, Metric] | None = None
-    note: str = ""
-    commit: str = ""
-
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> Outcome:
-        """An outcome of its JSON values.
-
-        Raises:
-            TypeError: it is of another make.
-        """
-        for key in ("metrics", "directions"):
-            if raw.get(key) is not None:
-                raw[key] = {name: Metric(**values) for name, values in raw[key].items()}
-        outcome = cls(**{**raw, "case": Case(**raw["case"])})
-        if not outcome._is_sound():
-            raise ValueError
-        return outcome
-
-    def _is_sound(self) -> bool:
-        """Whether counts are counts and numbers finite, and there is a result or a reason why not."""
-        told = [*(self.metrics or {}).values(), *(self.directions or {}).values()]
-        counts = [self.frames, self.evaluations, self.network_passes, *(metric.defined for metric in told)]
-        numbers = [self.seconds, *(metric.mean for metric in told if metric.mean is not None)]
-        texts = [self.key, self.row, self.failed, self.note, self.commit]
-        texts += [text for metric in told for text in (metric.unit, metric.reason)]
-        return (
-            all(type(count) is int and 0 <= count <= MOST for count in counts)
-            and all(type(number) in (int, float) and abs(number) <= sys.float_info.max for number in numbers)
-            and all(isinstance(text, str) for text in texts)
-            and (self.metrics is None) == bool(self.failed)
-            and (bool(self.failed) or self.frames > 0)
-        )
 
 
 def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | None = None) -> list[Trial]:

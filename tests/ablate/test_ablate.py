@@ -19,10 +19,11 @@ import pytest
 import torch
 
 from cltransfer.ablate.drawn import draw_references
+from cltransfer.ablate.outcome import Metric, Outcome
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Ablation, markdown
 from cltransfer.ablate.summary import FEWEST, LEVEL, summarise
-from cltransfer.ablate.trial import Job, Metric, Outcome, run_trial, trials
+from cltransfer.ablate.trial import Job, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.features import Features

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cltransfer.ablate.ledger import append, read_ledger
-from cltransfer.ablate.trial import Case, Metric, Outcome
+from cltransfer.ablate.outcome import Case, Metric, Outcome
 from cltransfer.errors import InputError
 
 CASE = Case("builtin:courtyard", "builtin:orbit", 3)

@@ -10,9 +10,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from cltransfer.ablate.outcome import Case, Metric, Outcome
 from cltransfer.ablate.summary import alike, estimate, summarise
 from cltransfer.ablate.tables import differences_table, directions_table, to_csv, values_table
-from cltransfer.ablate.trial import Case, Metric, Outcome
 from cltransfer.report.tables import to_latex, to_markdown
 
 

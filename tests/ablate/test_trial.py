@@ -12,12 +12,13 @@ import pytest
 
 from cltransfer.ablate import run
 from cltransfer.ablate.drawn import draw_references
+from cltransfer.ablate.outcome import Case, Metric, Outcome
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Options, ablate, markdown
 from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.sweep import Sweep
 from cltransfer.ablate.tables import failure_lines
-from cltransfer.ablate.trial import Case, Job, Metric, Outcome, Trial, run_trial, trials
+from cltransfer.ablate.trial import Job, Trial, run_trial, trials
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.plugins import allow

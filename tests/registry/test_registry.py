@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.ablate.outcome import Case, Metric, Outcome
 from cltransfer.ablate.summary import summarise
 from cltransfer.ablate.tables import COST, values_table
-from cltransfer.ablate.trial import Case, Metric, Outcome
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.evaluate_many import ClipScore
 from cltransfer.evaluate_table import clips_csv
