@@ -209,7 +209,7 @@ def test_what_is_said_twice_and_replaces_nothing_is_taken(command: Callable[...,
     ):
         assert command("transfer", "--print-config", *said).code == 0, said
     missing = tmp_path / "missing.ply"
-    refused(command("simplify", missing, "--out", "b.ply", "--view", "a:0", "--view", "a:1"), 3, "missing.ply")
+    refused(command("simplify", missing, "--out", "b.ply", "--view", "a:0", "--view", "a:1", "-q"), 3, "missing.ply")
     assert command("transfer", "--out", "a", "--out", "b", "--help").code == 0
 
 
