@@ -6,7 +6,7 @@ It takes one library, counts back from the end of the file, closes inlets, and k
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,8 @@ _BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
 _REMARK = re.compile(rb"^((?:v|vt|vn|f)[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
 _REST = re.compile(rb"/\S*|#.*")  # of a corner behind the number of its vertex; of a line, a remark
 _VERTEX, _PLACE = (re.compile(rb"^%s[ \t]" % key, re.MULTILINE) for key in (b"v", b"vt"))
-_SECOND = re.compile(rb"(?<!\S)[^\s/]+/([^\s/]+)")  # number of a corner
+_FIRST, _SECOND = re.compile(rb"(?<!\S)[^\s/]+"), re.compile(rb"(?<!\S)[^\s/]+/([^\s/]+)")  # number of a corner
+_TOGETHER = 50_000  # faces looked at
 _FROM_ONE = "expected a number of the {} {}, which count from 1, got {}"
 _FACE = re.compile(rb"^f[ \t]+([^\n#]*)", re.MULTILINE)
 _NUMBERED = (b"v", b"vt", b"vn")  # what the numbers of a corner are of, in this order
@@ -46,7 +47,8 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
             texture where the file has any.
     """
     text = data.removeprefix(BOM).replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
-    text = _REMARK.sub(rb"\1", text)
+    if text.count(b"#") > text.count(b"\n#") + text.startswith(b"#"):  # not only before whole lines
+        text = _REMARK.sub(rb"\1", text)
     if _BACK.search(text):
         text = b"\n".join(_counted(text.split(b"\n")))
     _check_faces(path, text)
@@ -80,27 +82,28 @@ def _counted(lines: Sequence[bytes]) -> list[bytes]:
 
 def _check_faces(path: Path, text: bytes) -> None:
     """Refuse a face that names no vertex of the file, in which all numbers count from the first."""
-    count = len(_VERTEX.findall(text))
-    _check_numbers(path, text, lambda faces: _REST.sub(b"", faces).split(), count, "vertices")
+    _check_numbers(path, text, _FIRST, len(_VERTEX.findall(text)), "vertices")
 
 
 def _check_places(path: Path, text: bytes) -> None:
     """Refuse a face that names no place of a file that has places in a texture, and a library that may show one."""
     count = len(_PLACE.findall(text))
     if count and _LIBRARY.search(text):
-        _check_numbers(path, text, _SECOND.findall, count, "places in a texture (vt)")
+        _check_numbers(path, text, _SECOND, count, "places in a texture (vt)")
 
 
-def _check_numbers(path: Path, text: bytes, told: Callable[[bytes], list[bytes]], count: int, what: str) -> None:
+def _check_numbers(path: Path, text: bytes, told: re.Pattern[bytes], count: int, what: str) -> None:
     """Refuse a face of which one of the numbers that are ``told`` is of none of ``count``."""
     faces = _FACE.findall(text)
-    if _from_one(told(b" ".join(faces)), count):
-        return
-    for number, face in enumerate(faces, start=1):
-        for word in told(face):
-            if not _from_one([word], count):
-                came = word.decode("utf-8", "replace")
-                raise InputError(path, f"face {number}", _FROM_ONE.format(count, what, came))
+    for before in range(0, len(faces), _TOGETHER):
+        some = faces[before : before + _TOGETHER]
+        if _from_one(told.findall(b" ".join(some)), count):
+            continue
+        for number, face in enumerate(some, start=before + 1):
+            for word in told.findall(face):
+                if not _from_one([word], count):
+                    came = word.decode("utf-8", "replace")
+                    raise InputError(path, f"face {number}", _FROM_ONE.format(count, what, came))
 
 
 def _from_one(words: Sequence[bytes], count: int) -> bool:

@@ -13,6 +13,7 @@ from torch import Tensor
 from cltransfer.errors import InputError
 from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.scenes.meshes.mtl import LIBRARY_LIMIT
+from cltransfer.scenes.meshes.obj_text import readable
 from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 WALL = "v 0 0 0\nv 1.5 0 0\nv 1.5 2 0\nv 2.5 2 0\nv 2.5 0 0\nv 4 0 0\nv 4 3 0\nv 0 3 0\n"
@@ -164,6 +165,14 @@ def test_a_face_beyond_the_vertices_is_told_by_its_number(stage: Callable[..., P
         with pytest.raises(InputError) as caught:
             read_mesh(stage(f"{SQUARE}f 1 2 3\nf 1/1 2/2 {corner}  # 3\n"))
         assert line in str(caught.value)
+
+
+def test_faces_are_counted_however_many_are_looked_at_together(
+    stage: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"{readable.__module__}._TOGETHER", 2)
+    with pytest.raises(InputError, match="face 5: expected"):
+        read_mesh(stage(SQUARE + "f 1 2 3\n" * 4 + "f 1 2 9\n"))
 
 
 @pytest.mark.parametrize("number", ["99", "0", "-9", "x"])
