@@ -28,6 +28,7 @@ from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import builtin_reference, shot
+from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import Inputs, transfer
 
@@ -132,17 +133,22 @@ def late() -> Callable[..., tuple[Job, Features, Tensor]]:
     return run
 
 
-@pytest.mark.parametrize(("name", "view"), [("orbit", "behind"), ("tilt", "guide")])
-def test_before_anybody_is_seen_the_guide_leads_and_not_the_view_that_was_given(
-    late: Callable[..., tuple[Job, Features, Tensor]], name: str, view: str
-) -> None:
-    job, reference, true = late(name, 12, 4)
+def led(job: Job, reference: Features) -> tuple[Tensor, Camera, Subject]:
+    """A path in closed form, its first view, and whom it shows."""
     subject = job.stage.scene.subject
     assert subject is not None
     home = any_view(subject, SIZE)
     guide = closed_form(job.stage, job.search, reference, home, True, 4)
     assert guide is not None
-    homes = job.search.cameras(guide[:1], home, subject)
+    return guide, job.search.cameras(guide[:1], home, subject), subject
+
+
+@pytest.mark.parametrize(("name", "view"), [("orbit", "behind"), ("tilt", "guide")])
+def test_before_anybody_is_seen_the_guide_leads_and_not_the_view_that_was_given(
+    late: Callable[..., tuple[Job, Features, Tensor]], name: str, view: str
+) -> None:
+    job, reference, true = late(name, 12, 4)
+    guide, homes, subject = led(job, reference)
     if view == "behind":
         eye = subject.anchor - 3 * subject.facing
         behind = Camera.look_at(eye[None], subject.anchor[None], subject.up, 0.7, SIZE)
@@ -157,12 +163,7 @@ def test_a_first_frame_that_shows_nobody_makes_none_of_the_next_far_worse_than_u
     late: Callable[..., tuple[Job, Features, Tensor]],
 ) -> None:
     job, reference, _ = late("truck", 6, 1)
-    subject = job.stage.scene.subject
-    assert subject is not None
-    home = any_view(subject, SIZE)
-    guide = closed_form(job.stage, job.search, reference, home, True, 4)
-    assert guide is not None
-    homes = job.search.cameras(guide[:1], home, subject)
+    guide, homes, _ = led(job, reference)
     frames = follow(WholeClip(job.stage, job.search, reference, homes[0]), homes, job.schedule, guide=guide).frames
     totals = [frame.total for frame in frames]
     assert totals[0] == 0 < totals[2] < totals[1]  # better than the only one before it that shows somebody
