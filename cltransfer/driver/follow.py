@@ -14,7 +14,7 @@ from ..camera import Camera, concatenate
 from ..features import Features
 from ..pipeline.objective import Objective
 from ..reading.places import counted
-from .frame import CARRIED, Memory, Schedule, Solved, carried, predictions, solve
+from .frame import CARRIED, Memory, Schedule, Solved, carried, held, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local
 from .whole_clip import WholeClip
@@ -110,7 +110,9 @@ def follow(
                 starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
                 if found[-1].total < GOOD:  # then its own motion may go on too, lest the guide leaps
                     starts = torch.cat([starts, predictions([solved.x for solved in found], at)[-1:]])
-        if hidden[i] and found and schedule.warm:
+        if schedule.still and schedule.engine == "refine" and schedule.warm and not hidden[:i].all():
+            solved = held(problem, found[-1].x, memory, schedule)
+        elif hidden[i] and found and schedule.warm:
             if guide is not None:
                 starts = torch.cat([starts, (found[-1].x + guide[i] - guide[i - 1])[None]])
             solved = carried(problem, starts, memory, schedule)

@@ -103,6 +103,11 @@ def carried(problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule
     return Solved(starts[best], float(totals[best]), 0, CARRIED, memory)
 
 
+def held(problem: Problem, x: Tensor, memory: Memory, schedule: Schedule) -> Solved:
+    """A frame of a shot that stands still, as the last one ended, x (D,)."""
+    return _Refining(problem, memory, schedule).as_before(x, problem.residuals(x[None])[0])
+
+
 def _allowed(problem: Problem, starts: Tensor, schedule: Schedule) -> Tensor:
     recentred = schedule.engine == "adam" and hasattr(problem.search, "recentred")
     return starts if recentred else inside(starts, problem.bounds)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ..camera import Camera
 from ..features import Features
 
@@ -88,6 +90,32 @@ class Recent:
         for key in keys:
             if key in self._views and self._views[key][0] is batch:
                 del self._views[key]
+
+
+def standing(seen: Features, before: Features | None) -> Features:
+    """The frame ``before`` where what was ``seen`` is the same to the bit, from one camera; else what was seen."""
+    return before if before is not None and len(seen) == 1 and _alike(seen, before) else seen
+
+
+def _alike(a: Features, b: Features) -> bool:
+    if a.camera is None or b.camera is None or _views(a.camera) != _views(b.camera):
+        return False
+    names = a.names()
+    if names != b.names() or a.size != b.size or a.reasons != b.reasons or a.person is not b.person:
+        return False
+    return all(
+        np.array_equal(a.require(name).numpy(), b.require(name).numpy(), equal_nan=True)
+        for name in names - {"camera", "person"}
+    )
+
+
+def moving(cameras: Camera) -> int:
+    """How many of B cameras differ from the one before them, from the first on, at least that one.
+
+    What stands is to be seen frame by frame, since it need not be rendered as often.
+    """
+    views = _views(cameras)
+    return next((i for i in range(1, len(views)) if views[i] == views[i - 1]), len(views))
 
 
 def _views(cameras: Camera) -> list[tuple[object, ...]]:

@@ -18,7 +18,7 @@ from ..renderers._request import drawn_by
 from ..scenes import Scene
 from .guard import SCENE_DEPTH, Guard
 from .journal import Journal
-from .recent import Context, Recent
+from .recent import Context, Recent, moving, standing
 from .working_set import WorkingSet
 
 AHEAD = 8  # frames of a path rendered together: threads draw a view each, which is quicker than sharing one
@@ -84,10 +84,11 @@ class Stage:
     def features(self, cameras: Camera, before: Features | None) -> Features:
         """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame.
 
-        A single one that was seen lately with the same frame before it is not rendered again.
+        A single one that was seen lately with the same frame before it is not rendered again. One that shows what the
+        frame before does is that frame, the same object, so that a camera that stands is rendered but three times.
         """
         known = self._known(cameras, before) if len(cameras) == 1 else None
-        return self._kept(cameras, before, self._seen(self._rendered(cameras), before)) if known is None else known
+        return self._kept(cameras, before, self._rendered(cameras)) if known is None else known
 
     def path(self, cameras: Camera) -> Iterator[Features]:
         """Features of a path of N cameras, frame by frame, each with the one before it."""
@@ -96,17 +97,21 @@ class Stage:
             now = self._known(cameras[i], before)
             if now is None:
                 if not ahead:
-                    rendered = self._rendered(cameras[i : i + AHEAD])
+                    rendered = self._rendered(cameras[i : i + moving(cameras[i : i + AHEAD])])
                     ahead = [rendered[j] for j in range(len(rendered))]
-                now = self._kept(cameras[i], before, self._seen(ahead.pop(0), before))
+                now = self._kept(cameras[i], before, ahead.pop(0))
             yield now
             before = now
 
     def _known(self, camera: Camera, before: Features | None) -> Features | None:
         def see(cameras: Camera) -> Features:  # was counted when the journal answered
-            return self._seen(self._rendered(cameras), before)
+            return standing(self._seen(self._rendered(cameras), before), before)
 
         return self.recent.find(self._context(before), camera, see)
+
+    def _stands(self, cameras: Camera, before: Features | None) -> bool:
+        """Whether it is one camera that is known to show what the frame before does."""
+        return len(cameras) == 1 and before is not None and self._known(cameras, before) is before
 
     def _context(self, before: Features | None) -> Context:
         return Context(self.scene, self.renderer, self.plan, self.guard is not None, self.size, before)
@@ -121,8 +126,9 @@ class Stage:
             return seen
         return replace(seen, extras={**seen.extras, SCENE_DEPTH: rendered.require("depth")})
 
-    def _kept(self, cameras: Camera, before: Features | None, seen: Features) -> Features:
+    def _kept(self, cameras: Camera, before: Features | None, rendered: Features) -> Features:
         self._count(len(cameras))
+        seen = standing(self._seen(rendered, before), before)
         self.recent.add(self._context(before), cameras, seen)
         return seen
 
@@ -175,7 +181,7 @@ class Stage:
         )
 
     def _answer(self, cameras: Camera, before: Features | None, compute: Callable[[], Tensor]) -> Tensor:
-        self.spent.evaluations += len(cameras)
+        self.spent.evaluations += 0 if self._stands(cameras, before) else len(cameras)
         if self.journal is None:
             return compute()
         replayed = self.journal.replayed

@@ -96,7 +96,7 @@ class WholeClip:
             residuals = self.residuals(x)
             return self.mean_total(residuals), residuals
         terms = self.stage.path_terms(self.reference, self.cameras(x), guarded=True)
-        self.stage.spent.evaluations += len(x)
+        self.stage.spent.evaluations += views(x)
         return float(objective.totals(terms, self.defined).mean()), None
 
     def mean_total(self, residuals: Tensor) -> float:
@@ -116,15 +116,15 @@ class WholeClip:
             ValueError: a loss has no residuals.
         """
         found = self.stage.path_residuals(self.reference, self.cameras(x), self.defined)
-        self.stage.spent.evaluations += len(x)
+        self.stage.spent.evaluations += views(x)
         return found
 
     def across(self, x: Tensor, seen: bool = False) -> Across:
         """Residuals of a path (N, D), and beyond jumps of the losses; one evaluation a frame if it was not ``seen``."""
         if not seen:
-            self.stage.spent.evaluations += len(x)
-        views = self.stage.path(self.cameras(x))
-        told = [self.stage.across(self.reference[i], view, self.defined[i]) for i, view in enumerate(views)]
+            self.stage.spent.evaluations += views(x)
+        path = self.stage.path(self.cameras(x))
+        told = [self.stage.across(self.reference[i], view, self.defined[i]) for i, view in enumerate(path)]
         return Across(*(torch.cat([getattr(one, field.name) for one in told]) for field in fields(Across)))
 
     def still_totals(self, x: Tensor, frame: int) -> Tensor:
@@ -142,7 +142,7 @@ class WholeClip:
         path = torch.cat([x[begin:first], moved[first:last]])
         frames = slice(begin, last)
         found = self.stage.path_residuals(self.reference[frames], self.cameras(path), self.defined[frames])
-        self.stage.spent.evaluations += len(path)
+        self.stage.spent.evaluations += views(path)
         return found[first - begin :]
 
     def local(
@@ -182,6 +182,9 @@ class WholeClip:
             rows = torch.cat([rows, jumps.led, jumps.led], dim=1)
             paired = torch.cat([paired, torch.zeros_like(rows[0, len(paired) :])])
         measured = (torch.arange(D) + torch.arange(N)[:, None] + first) % shared == 0  # (N, D)
+        stands = standing(x)
+        measured &= ~stands[:, None]
+        measured |= (stands & ~stands.roll(1)).roll(-1)[:, None]  # one frame measures for all that stand after it
         for r, d in ((rows.double().T @ measured.double() == 0) & rows.any(0)[:, None]).nonzero().tolist():
             having = rows[:, r].nonzero()[:, 0]
             if not measured[having, d].any():  # of a residual that few frames have one measures what none would
@@ -199,6 +202,22 @@ class WholeClip:
                 stage.spent.evaluations += len(around)
             before = now
         return Local(residuals, between(jacobians, measured, rows), objective.groups, paired)
+
+
+def standing(x: Tensor) -> Tensor:
+    """Frames (N,) bool of a path (N, D) that show what the frame before does: two before them stand there too.
+
+    >>> standing(torch.tensor([[1.0], [1.0], [1.0], [1.0], [2.0]])).tolist()
+    [False, False, True, True, False]
+    """
+    kept = torch.zeros(len(x), dtype=torch.bool)
+    kept[1:] = (x[1:] == x[:-1]).all(1)
+    return kept & torch.cat([kept[:1], kept[:-1]])
+
+
+def views(x: Tensor) -> int:
+    """How many views a path (N, D) has; a camera that stands has two, with and without a frame before."""
+    return len(x) - int(standing(x).sum())
 
 
 def between(jacobians: Tensor, measured: Tensor, rows: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ from ..driver.schedule import Schedule
 from ..driver.second_guide import second_guide
 from ..driver.stage import Stage
 from ..driver.starts import Starts
-from ..driver.whole_clip import WholeClip
+from ..driver.whole_clip import WholeClip, views
 from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
@@ -87,7 +87,7 @@ def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, sta
         return _nearby(job, config, _past_steps(job, config, take))
     kept = _nearby(job, config, _with_floaters(job, config, take, report))
     if kept.found is not take.found or kept.path is not take.path:  # what floaters cost that was no score of a result
-        job.stage.spent.evaluations += len(take.x)
+        job.stage.spent.evaluations += views(take.x)
     return kept
 
 
@@ -105,7 +105,7 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     target = first.clip.reference
     second = _searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
     there = LeftOut(job.floaters, _total(second, first.clip.stage), second.total)
-    job.stage.spent.evaluations += len(second.x)
+    job.stage.spent.evaluations += views(second.x)
     return second if there.better(left_out) else replace(first, left_out=left_out)
 
 

@@ -184,3 +184,24 @@ def test_a_steady_move_goes_on_as_fast_however_the_frames_of_its_clip_are_spaced
     found = follow(WholeClip(stage, search, reference, home, at), home, schedule)
     assert stage.spent.evaluations - before < 42  # 50 where the last step is taken again whatever time passes
     assert float((found.x - true).abs().max()) < 0.01
+
+
+def test_a_shot_that_stands_still_is_searched_once_and_stands(
+    late: Callable[..., tuple[Job, Features, Tensor]],
+) -> None:
+    job, reference, _ = late("static", 8, 2)
+    assert job.schedule.still
+    guide, homes, _ = led(job, reference)
+    before = job.stage.spent.evaluations
+    clip = WholeClip(job.stage, job.search, reference, homes[0])
+    progress: list[int] = []
+
+    def told(frame: int, found: Solved) -> None:
+        progress.append(job.stage.spent.evaluations - before)
+
+    found = follow(clip, homes, job.schedule, told, guide)
+    assert [frame.stop for frame in found.frames[3:]] == ["as before"] * 5
+    assert torch.equal(found.x[3:], found.x[2:3].expand(5, -1))
+    assert progress[-1] - progress[2] <= 2  # what the flow is, and what it stays
+    assert found.local is not None
+    assert found.local.total == pytest.approx(clip.total(found.x), abs=1e-6)

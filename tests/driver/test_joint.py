@@ -160,6 +160,7 @@ def test_corrected_jacobians_explain_what_was_seen_and_change_nothing_across() -
 
 def test_frames_share_what_they_measure() -> None:
     clip, x = clip_of("static")  # all frames alike, so what one measures holds for all
+    x = x + 1e-13 * torch.arange(FRAMES)[:, None]  # but none stands
     spent, measured = [], []
     for shared in (1, 3):
         seen = clip.residuals(x + 0.02)
@@ -169,6 +170,21 @@ def test_frames_share_what_they_measure() -> None:
     assert spent == [FRAMES * D, FRAMES * D / 3]
     still = ~measured[0].paired
     torch.testing.assert_close(measured[1].jacobian[:, still], measured[0].jacobian[:, still])
+
+
+def test_of_a_camera_that_stands_one_view_measures_what_others_are_like() -> None:
+    clip, x = clip_of("static")
+    aside, moves = x + 0.02, 1e-13 * torch.arange(FRAMES)[:, None]
+    spent, measured = [], []
+    for path in (aside, aside + moves):
+        before = clip.stage.spent.evaluations
+        residuals = clip.residuals(path)
+        measured.append(clip.local(path, residuals, 0.05))
+        spent.append(clip.stage.spent.evaluations - before)
+    assert spent == [2 + 2 * D, FRAMES + FRAMES * D]
+    assert clip.stage.spent.renders <= 3 + 2 * D + FRAMES + FRAMES * D + FRAMES  # the last for the reference
+    torch.testing.assert_close(measured[0].residuals, measured[1].residuals)
+    torch.testing.assert_close(measured[0].jacobian, measured[1].jacobian)
 
 
 def test_a_lens_that_is_kept_is_kept_by_a_move_that_fades_too() -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import torch
@@ -17,6 +18,7 @@ from cltransfer.driver.stage import AHEAD, Spent, Stage
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.plan import Step
 from cltransfer.run.readback import read_path
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot
@@ -94,6 +96,61 @@ def test_a_path_that_leaves_a_known_one_is_rendered_from_there(stage: Stage, cam
         same(one, two)
 
 
+def test_a_camera_that_stands_is_rendered_three_times_and_looks_as_if_it_were_rendered_always(
+    stage: Stage, cameras: Camera
+) -> None:
+    still = cameras[[0] * FRAMES]
+    path = list(stage.path(still))
+    assert stage.spent.renders == 3  # without a frame before, with one, and to see that nothing changes any more
+    assert all(frame is path[1] for frame in path[2:])
+    alone, before = replace(stage, recent=Recent(pixels=0)), None
+    for frame in path:
+        before = replace(alone).features(still[0], None if before is None else replace(before))
+        same(frame, before)
+
+
+def test_a_camera_that_stops_and_goes_on_is_rendered_wherever_it_moves(stage: Stage, cameras: Camera) -> None:
+    stops = cameras[[0, 1, 2, 2, 2, 2, 2, 3, 4]]
+    path = list(stage.path(stops))
+    assert stage.spent.renders == 3 + 2 + 2
+    alone = replace(stage, recent=Recent(pixels=0))
+    for one, two in zip(path, alone.path(stops), strict=True):
+        same(one, two)
+
+
+@dataclass(frozen=True)
+class HasOneBefore:
+    """A plugin that compares with the frame before: whether there is one."""
+
+    requires: ClassVar[tuple[str, ...]] = ("depth",)
+    provides: ClassVar[tuple[str, ...]] = ("one",)
+    needs_before: ClassVar[bool] = True
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        return now.having("one", torch.ones(len(now)))
+
+
+@dataclass(frozen=True)
+class HadOneBefore:
+    """Another that compares what that one gave: whether the frame before had one before it."""
+
+    requires: ClassVar[tuple[str, ...]] = ("one",)
+    provides: ClassVar[tuple[str, ...]] = ("two",)
+    needs_before: ClassVar[bool] = True
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        assert before is not None
+        return now.having("two", before.require("one").nan_to_num(0.0).expand(len(now)))
+
+
+def test_a_camera_that_stands_is_rendered_until_nothing_changes_any_more(stage: Stage, cameras: Camera) -> None:
+    steps = (*stage.plan.steps, Step("one", HasOneBefore()), Step("two", HadOneBefore()))
+    plan = replace(stage.plan, steps=steps)
+    path = replace(stage, plan=plan).path(cameras[[0] * 6])
+    assert [float(frame.require("two")) for frame in path][1:] == [0, 1, 1, 1, 1]
+    assert stage.spent.renders == 4
+
+
 def test_the_oldest_are_forgotten_first_and_what_is_too_much_at_once_is_not_kept(stage: Stage, cameras: Camera) -> None:
     recent = Recent(pixels=3 * SIZE[0] * SIZE[1])
     stage = replace(stage, recent=recent)
@@ -117,3 +174,17 @@ def test_what_a_journal_answered_is_seen_in_the_batch_it_was_part_of(
         spent.append(asked.spent)
     same(*found)
     assert spent == [Spent(evaluations=4, renders=3)] * 2
+
+
+def test_a_camera_that_stands_is_counted_alike_when_a_journal_answers(
+    stage: Stage, cameras: Camera, tmp_path: Path
+) -> None:
+    reference, spent = read_path(stage, cameras)[0], list[Spent]()
+    for resume in (False, True):
+        asked = replace(stage, spent=Spent(), journal=Journal(tmp_path / "j", {}, resume), recent=Recent())
+        before = None
+        for _ in range(6):
+            asked.terms(reference, cameras[0], before)
+            before = asked.features(cameras[0], before)
+        spent.append(asked.spent)
+    assert spent == [Spent(evaluations=3, renders=3)] * 2
