@@ -27,7 +27,7 @@ from .preparation import Job
 Report = Callable[[int, Solved], None]
 
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
-AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that has more than that
+AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that refines at all
 HIDDEN = 0.25  # total that they have to cost a frame for which the path goes aside
 STANDS = 0.25  # total above which a path that stands is tried nearby: a step of a loss may lead down
 STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
@@ -142,7 +142,7 @@ def _told(stage: Stage) -> bool:
 def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
     """The path aside where floaters hide the person or a loss jumps, and refined, if it gains there more than it loses.
 
-    Presets that refine a path but once look for no steps, and refine none again.
+    Presets that refine a path but once look for no steps.
     """
     path, clip, stage = take.path, take.clip, job.stage
     several, dearer = config.joint > AMONG, left_out.among > left_out.alone + SEEN
@@ -171,17 +171,21 @@ def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[
 
 
 def _moved(job: Job, config: RunConfig, take: Take, left_out: LeftOut, aside: LeastPath) -> tuple[Take, LeftOut]:
-    """The path ``aside``, refined by presets that do so more than once, if it gains more than it loses."""
+    """The path ``aside``, refined or else as it is, if it gains more than it loses."""
     clip, path = take.clip, take.path
     assert path is not None
     whole = replace(clip, stage=job.stage)
-    there = refined(whole, aside, Effort(AMONG if config.joint > AMONG else 0, config.joint_steps))
-    if there.x is path.x or there.residuals is None:
-        return take, left_out
-    residuals = clip.residuals(there.x)
-    moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
-    found = LeftOut(left_out.count, moved.total, whole.mean_total(there.residuals))
-    return (replace(take, path=moved), found) if found.better(left_out) else (take, left_out)
+    tried = [refined(whole, aside, Effort(min(AMONG, config.joint), config.joint_steps))]
+    tried += [aside] if tried[0].x is not aside.x else []
+    for there in tried:
+        if there.x is path.x or there.residuals is None:
+            continue
+        residuals = clip.residuals(there.x)
+        moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
+        found = LeftOut(left_out.count, moved.total, whole.mean_total(there.residuals))
+        if found.better(left_out):
+            return replace(take, path=moved), found
+    return take, left_out
 
 
 def _left_out(job: Job, take: Take) -> LeftOut:
