@@ -21,7 +21,7 @@ from cltransfer.renderers._request import drawn_by
 from cltransfer.run.readback import render_frames
 from cltransfer.scenes import Scene
 from cltransfer.scenes.bake import bake_grid, bake_splats
-from cltransfer.scenes.builtin import builtin_scene, named_scene
+from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.shots import builtin_reference
 from cltransfer.testing.samples import sample_cameras
@@ -163,8 +163,7 @@ def test_what_is_no_frame_of_the_cameras_is_refused_under_the_name_that_a_config
 @pytest.mark.parametrize("form", ["splats", "mesh", "grid"])
 @pytest.mark.parametrize("focal", [-50.0, 0.0])
 def test_a_lens_without_a_positive_focal_length_is_refused_by_all(form, focal):
-    scene = named_scene("room-0" if form == "splats" else f"room-0-{form}")
-    cameras = sample_cameras(0, 1, SIZE)
+    scene, cameras = box(form), sample_cameras(0, 1, SIZE)
     cameras.K[:, 0, 0] = focal
     with pytest.raises(ValueError, match="cameras must have a positive focal length"):
         RENDERERS.get(scene.geometry.renderer)().render(scene, cameras, frozenset({"depth"}))
