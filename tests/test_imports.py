@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from fnmatch import fnmatch
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -59,12 +60,22 @@ def module_of(path: Path) -> str:
     return name.removesuffix(".__init__")
 
 
-def imports(path: Path, top: bool = False) -> Iterator[str]:
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def imports(path: Path, top: bool = False) -> tuple[str, ...]:
     """Modules that ``path`` imports when it runs, anywhere in it or (``top``) outside its functions; not those of
     ``if TYPE_CHECKING``.
     """
+    return tuple(imported(path, top))
+
+
+def imported(path: Path, top: bool) -> Iterator[str]:
     package = module_of(path) if path.name == "__init__.py" else module_of(path).rpartition(".")[0]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     typing = {
         below
         for node in ast.walk(tree)
@@ -165,7 +176,7 @@ def test_starting_up_loads_nothing_heavy(code: str) -> None:
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_of)
 def test_a_source_seeds_nothing_global_and_runs_no_foreign_code(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     assert sorted(calls & FORBIDDEN_CALLS) == []
     assert sorted(set(imports(path)) & FORBIDDEN_IMPORTS) == []
@@ -206,6 +217,7 @@ def test_what_is_installed_includes_the_data_files() -> None:
 SHARED_LAYER = {("scenes", "renderers")}  # scenes/ asks renderers/ what draws a scene, as the README says
 
 
+@cache
 def layers() -> list[list[str]]:
     """The lines of the README's architecture, top to bottom: the paths below cltransfer/ that stand in each."""
     text = (ROOT / "README.md").read_text(encoding="utf-8").partition("```\ncltransfer/\n")[2]
@@ -213,6 +225,7 @@ def layers() -> list[list[str]]:
     return [[re.sub(r"/$|\.py$", "", name) for name in line.split("   ")[0].split()] for line in map(str.strip, lines)]
 
 
+@cache
 def rank(module: str) -> int:
     """In which line a module stands: that of the longest path that holds it; -1 for cltransfer itself."""
     path = module.removeprefix("cltransfer").lstrip(".").replace(".", "/")
