@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,19 @@ from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.storage.files import content_hash, write_text
 
 LATIN = os.fsdecode(b"wom\xe9n")
-TINY = ("frames=2", "output_side=96", "search_side=48")
+TINY = ("preset=fast", "frames=2", "output_side=96", "search_side=48")
+BOTH = """
+import sys
+from cltransfer.cli.app import main
+said = sys.argv[1:]
+while said:
+    sys.argv[1:], said = said[: said.index("end")], said[said.index("end") + 1 :]
+    try:
+        main()
+    except SystemExit as end:
+        assert not end.code, sys.argv
+print("both")
+"""
 
 
 @pytest.fixture
@@ -48,20 +62,24 @@ def test_a_study_of_a_clip_by_any_name_has_its_key(clip: Path, fresh: Callable[.
     assert "wom\\udce9n" in answer.out
 
 
-def test_a_run_and_an_inspection_may_lie_under_any_name(fresh: Callable[..., Any], tmp_path: Path) -> None:
-    """OpenCV ends the interpreter when it is given such a name."""
+def test_a_run_and_an_inspection_may_lie_under_any_name(cache: Path, tmp_path: Path) -> None:
+    """OpenCV ends the interpreter when it is given such a name: so in one of its own, that both share."""
     run, page = tmp_path / LATIN / "run", tmp_path / LATIN / "page"
-    answer = fresh("transfer", "--quiet", "--out", run, *TINY)
-    assert answer.code == 0, answer.err
+    words = (("transfer", "--out", str(run)), ("inspect", "builtin:static", "--out", str(page)))
+    done = subprocess.run(
+        [sys.executable, "-c", BOTH, *(word for verb in words for word in (*verb, "--quiet", *TINY, "end"))],
+        env={**os.environ, "CLTRANSFER_CACHE": str(cache)},
+        capture_output=True,
+        timeout=120,
+    )
+    assert (done.returncode, done.stdout.split()[-1:]) == (0, [b"both"]), done.stderr
     assert (run / "DONE").is_file()
     assert (run / "strip.jpg").read_bytes()[:2] == b"\xff\xd8"
-    answer = fresh("inspect", "builtin:static", "--quiet", "--out", page, *TINY)
-    assert answer.code == 0, answer.err
     assert (page / "frames" / "0000.png").read_bytes()[1:4] == b"PNG"
 
 
-def test_what_a_narrow_terminal_cannot_show_is_escaped(fresh: Callable[..., Any], tmp_path: Path) -> None:
-    folder = tmp_path / "dír"
-    answer = fresh("doctor", PYTHONIOENCODING="ascii", CLTRANSFER_CACHE=str(folder))
+def test_what_a_narrow_terminal_cannot_show_is_escaped(fresh: Callable[..., Any]) -> None:
+    network = "extractors={depth_onnx: {model: dír.onnx, kind: disparity}}"
+    answer = fresh("transfer", network, "--print-config", PYTHONIOENCODING="ascii")
     assert answer.code == 0, answer.err
-    assert "d\\xedr" in answer.out
+    assert "model: d\\xedr.onnx" in answer.out
