@@ -470,10 +470,11 @@ FRESH = {
 
 @pytest.mark.parametrize("code", FRESH)
 def test_a_fresh_process_refuses_at_once(fresh: Callable[..., Any], slowness: float, tmp_path: Path, code: int) -> None:
-    answers = [fresh(*FRESH[code]) for _ in range(2)]  # the first may write bytecode
-    for answer in answers:
-        refused(answer, code)
-    assert min(answer.seconds for answer in answers) < SECONDS * slowness
+    answer = fresh(*FRESH[code])
+    if answer.seconds >= SECONDS * slowness:  # the first may write bytecode
+        answer = fresh(*FRESH[code])
+    refused(answer, code)
+    assert answer.seconds < SECONDS * slowness
     assert not list(tmp_path.iterdir())
 
 
@@ -483,7 +484,8 @@ def test_a_disk_that_cannot_be_written_is_code_5(command: Callable[..., Any], ti
     refused(answer, 5, "x.mp4")
 
 
-@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+# a sweep is interrupted in tests/ablate/test_ablate.py
+@pytest.mark.parametrize(("name", "code"), [pytest.param("SIGINT", 130, marks=pytest.mark.slow), ("SIGTERM", 143)])
 def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: str, code: int) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "cltransfer", "transfer", "generations=1000", "patience=1000", "--out", "a take"],
