@@ -45,7 +45,7 @@ def config(own_cache: Path) -> Iterator[RunConfig]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CLTRANSFER_MODELS", str(DATA / "models"))
         patch.setenv("CLTRANSFER_CACHE", str(own_cache))
-        yield load_config(overrides=["frames=5", "generations=5", "output_side=320"])
+        yield load_config(overrides=["preset=fast", "frames=3", "output_side=320"])
 
 
 @pytest.fixture(autouse=True)
@@ -131,7 +131,7 @@ def test_a_clip_against_itself_scores_zero_on_every_defined_term(config: RunConf
     for term in scores.terms:
         values = term.values[torch.isfinite(term.values)]
         torch.testing.assert_close(values, torch.zeros_like(values))
-    assert scores.term("shot_size").defined == 5
+    assert scores.term("shot_size").defined == 3
 
 
 def test_a_clip_is_read_whole_with_the_shift_of_its_scene(config: RunConfig, lifted: Lift, blue_network: Path) -> None:
