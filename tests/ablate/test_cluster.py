@@ -79,6 +79,7 @@ def cluster() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         process.wait()
 
 
+@pytest.mark.slow  # above a worker is, and the ledger is as whole
 def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(
     cluster: tuple[str, subprocess.Popen[bytes]], sweep_file: Callable[..., Path], tmp_path: Path
 ) -> None:
