@@ -78,7 +78,7 @@ def spent(run: Path) -> dict[str, Any]:
     return {what: cost for what, cost in said.items() if not what.startswith("seconds")}
 
 
-@pytest.mark.parametrize("engine", ["refine", "cma"])
+@pytest.mark.parametrize("engine", ["refine", pytest.param("cma", marks=pytest.mark.slow)])
 def test_a_run_that_was_killed_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
     command: Callable[..., Any], cache: Path, tmp_path: Path, synced: list[int], engine: str
 ) -> None:
