@@ -31,6 +31,7 @@ def to_itself(name: str, seed: int, preset: str, folder: Path, frames: int = 24)
     return true, transfer(Inputs(TEACHER, f"{TEACHER}@{folder / 'shot.json'}"), settings(preset, seed))
 
 
+@pytest.mark.slow  # the next one, too, is found again behind something
 def test_a_person_who_passes_behind_a_tree_is_found_again(tmp_path: Path) -> None:
     true, found = to_itself("truck", 601, "balanced", tmp_path)
     sure = found.reference.features.require("keypoints")[..., 2] > 0.5
@@ -58,6 +59,7 @@ def test_a_person_half_behind_a_post_is_as_large_as_in_the_reference(tmp_path: P
     assert {solved.stop for solved in found.kept.found.frames[3:]} == {"as before"}  # nothing moves
 
 
+@pytest.mark.slow  # above a post leaves seven joints, of which one is a key joint
 def test_a_person_of_whom_a_post_leaves_three_joints_is_found(tmp_path: Path) -> None:
     _, found = to_itself("zoom", 532, "fast", tmp_path)
     shown = found.reference.features.require("keypoints")[..., 2] > 0.5
@@ -66,7 +68,8 @@ def test_a_person_of_whom_a_post_leaves_three_joints_is_found(tmp_path: Path) ->
     assert float(found.searched.totals.mean()) < 0.3
 
 
-@pytest.mark.parametrize("preset", ["fast", pytest.param("balanced", marks=pytest.mark.slow)])
+@pytest.mark.slow  # the guide that is led astray by coarse distances is measured below, before any search
+@pytest.mark.parametrize("preset", ["fast", "balanced"])
 def test_something_right_before_the_lens_for_a_while_leads_nothing_astray(tmp_path: Path, preset: str) -> None:
     _, found = to_itself("tilt", 541, preset, tmp_path)
     assert float(found.searched.totals.mean()) < 0.3  # measured 0.05; 1.5, 1.4 with distances of the first guide alone
