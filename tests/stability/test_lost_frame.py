@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from cltransfer.bench.driver import SIZE, TARGETS, TEACHER, drawn, settings
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
@@ -26,6 +28,7 @@ def test_a_clip_of_which_one_frame_is_lost_is_found_again(tmp_path: Path) -> Non
     assert float(away) < 0.01 * height
 
 
+@pytest.mark.slow  # tests/run/test_take.py tells such a path from one that leaps
 def test_a_path_that_passes_a_lost_frame_by_is_kept(tmp_path: Path) -> None:
     found, _, _ = taught("boom", 511, "cross", tmp_path)
     totals = found.kept.found.totals
