@@ -48,7 +48,7 @@ def filmed(courtyard: Scene, tmp_path: Path) -> Callable[..., tuple[str, Traject
     return film
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def solve() -> Callable[..., Result]:
     """Transfer a reference into a scene, the courtyard by default."""
 
