@@ -18,7 +18,11 @@ def test_a_portrait_reference_gives_a_portrait_shot(
     assert rotation < 1.5
 
 
-@pytest.mark.parametrize("name", ["crash_zoom", "dutch", "boom", "truck", "tilt", "handheld"])
+# crash zooms are tested below, moves of other directions in test_self_transfer.py and tests/driver
+@pytest.mark.parametrize(
+    "name",
+    ["dutch", "handheld", *(pytest.param(n, marks=pytest.mark.slow) for n in ("crash_zoom", "boom", "truck", "tilt"))],
+)
 def test_every_move_ends_sound_and_framed(
     filmed: Callable[..., Any], solve: Callable[..., Any], sound: Callable[..., None], name: str
 ) -> None:
