@@ -19,6 +19,7 @@ from .problem import Problem, motion_scale
 from .spline import Local
 from .whole_clip import WholeClip
 
+GOOD = 0.3  # total of a frame that is about right
 DRIFT, DRIFT_FLOOR = 9.0, 0.3  # times the first frames' total, and so much, that the last frames may end above it
 LEAP, LEAP_FLOOR = 6.0, 3.0  # times the median, and at least so much, that no frame may end above
 
@@ -107,6 +108,8 @@ def follow(
                 starts = torch.cat([starts, problem.aimed(starts[-1:])])
             else:
                 starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
+                if schedule.thorough and found[-1].total < GOOD:  # its own motion may go on too, lest the guide leaps
+                    starts = torch.cat([starts, predictions([solved.x for solved in found], at)[-1:]])
         if schedule.still and schedule.engine == "refine" and schedule.warm and not hidden[:i].all():
             solved = held(problem, found[-1].x, memory, schedule)
         elif hidden[i] and found and schedule.warm:

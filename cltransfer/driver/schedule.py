@@ -67,6 +67,11 @@ class Schedule:
         return self.polish is not None
 
     @property
+    def thorough(self) -> bool:
+        """Whether several dampings are tried together, and starts with them."""
+        return len(self.refinement.dampings) > 1
+
+    @property
     def lean(self) -> Schedule:
         """The cheapest way along a clip: one damping, the Jacobian carried from frame to frame, nothing rescued."""
         steps = min(self.refinement.steps, LEAN_STEPS)
