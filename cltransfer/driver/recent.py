@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
+from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
@@ -103,10 +103,11 @@ def _alike(a: Features, b: Features) -> bool:
     names = a.names()
     if names != b.names() or a.size != b.size or a.reasons != b.reasons or a.person is not b.person:
         return False
-    return all(
-        np.array_equal(a.require(name).numpy(), b.require(name).numpy(), equal_nan=True)
-        for name in names - {"camera", "person"}
-    )
+    return all(_equal(a.require(name), b.require(name)) for name in names - {"camera", "person"})
+
+
+def _equal(a: Tensor, b: Tensor) -> bool:
+    return a.shape == b.shape and bool(((a == b) | ((a != a) & (b != b))).all())  # NaN where both are
 
 
 def moving(cameras: Camera) -> int:
