@@ -22,10 +22,10 @@ from ..reading.places import counted
 from ..reading.tracks import along
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
-from .lookups import cheapest_along
+from .lookups import STEP, cheapest_along
 from .stage import Stage
 
-DISTANCES = 0.5 * 1.12 ** torch.arange(24, dtype=torch.float64)  # subject heights, 0.5 to 6.8
+DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subject heights, 0.5 to 6.8
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 SLOPE, LEAD = 3, 12  # frames that tell how the person moved in the frame before, and for how many that is believed
 PLACE = slice(4, 6)  # of x: where in the frame the person stands
@@ -44,8 +44,9 @@ def closed_form(
 ) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
-    Evaluates about half of ``samples`` times :data:`DISTANCES` candidates, for a clip of any length; all of them for a
-    frame that none of that half suits, or far less than the others, and for a single sample.
+    Evaluates about half of ``samples`` times the steps of :data:`DISTANCES`, for a clip of any length; all of them for
+    a frame that none of that half suits, or far less than the others, and for a single sample; where none suits, those
+    between two steps too.
 
     Args:
         stage: renders and scores.

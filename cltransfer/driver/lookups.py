@@ -7,7 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-COARSE = 3  # steps of values that are looked up first; then those around the cheapest path, in steps of one
+COARSE = 9  # steps of values that are looked up first
+STEP = 3  # the same around the cheapest path, and everywhere where that is poor; in steps of one where it stays poor
+GAP = 0.5  # of what the cheapest step costs, above which nothing between two steps is taken for a gap
 POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all values are looked up
 POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
 
@@ -15,22 +17,26 @@ POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, 
 def cheapest_along(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:
     """Which of K values each sample takes, (S,), see :func:`_cheapest`; ``look_up(k, tried)`` costs evaluations.
 
-    First some for every sample, then those about the cheapest path, all where that is poor, and in the end what its
-    neighbours take: a narrow gap that one has found would be left again where the next one has not looked. A single
-    sample, for which all frames are to stand still, takes the cheapest of all: no other would tell of a narrow gap.
+    First some for every sample, then those about the cheapest path, all steps where that is poor, those between steps
+    where it stays so, and in the end what its neighbours take: a narrow gap that one has found would be left again
+    where the next one has not looked. A single sample, for which all frames are to stand still, looks up all steps at
+    once: no other would tell of a narrow gap.
     """
     costs, chosen = np.full((samples, len(values)), np.inf), np.zeros(samples, int)
-    for wanted in (_all,) if samples == 1 else (_coarse, _beside, _rest, *[_likewise] * samples):
+    first = (_steps,) if samples == 1 else (_coarse, _beside, _rest)
+    for wanted in (*first, _between, *[_likewise] * (samples - 1)):
         for k, tried in enumerate(wanted(costs, chosen) & np.isinf(costs)):
             if tried.any():
                 costs[k, tried] = look_up(k, tried)
+        if wanted is _between:
+            costs = _with_gaps(costs, chosen)
         chosen = _cheapest(costs, values, rate)
     return chosen
 
 
-def _all(costs: NDArray, chosen: NDArray) -> NDArray:
-    """All of (S, K), bool, whatever was ``chosen`` (S,)."""
-    return np.ones(costs.shape, bool)
+def _steps(costs: NDArray, chosen: NDArray) -> NDArray:
+    """All steps of costs (S, K), bool, whatever was ``chosen`` (S,)."""
+    return np.broadcast_to(np.arange(costs.shape[1]) % STEP == 0, costs.shape)
 
 
 def _coarse(costs: NDArray, chosen: NDArray) -> NDArray:
@@ -39,13 +45,38 @@ def _coarse(costs: NDArray, chosen: NDArray) -> NDArray:
 
 
 def _beside(costs: NDArray, chosen: NDArray) -> NDArray:
-    """Those of (S, K) nearer to what was ``chosen`` (S,) than the next that was looked up first."""
-    return np.abs(np.arange(costs.shape[1]) - chosen[:, None]) < COARSE
+    """Steps of (S, K) nearer to what was ``chosen`` (S,) than the next that was looked up first."""
+    return _steps(costs, chosen) & _within(COARSE, costs, chosen)
 
 
 def _rest(costs: NDArray, chosen: NDArray) -> NDArray:
-    """All of (S, K) where what was ``chosen`` (S,) is poor: what hides the person leaves a narrow gap."""
-    return np.broadcast_to(_poor(costs[np.arange(len(costs)), chosen])[:, None], costs.shape)
+    """All steps of (S, K) where what was ``chosen`` (S,) is poor: what hides the person leaves a narrow gap."""
+    return _steps(costs, chosen) & _poor_so_far(costs, chosen)
+
+
+def _between(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Those of (S, K) less than a step from what was ``chosen`` (S,), where that is poor still."""
+    return _within(STEP, costs, chosen) & _poor_so_far(costs, chosen)
+
+
+def _with_gaps(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Costs (S, K), infinite between steps but for gaps: little better than the ``chosen`` (S,) it is no way through.
+
+    >>> _with_gaps(np.array([[8.0, 7.5, 0.6, 7.0]]), np.array([3])).tolist()
+    [[8.0, inf, 0.6, 7.0]]
+    """
+    gap = costs <= GAP * costs[np.arange(len(costs)), chosen][:, None]
+    return np.where(_steps(costs, chosen) | gap, costs, np.inf)
+
+
+def _within(steps: int, costs: NDArray, chosen: NDArray) -> NDArray:
+    """Those of (S, K) less than ``steps`` from what was ``chosen`` (S,)."""
+    return np.abs(np.arange(costs.shape[1]) - chosen[:, None]) < steps
+
+
+def _poor_so_far(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Samples (S, 1) bool for which what was ``chosen`` (S,) is poor."""
+    return _poor(costs[np.arange(len(costs)), chosen])[:, None]
 
 
 def _likewise(costs: NDArray, chosen: NDArray) -> NDArray:

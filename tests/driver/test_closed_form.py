@@ -20,7 +20,7 @@ from cltransfer.driver.closed_form import (
     aimed_path,
     closed_form,
 )
-from cltransfer.driver.lookups import COARSE, cheapest_along
+from cltransfer.driver.lookups import COARSE, STEP, cheapest_along
 from cltransfer.progress import silent
 from cltransfer.run.preparation import Clock, Inputs, Job, prepare
 from cltransfer.scenes.load import load_scene
@@ -62,7 +62,7 @@ def test_the_path_is_that_of_the_true_cameras_to_the_step_of_the_distances(prepa
     job, true = prepared(name)
     assert job.starts.guide is not None
     truth = job.search.vector(true.camera, true.camera[0], job.stage.scene.subject)
-    step = float(DISTANCES[1] / DISTANCES[0]) - 1
+    step = float(DISTANCES[STEP] / DISTANCES[0]) - 1
     torch.testing.assert_close(job.starts.guide[:, :3], truth[:, :3], atol=0.01, rtol=0)
     assert float((job.starts.guide[:, 3] - truth[:, 3]).abs().max()) < 2.5 * step
     torch.testing.assert_close(job.starts.guide[:, 4:], truth[:, 4:], atol=0.01, rtol=0)
@@ -85,14 +85,15 @@ def test_it_is_the_same_from_whatever_view_the_lens_is_taken(prepared: Any, lens
 def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepared: Any) -> None:
     job, _ = prepared("push_in", "guide=3")
     first = len(DISTANCES[::COARSE])
-    assert 3 * (first + COARSE - 1) <= job.stage.spent.evaluations <= 3 * (first + 2 * (COARSE - 1))
-    assert first + 2 * (COARSE - 1) <= len(DISTANCES) / 2
+    beside = COARSE // STEP - 1  # on either side
+    assert 3 * (first + beside) <= job.stage.spent.evaluations <= 3 * (first + 2 * beside)
+    assert first + 2 * beside <= len(DISTANCES[::STEP]) / 2
 
 
 def test_distances_are_looked_up_once_where_nothing_moves(prepared: Any) -> None:
     job, _ = prepared("static", "guide=5")
     assert job.schedule.still
-    assert job.stage.spent.evaluations == len(DISTANCES)
+    assert job.stage.spent.evaluations == len(DISTANCES[::STEP])
     assert job.starts.guide is not None
     torch.testing.assert_close(job.starts.guide, found(job), rtol=0, atol=1e-9)
 
@@ -115,7 +116,7 @@ def test_distances_are_looked_up_where_somebody_is_seen_though_it_is_in_between(
     gone["keypoints"][hidden], gone["subject"][hidden], gone["layers"][hidden] = torch.nan, False, False
     guide, whole = found(job, **gone), found(job)
     assert guide is not None
-    step = float(DISTANCES[1] / DISTANCES[0]) - 1
+    step = float(DISTANCES[STEP] / DISTANCES[0]) - 1
     assert float((guide - whole)[[1, 3, 6], 3].abs().max()) < 2.5 * step
 
 
@@ -127,9 +128,9 @@ def test_coarsely_and_then_finely_it_is_the_path_of_all_distances(
 ) -> None:
     job, _ = prepared(name)
     lean, before = found(job), job.stage.spent.evaluations
-    monkeypatch.setattr(f"{cheapest_along.__module__}.COARSE", 1)
+    monkeypatch.setattr(f"{cheapest_along.__module__}.COARSE", STEP)
     torch.testing.assert_close(lean, found(job), rtol=0, atol=0)
-    assert job.stage.spent.evaluations - before == 5 * len(DISTANCES)
+    assert job.stage.spent.evaluations - before == 5 * len(DISTANCES[::STEP])
 
 
 def test_without_one_the_first_frame_starts_from_the_best_of_an_orbit(prepared: Any) -> None:

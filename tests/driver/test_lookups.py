@@ -1,31 +1,63 @@
 """What is looked up along a clip: few values of each sample, and the cheapest of all together."""
 
 import numpy as np
+import pytest
 
 from cltransfer.driver.closed_form import DISTANCES
-from cltransfer.driver.lookups import _cheapest, cheapest_along
+from cltransfer.driver.lookups import STEP, _cheapest, cheapest_along
+
+VALUES = DISTANCES.log().numpy()
+STEPS = np.arange(len(VALUES)) / STEP
 
 
 def test_what_one_frame_found_is_looked_up_beside_it() -> None:
     """The first frames see a gap that the coarse lookups miss, and a wide valley elsewhere; the last see the gap."""
-    values, slope = DISTANCES.log().numpy(), np.abs(np.arange(24) - 16.0)
+    slope = np.abs(STEPS - 16)
     costs = np.stack([1.0 + 0.1 * slope] * 3 + [6.0 + 0.0 * slope] * 3)
-    costs[:, 8] = 0.5
-    costs[3:, 9] = 3.0  # leads there from the coarse ones
+    costs[:, 8 * STEP] = 0.5
+    costs[3:, 9 * STEP] = 3.0  # leads there from the coarse ones
     known = np.zeros(costs.shape, bool)
 
     def look_up(k: int, tried: np.ndarray) -> np.ndarray:
         known[k] |= tried
         return costs[k, tried]
 
-    assert cheapest_along(look_up, 6, values, 1.0).tolist() == [8] * 6
-    assert known.sum(1).max() <= 24 / 2 + 2
+    assert cheapest_along(look_up, 6, VALUES, 1.0).tolist() == [8 * STEP] * 6
+    assert known[:3].sum(1).max() <= 24 / 2 + 2  # those that nothing is wrong with
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_where_all_steps_are_poor_those_between_are_looked_up(samples: int) -> None:
+    """A post before the lens hides the person from every step but not from between two of them."""
+    costs = np.stack([8.0 - 0.1 * STEPS] * samples)
+    costs[:, 16 * STEP], costs[:, 15 * STEP + 1 : 16 * STEP] = 3.4, 0.6
+    taken = cheapest_along(lambda k, tried: costs[k, tried], samples, VALUES, 1.0)
+    assert set(taken.tolist()) <= {15 * STEP + 1, 15 * STEP + 2}
+
+
+def test_what_is_little_better_between_steps_is_not_taken() -> None:
+    """It would bend the path for nothing where every distance is poor."""
+    costs = np.stack([8.0 - 0.1 * STEPS] * 4)
+    costs[:, 16 * STEP], costs[:, 15 * STEP + 1 : 16 * STEP] = 3.4, 2.0
+    taken = cheapest_along(lambda k, tried: costs[k, tried], 4, VALUES, 1.0)
+    assert taken.tolist() == [16 * STEP] * 4
+
+
+def test_where_a_step_is_good_nothing_between_is_looked_up() -> None:
+    known = np.zeros((4, len(VALUES)), bool)
+
+    def look_up(k: int, tried: np.ndarray) -> np.ndarray:
+        known[k] |= tried
+        return 0.1 + np.abs(STEPS - 11)[tried]
+
+    cheapest_along(look_up, 4, VALUES, 1.0)
+    assert not known[:, np.arange(len(VALUES)) % STEP > 0].any()
 
 
 def test_a_single_frame_sees_a_gap_that_coarse_lookups_miss() -> None:
-    costs = 1.0 + 0.1 * np.abs(np.arange(24) - 16.0)
-    costs[2] = 0.2
-    assert cheapest_along(lambda k, tried: costs[tried], 1, DISTANCES.log().numpy(), 1.0).tolist() == [2]
+    costs = 1.0 + 0.1 * np.abs(STEPS - 16)
+    costs[2 * STEP] = 0.2
+    assert cheapest_along(lambda k, tried: costs[tried], 1, VALUES, 1.0).tolist() == [2 * STEP]
 
 
 def test_a_depth_that_suits_the_first_frame_alone_is_not_taken() -> None:
