@@ -5,8 +5,10 @@ from __future__ import annotations
 from .config.options import RunConfig
 from .pipeline.scores import tabulate
 from .progress import Progress, silent
-from .run.preparation import Clock, Inputs, Record, prepare
+from .run.inputs import Inputs
+from .run.preparation import Clock, prepare
 from .run.readback import read_held
+from .run.record import Record
 from .run.result import Result
 from .run.rounds import attempts, best_of
 from .trajectory import Trajectory

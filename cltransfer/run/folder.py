@@ -30,7 +30,7 @@ from ..scenes.person.lifted import SUBJECT, save_labels
 from ..storage.files import write_json, write_text
 from ..storage.run_files import BESIDE, CONFIG, DONE, FORMAT, FRAMES, MANIFEST, STRIP, VIDEO, clear
 from .flags import run_flags
-from .preparation import Inputs
+from .inputs import Inputs
 from .result import Result
 
 

@@ -10,7 +10,7 @@ from ..reading.scene_source import split_scene
 from ..scenes.load import BUILTIN
 from ..scenes.meshes.moment import split_moment
 from ..scenes.person.lifted import LABELS, SUBJECT
-from .preparation import Inputs
+from .inputs import Inputs
 
 
 def named_files(inputs: Inputs) -> Iterator[Path]:

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import os
-import re
-import shlex
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import torch
 
 from ..camera import fitted_size, resized
-from ..computer.threads import default_count, set_threads, thread_count
+from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
 from ..driver.guard import READ, Guard
 from ..driver.initial_view import any_view, given_view, tell_turned_away
-from ..driver.journal import VIEW, Journal, fingerprint
+from ..driver.journal import VIEW, fingerprint
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
 from ..driver.starts import Starting, Starts
-from ..errors import UsageError
 from ..features import Features
-from ..models.content import files_content, model_content, own_model
 from ..pipeline.components import Components
 from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
@@ -34,74 +27,13 @@ from ..reading.depth_alignment import DepthAlignment, align_parts, needs_scene
 from ..reading.places import places
 from ..reading.reference import Reading, Reference, read_reference
 from ..reading.tracks import cleaned, turned_back
-from ..registry.plugin_code import code_of
 from ..scenes import Scene
 from ..scenes.floaters import without_floaters
-from ..scenes.foreign import check_geometry
-from ..scenes.load import load_scene
-from ..scenes.person.lifted import lifted_scene, load_person
+from ..scenes.person.lifted import lifted_scene
 from ..search import check_search
-from ..storage.run_files import DONE
+from .inputs import Inputs, given_scene
 from .readback import check_result
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What a transfer is given beside its config.
-
-    Args:
-        scene: a scene file, ``builtin:NAME``, or from Python a scene, whose digest stands for it in caches and journal.
-        reference: see :func:`cltransfer.reading.reference.read_reference`.
-        init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
-        subject: a subject.json; None lifts the scene, or takes the lift from the cache.
-        up: the scene's up; None takes the format's usual one, or the scene's own.
-
-    A :class:`~pathlib.Path` is kept as text.
-    """
-
-    scene: str | Scene
-    reference: str
-    init: str = "auto"
-    subject: Path | None = None
-    up: tuple[float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("scene", "reference", "init"):
-            if isinstance(value := getattr(self, name), os.PathLike):
-                object.__setattr__(self, name, os.fspath(value))
-
-    @property
-    def part(self) -> str:
-        """What of the reference is taken, as in ``t=1,2``; empty for all of it."""
-        return Path(self.reference).name.partition("#")[2]
-
-
-@dataclass(frozen=True)
-class Record:
-    """The journal of a run.
-
-    Args:
-        path: of the file.
-        resume: go on with what is there.
-    """
-
-    path: Path
-    resume: bool = False
-
-    def open(self, header: dict[str, Any]) -> Journal:
-        """The journal of a run that depends on ``header``; from now on what lies beside it is not finished.
-
-        Raises:
-            InputError: it is resumed, and is of another run or no journal.
-            UsageError: it is not, and this very run was begun here and has not come to its end.
-        """
-        done, folder = self.path.with_name(DONE), self.path.parent
-        if not (self.resume or done.is_file()) and Journal.begun(self.path, header):
-            hint = f"go on with --resume {shlex.quote(str(folder))}, or name another --out"
-            raise UsageError(folder, "--out", "this run was begun there and has not come to its end", hint)
-        journal = Journal(self.path, header, self.resume)
-        done.unlink(missing_ok=True)
-        return journal
+from .record import Record, run_header
 
 
 class Clock:
@@ -178,17 +110,13 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     if config.floaters == "drop":
         solid = without_floaters(scene)
         clock.lap("floaters")
-    watched = READ if config.guard and family == "scene" else frozenset()
-    plan = parts.plan(family, reference.features.names(), watched)
-    small, output = (fitted_size(reference.features.size, side) for side in (config.search_side, config.output_side))
+    stage = _stage(config, parts, scene, reference, family)
+    output = fitted_size(reference.features.size, config.output_side)
     check_result(len(reference), output)  # rather than after the search
-    journal = None
     if record is not None:
         held = {} if view is None else {VIEW: fingerprint(view)}
-        journal = record.open(_header(inputs, config, parts, search, scene, reference) | held)
-    told = parts.objective.defined(reference.features).any(0).tolist()
-    objective = replace(parts.objective, silent=frozenset(n for n, there in zip(parts.losses, told) if not there))
-    stage = Stage(scene, parts.renderer, plan, objective, small, guard=_guard(config, scene), journal=journal)
+        header = run_header(inputs, config, parts, search, scene, reference) | held
+        stage = replace(stage, journal=record.open(header))
     noise = noise_floor(stage.objective, reference.features, wanted)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
     given, read = None if view is None else resized(view, output), reference.family == "image"
@@ -205,35 +133,15 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     )
 
 
-def _guard(config: RunConfig, scene: Scene) -> Guard | None:
-    return Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
-
-
-def _header(
-    inputs: Inputs, config: RunConfig, parts: Components, search: Any, scene: Scene, reference: Reference
-) -> dict[str, Any]:
-    """What the answers of a run depend on."""
-    networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
-    named = {f"extractor {name}": extractor for name, extractor in parts.extractors.items()}
-    named |= {f"loss {name}": loss for name, loss in parts.losses.items()}  # an extractor may have the same name
-    named |= {"the renderer": parts.renderer, "the search": search}
-    # what a scene's file says is in its digest; a path that stands in it is nobody's option
-    code = {**{name: code_of(part) for name, part in named.items()}, "the scene": scene.code}
-    return {
-        **{f"config.{key}": value for key, value in asdict(config).items()},
-        "order of losses and extractors": [list(config.losses), list(config.extractors)],  # that of the terms recorded
-        "scene": scene.digest,
-        "person": scene.person_digest,
-        "reference": reference.digest,
-        "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun
-        "part of the reference": inputs.part,
-        "init": inputs.init,
-        **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
-        **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
-        **{f"code of {name}": content for name, content in code.items() if content},
-        "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
-        "threads": thread_count(),
-    }
+def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Reference, family: Family) -> Stage:
+    """What renders and scores ``scene`` as the reference was read, by its own ``family``."""
+    watched = READ if config.guard and family == "scene" else frozenset()
+    plan = parts.plan(family, reference.features.names(), watched)
+    told = parts.objective.defined(reference.features).any(0).tolist()
+    objective = replace(parts.objective, silent=frozenset(n for n, there in zip(parts.losses, told) if not there))
+    guard = Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
+    small = fitted_size(reference.features.size, config.search_side)
+    return Stage(scene, parts.renderer, plan, objective, small, guard=guard)
 
 
 def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
@@ -244,30 +152,3 @@ def noise_floor(objective: Objective, read: Features, wanted: Features) -> float
     terms = objective.terms(read if wanted is read else turned_back(read), wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
     return float(objective.totals(terms, defined).mean())
-
-
-def given_scene(inputs: Inputs) -> Scene:
-    """The scene, with its person where that is given or known.
-
-    Raises:
-        UsageError: ``up`` is told of a scene that has its own, or a scene has no name or no digest.
-        InputError: a file is missing or damaged.
-        ModelError: what a plugin has made of it is no geometry.
-    """
-    scene = (
-        _checked(inputs.scene, inputs.up) if isinstance(inputs.scene, Scene) else load_scene(inputs.scene, inputs.up)
-    )
-    return scene if inputs.subject is None else load_person(scene, inputs.subject)
-
-
-def _checked(scene: Scene, up: tuple[float, float, float] | None) -> Scene:
-    """A scene that somebody's code has made: as :func:`load_scene` would have left it."""
-    if up is not None:
-        raise UsageError(scene.name, "up", "a scene has its own", "leave it out")
-    if not scene.name:
-        raise UsageError("", "scene", "expected a name, got none", 'replace(scene, name="stage")')
-    if not re.fullmatch("[0-9a-f]{64}", scene.digest):
-        hint = "caches and journals know it again by that: hashlib.sha256(what it is made from).hexdigest()"
-        raise UsageError(scene.name, "digest", f"expected a SHA-256 in hex, got {scene.digest!r}", hint)
-    check_geometry(scene.name, "scene", scene.geometry)
-    return scene

@@ -22,7 +22,8 @@ from cltransfer.driver.closed_form import (
 )
 from cltransfer.driver.lookups import COARSE, STEP, cheapest_along
 from cltransfer.progress import silent
-from cltransfer.run.preparation import Clock, Inputs, Job, prepare
+from cltransfer.run.inputs import Inputs
+from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.skeleton import JOINTS

@@ -20,7 +20,8 @@ from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.plan import Step
 from cltransfer.progress import silent
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.run.preparation import Clock, Inputs, prepare
+from cltransfer.run.inputs import Inputs
+from cltransfer.run.preparation import Clock, prepare
 from cltransfer.run.readback import read_path
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene

@@ -19,7 +19,8 @@ from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.progress import silent
-from cltransfer.run.preparation import Clock, Inputs, prepare
+from cltransfer.run.inputs import Inputs
+from cltransfer.run.preparation import Clock, prepare
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot

@@ -13,7 +13,8 @@ from cltransfer.config import load_config
 from cltransfer.driver.second_guide import NEAR, SecondGuide, second_guide
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.progress import silent
-from cltransfer.run.preparation import Clock, Inputs, Job, prepare
+from cltransfer.run.inputs import Inputs
+from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.paper_box import PaperBox
 from cltransfer.shots import shot

@@ -21,7 +21,7 @@ from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.registry import EXTRACTORS
 from cltransfer.run.flags import run_flags
 from cltransfer.run.folder import write_run
-from cltransfer.run.preparation import Inputs
+from cltransfer.run.inputs import Inputs
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats

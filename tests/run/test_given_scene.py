@@ -12,7 +12,7 @@ import torch
 from cltransfer.config import load_config
 from cltransfer.errors import CltransferError
 from cltransfer.run.folder import write_run
-from cltransfer.run.preparation import Inputs, given_scene
+from cltransfer.run.inputs import Inputs, given_scene
 from cltransfer.scenes import Scene
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import load_person

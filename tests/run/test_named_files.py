@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cltransfer.run.inputs import Inputs
 from cltransfer.run.named_files import named_files
-from cltransfer.run.preparation import Inputs
 from cltransfer.scenes.load import load_scene
 
 

@@ -24,7 +24,8 @@ from cltransfer.features import OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.run.preparation import Inputs, _header
+from cltransfer.run.inputs import Inputs
+from cltransfer.run.record import run_header
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.storage.files import content_hash
@@ -196,13 +197,13 @@ def test_a_journal_is_of_the_code_and_the_files_of_every_plugin(tmp_path: Path) 
     config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
     parts, scene = Components.build(config), load_scene("builtin:plaza")
     reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
-    ours = _header(given, config, parts, SubjectOrbit(), scene, reference)
-    plugged = _header(given, config, replace(parts, renderer=Plugin()), SubjectOrbit(), scene, reference)
+    ours = run_header(given, config, parts, SubjectOrbit(), scene, reference)
+    plugged = run_header(given, config, replace(parts, renderer=Plugin()), SubjectOrbit(), scene, reference)
     assert {key for key in plugged if plugged[key] != ours.get(key)} == {"code of the renderer"}
     assert plugged["code of the renderer"] == content_hash(Path(__file__))
     (tmp_path / "lut").write_text("red")
     parts = replace(parts, renderer=Plugin(colours=str(tmp_path / "lut")))
-    with_file = _header(given, config, parts, SubjectOrbit(), scene, reference)
+    with_file = run_header(given, config, parts, SubjectOrbit(), scene, reference)
     assert {key for key in with_file if with_file[key] != plugged.get(key)} == {"files of the renderer"}
 
 
@@ -231,7 +232,7 @@ def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_pa
     scene, told = replace(load_scene("builtin:plaza"), geometry=kind(str(other))), []
     for content in ("one", "another"):
         other.write_text(content)
-        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+        told.append(run_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert told[0] == told[1]
     assert told[0]["code of the scene"] == content_hash(Path(__file__))
 
@@ -244,7 +245,7 @@ def test_a_journal_is_of_what_could_be_read_of_the_reference_this_time() -> None
     for late in ({}, {"depth": "7 of 24 frames"}, {"depth": "9 of 24 frames"}):
         reasons = {name: OfThisRun(f"time ran out with {when}") for name, when in late.items()}
         read = replace(reference, features=replace(reference.features, reasons=reasons))
-        told.append(_header(given, config, parts, SubjectOrbit(), scene, read))
+        told.append(run_header(given, config, parts, SubjectOrbit(), scene, read))
     assert told[1] == told[2] != told[0]
 
 
@@ -255,7 +256,7 @@ def test_a_journal_is_of_losses_in_one_order_which_its_terms_have() -> None:
         config = load_config(overrides=["preset=fast", *(f"losses.{name}={{}}" for name in names)])
         parts = Components.build(config)
         reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
-        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+        told.append(run_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert told[0] != told[1]
 
 
@@ -277,5 +278,5 @@ def test_a_journal_is_of_an_extractor_that_bears_the_name_of_a_loss(tmp_path: Pa
     told = []
     for content in ("one", "another"):
         weights.write_text(content)
-        told.append(_header(given, config, parts, SubjectOrbit(), scene, reference))
+        told.append(run_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert {key for key in told[0] if told[0][key] != told[1][key]} == {"files of extractor gaze"}

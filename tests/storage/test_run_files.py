@@ -17,7 +17,7 @@ from cltransfer.cli.shared import up_of
 from cltransfer.driver.journal import Journal
 from cltransfer.errors import InputError, UsageError
 from cltransfer.run.folder import command_again, default_folder
-from cltransfer.run.preparation import Inputs
+from cltransfer.run.inputs import Inputs
 from cltransfer.storage.run_files import (
     CONFIG,
     DONE,

@@ -1,0 +1,76 @@
+"""The journal of a run, and what the answers in it depend on."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from ..computer.threads import thread_count
+from ..config.options import RunConfig
+from ..driver.journal import Journal
+from ..errors import UsageError
+from ..models.content import files_content, model_content, own_model
+from ..pipeline.components import Components
+from ..reading.reference import Reference
+from ..registry.plugin_code import code_of
+from ..scenes import Scene
+from ..storage.run_files import DONE
+from .inputs import Inputs
+
+
+@dataclass(frozen=True)
+class Record:
+    """The journal of a run.
+
+    Args:
+        path: of the file.
+        resume: go on with what is there.
+    """
+
+    path: Path
+    resume: bool = False
+
+    def open(self, header: dict[str, Any]) -> Journal:
+        """The journal of a run that depends on ``header``; from now on what lies beside it is not finished.
+
+        Raises:
+            InputError: it is resumed, and is of another run or no journal.
+            UsageError: it is not, and this very run was begun here and has not come to its end.
+        """
+        done, folder = self.path.with_name(DONE), self.path.parent
+        if not (self.resume or done.is_file()) and Journal.begun(self.path, header):
+            hint = f"go on with --resume {shlex.quote(str(folder))}, or name another --out"
+            raise UsageError(folder, "--out", "this run was begun there and has not come to its end", hint)
+        journal = Journal(self.path, header, self.resume)
+        done.unlink(missing_ok=True)
+        return journal
+
+
+def run_header(
+    inputs: Inputs, config: RunConfig, parts: Components, search: Any, scene: Scene, reference: Reference
+) -> dict[str, Any]:
+    """What the answers of a run depend on."""
+    networks = {name: own_model(extractor) for name, extractor in parts.extractors.items()}
+    named = {f"extractor {name}": extractor for name, extractor in parts.extractors.items()}
+    named |= {f"loss {name}": loss for name, loss in parts.losses.items()}  # an extractor may have the same name
+    named |= {"the renderer": parts.renderer, "the search": search}
+    # what a scene's file says is in its digest; a path that stands in it is nobody's option
+    code = {**{name: code_of(part) for name, part in named.items()}, "the scene": scene.code}
+    return {
+        **{f"config.{key}": value for key, value in asdict(config).items()},
+        "order of losses and extractors": [list(config.losses), list(config.extractors)],  # that of the terms recorded
+        "scene": scene.digest,
+        "person": scene.person_digest,
+        "reference": reference.digest,
+        "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun
+        "part of the reference": inputs.part,
+        "init": inputs.init,
+        **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
+        **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
+        **{f"code of {name}": content for name, content in code.items() if content},
+        "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
+        "threads": thread_count(),
+    }
