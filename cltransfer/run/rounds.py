@@ -20,7 +20,8 @@ from .correct import LEAST, corrected, measure_bias
 from .left_out import LeftOut
 from .preparation import Clock, Job
 from .readback import Readback, read_back, read_path
-from .take import Report, search_path
+from .search_path import search_path
+from .take import Report
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"

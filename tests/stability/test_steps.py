@@ -34,7 +34,7 @@ def test_a_path_is_led_across_a_jump_that_no_slope_tells_of(
     assert found.searched.total < most
 
 
-@pytest.mark.slow  # tests/run/test_take.py has a path that goes aside for some of its frames
+@pytest.mark.slow  # tests/run/test_search_path.py has a path that goes aside for some of its frames
 def test_frames_in_which_depth_jumps_are_gone_past(tmp_path: Path) -> None:
     found = taught("boom", 610, "balanced", tmp_path)
     stuck = found.kept.found.totals > 3.0
