@@ -250,6 +250,19 @@ def test_tensors_of_a_wrong_type_or_on_unlike_grids_are_refused_by_name(
         ({"times": torch.tensor([0.0, 1.0]), "depth": torch.tensor(1.0)}, "[8, 8]", "depth"),
         ({"times": torch.tensor([0.0, 1.0])}, "[1e999, 1]", "size"),
         ({"times": torch.tensor([0.0, 1.0])}, "[0, -4]", "size"),
+        *(
+            ({"times": torch.tensor([0.0, 1.0]), "depth": torch.ones(2, 4, 8)}, size, "size")
+            for size in (
+                f"[1{'0' * 400}, 480]",
+                "[1000000000000, 480]",
+                "[640.9, 480]",
+                '["640", "480"]',
+                "[true, true]",
+                "[8, 4, 2]",
+                '{"8": 4, "4": 8}',
+            )
+        ),
+        ({"times": torch.tensor([0.0, 1.0]), "depth": torch.ones(2, 0, 0)}, "[8, 8]", "depth"),
     ],
 )
 def test_a_feature_file_that_no_clip_can_have_is_refused_by_field(

@@ -17,6 +17,8 @@ from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
 FORMAT = "cltransfer.features.1"
 LIMIT = 4 * 2**30  # bytes
+WIDEST = 2**16  # pixels of a side, far above what a decoder takes
+SHOWN = 40  # characters of what a file says, in an error
 STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confidence", "orientation")
 
 MASKS = ("subject", "layers")
@@ -97,13 +99,7 @@ def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
 
 
 def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> Features:
-    count = len(_times(path, tensors))
-    try:
-        width, height = (int(v) for v in json.loads(meta["size"]))
-    except (KeyError, ValueError, TypeError, OverflowError, RecursionError):
-        width = height = 0
-    if width < 1 or height < 1:
-        raise InputError(path, "size", "expected [width, height]")
+    count, size = len(_times(path, tensors)), _size(path, meta)
     for name, value in tensors.items():
         if value.dim() == 0 or len(value) != count:
             got = "a single value" if value.dim() == 0 else len(value)
@@ -111,6 +107,8 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
         shape = SHAPES.get(name)
         if shape is not None and (value.dim() != len(shape) + 1 or not _fits(value.shape[1:], shape)):
             raise InputError(path, name, f"expected (N, {shape}), got {tuple(value.shape)}")
+        if shape is not None and 0 in value.shape:
+            raise InputError(path, name, f"expected at least one pixel, got {tuple(value.shape)}")
     own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
     _check_grids(path, own)
     _check_layers(path, own)
@@ -121,7 +119,20 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
     reasons = _reasons(path, meta)
     if not own and not extras:
         raise InputError(path, "features", "expected at least one, it holds times alone")
-    return replace(Features((width, height)), **own, extras=extras, reasons=reasons)
+    return replace(Features(size), **own, extras=extras, reasons=reasons)
+
+
+def _size(path: Path, meta: dict[str, str]) -> tuple[int, int]:
+    """Width and height [px] of the frames that were read."""
+    try:
+        told = json.loads(meta.get("size", "null"))
+    except (ValueError, RecursionError):
+        told = None
+    whole = isinstance(told, list) and all(type(side) is int and 1 <= side <= WIDEST for side in told)
+    if not (whole and len(told) == 2):
+        expected = f"expected [width, height], whole numbers from 1 to {WIDEST}"
+        raise InputError(path, "size", f"{expected}, got {meta.get('size', 'none')[:SHOWN]}")
+    return told[0], told[1]
 
 
 def _typed(path: Path, name: str, value: Tensor) -> Tensor:
