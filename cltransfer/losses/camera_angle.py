@@ -37,7 +37,7 @@ class CameraAngle:
         mode: ``robust`` takes each difference the short way round, ``faithful`` does not wrap.
         weight: lambda of Eq. 15; tolerance 0.05 rad.
 
-    The penalty is 3 pi: every angle as wrong as it can be.
+    The penalty is 3 pi: every angle as wrong as it can be. Faithful: 5 pi, yaw and roll by a whole turn each.
     """
 
     mode: Literal["robust", "faithful"] = "robust"
@@ -47,6 +47,10 @@ class CameraAngle:
     unit: ClassVar[str] = "rad"
     penalty: ClassVar[float] = 3 * math.pi
     groups: ClassVar[tuple[int, ...]] = (0, 1, 2)
+
+    def __post_init__(self) -> None:
+        if self.mode == "faithful":
+            object.__setattr__(self, "penalty", 5 * math.pi)
 
     def residuals(self, reference: Features, rendered: Features) -> Tensor:
         """Signed differences of yaw, pitch and roll, (B, 3)."""

@@ -100,7 +100,8 @@ class CameraMovement:
 
     Args:
         mode: ``faithful`` is the endpoint error in pixels of the reference over the pixels that both sides
-            count to a layer; it depends on the resolution and needs overlapping persons. ``robust`` fits an
+            count to a layer; it depends on the resolution and needs overlapping persons. The mean is over the
+            layers that both sides have, where Eq. 11 counts a missing one as 0. ``robust`` fits an
             affine field to each layer of either side, weighted by the flow's confidence where that was extracted,
             and compares the fields over the reference's pixels.
         layered: compare foreground, person and background apart (Eq. 11); else the frame as one layer, as JAWS does.
@@ -113,7 +114,7 @@ class CameraMovement:
 
     The penalty is a quarter of the frame width in one frame, a whip pan, and the most that a layer can differ by, so
     that to lose all of them never pays; to lose one that differs by more than ``mismatch`` does. Faithful: that of a
-    frame 1280 wide.
+    frame 1280 wide; to lose a layer that differs more than the others pays.
     """
 
     mode: Literal["robust", "faithful"] = "robust"
@@ -155,7 +156,7 @@ class CameraMovement:
         flow, layers = _on_grid_of(reference, rendered, self._layers(rendered))
         layers = layers & self._layers(reference)
         errors = layer_endpoint_errors(reference.require("flow"), flow, layers)
-        there = errors.isfinite()
+        there = errors.isfinite()  # Eq. 11, but for the missing ones
         return errors.masked_fill(~there & there.any(-1, keepdim=True), 0) / there.sum(-1, keepdim=True)
 
     def __call__(self, reference: Features, rendered: Features) -> Tensor:

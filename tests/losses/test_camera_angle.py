@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 import torch
@@ -39,9 +40,14 @@ def test_wrapped_angle_is_above_minus_pi_up_to_pi_row_1() -> None:
     assert float(wrap(torch.tensor(math.pi, dtype=torch.float64))) == math.pi
 
 
-def test_no_pair_of_angles_costs_more_than_the_penalty_row_4() -> None:
-    angles = torch.rand(2, 500, 3, generator=torch.Generator().manual_seed(0)) * 20 - 10
-    assert camera_angle_loss(angles[0], angles[1], wrapped=True).max() <= CameraAngle.penalty
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+def test_no_pair_of_angles_costs_more_than_the_penalty_row_4(mode: Literal["robust", "faithful"]) -> None:
+    """Yaw and roll half a turn either way, pitch a quarter: what an orientation can be."""
+    most = torch.tensor([math.pi, math.pi / 2, math.pi])
+    angles = (2 * torch.rand(2, 500, 3, generator=torch.Generator().manual_seed(0)) - 1) * most
+    angles = torch.cat([angles, torch.stack([most, -most])[:, None]], dim=1)
+    costs = camera_angle_loss(angles[0], angles[1], wrapped=mode == "robust")
+    assert costs.max() <= CameraAngle(mode=mode).penalty + 1e-5
 
 
 def test_undefined_angle_is_undefined() -> None:

@@ -119,6 +119,18 @@ def test_faithful_needs_layers_that_overlap_row_11() -> None:
     assert float(CameraMovement()(reference, swapped)) == pytest.approx(0.03, rel=1e-4)
 
 
+def test_faithful_takes_the_mean_over_the_layers_that_both_sides_have_row_7() -> None:
+    """Eq. 11 would count a missing one as 0; one that is lost is left out, and robust charges it (the mismatch)."""
+    reference, rendered = moving(STILL), moving(PAN)
+    reference.layers[:, 0] = False
+    loss = CameraMovement(mode="faithful")
+    assert float(loss(reference, rendered)) == pytest.approx(0.03 * 64, rel=1e-5)  # not two thirds of it
+    rendered.flow[rendered.layers[:, 1:2].expand_as(rendered.flow)] = 0.0
+    assert float(loss(reference, rendered)) == pytest.approx(0.03 * 64 / 2, rel=1e-5)
+    rendered.layers[:, 2] = False
+    assert float(loss(reference, rendered)) == pytest.approx(0, abs=1e-5)
+
+
 @pytest.mark.parametrize("mode", ["robust", "faithful"])
 def test_first_frame_is_undefined_row_13(mode: str) -> None:
     first = moving(STILL)
