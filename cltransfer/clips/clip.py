@@ -19,7 +19,8 @@ from ..features import Features
 from ..storage.files import atomic
 from .decoding import Frame, decode
 from .image_folder import FOLDER_RATE, folder_times
-from .part import ClipPart, evenly, files_of, find_part, images_of
+from .part import ClipPart, files_of, find_part, images_of
+from .thinned import evenly
 
 
 @dataclass(frozen=True)

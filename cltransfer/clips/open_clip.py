@@ -10,8 +10,9 @@ from .clip import Clip, clip_of
 from .cuts import check_one_shot
 from .image_folder import FOLDER_RATE, TIMES, untimed
 from .letterbox import cropped, find_letterbox
-from .part import ClipPart, evenly, find_part
+from .part import ClipPart, find_part
 from .source import ClipSource
+from .thinned import evenly
 
 APART = 1.0  # [s] between frames, above which what moved cannot be followed
 ASSUMED = f"frames without {TIMES} are taken to play at {FOLDER_RATE:g} images/s: name another rate as FOLDER#fps=N"

@@ -14,8 +14,9 @@ from .cuts import check_one_shot
 from .image_folder import FOLDER_RATE, TIMES, image_files
 from .letterbox import find_letterbox
 from .open_clip import open_part, rate_assumed, without_bars
-from .part import evenly, find_part, nearest
+from .part import find_part
 from .source import ClipSource
+from .thinned import evenly, nearest
 
 ALIKE = 0.01  # by which two frames' shapes, or what bars leave of them, may differ: a pixel of 100, and rounding
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..clips.part import evenly
+from ..clips.thinned import evenly
 from ..config.options import RunConfig
 from ..errors import InputError, UsageError
 from ..extractors.scene_joints import NEAR, project_joints

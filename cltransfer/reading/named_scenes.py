@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..clips.thinned import evenly
 from ..errors import InputError
 from ..scenes import Scene
 from ..scenes.load import load_scene
@@ -46,9 +47,7 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
 
 
 def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajectory:
-    count = len(trajectory)
-    keep = min(frames or count, count)
-    index = [round(i * (count - 1) / max(keep - 1, 1)) for i in range(keep)]
+    index = evenly(trajectory.times, frames)
     width, height = trajectory.camera.size
     scale = side / max(width, height)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from cltransfer.clips.part import evenly
+from cltransfer.clips.thinned import evenly
 from cltransfer.reading.places import WIDEST, counted, places
 
 

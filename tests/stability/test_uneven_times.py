@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.clips.part import evenly
+from cltransfer.clips.thinned import evenly
 from cltransfer.config import load_config
 from cltransfer.scenes.load import load_scene
 from cltransfer.trajectory import Trajectory
