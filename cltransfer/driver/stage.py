@@ -100,6 +100,8 @@ class Stage:
                     rendered = self._rendered(cameras[i : i + moving(cameras[i : i + AHEAD])])
                     ahead = [rendered[j] for j in range(len(rendered))]
                 now = self._kept(cameras[i], before, ahead.pop(0))
+            elif ahead:  # it was rendered with those before it, and is known by now
+                ahead.pop(0)
             yield now
             before = now
 

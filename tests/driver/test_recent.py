@@ -118,6 +118,15 @@ def test_a_camera_that_stops_and_goes_on_is_rendered_wherever_it_moves(stage: St
         same(one, two)
 
 
+def test_a_frame_that_turns_out_to_be_known_hands_on_no_other_ones_view(stage: Stage, cameras: Camera) -> None:
+    """The second path stands longer than the first, which went on from there: its fourth frame was rendered ahead."""
+    list(stage.path(cameras[[0, 0, 1, 2, 3]]))
+    stands = cameras[[0, 0, 0, 1, 4, 5]]
+    for i, (one, two) in enumerate(zip(stage.path(stands), replace(stage, recent=Recent()).path(stands), strict=True)):
+        assert torch.equal(one.camera.w2c, stands[i].w2c)
+        same(one, two)
+
+
 @dataclass(frozen=True)
 class HasOneBefore:
     """A plugin that compares with the frame before: whether there is one."""

@@ -37,6 +37,12 @@ def test_a_search_is_refined_only_if_slopes_tell_every_move(name: str) -> None:
     assert (name in made.note) == (made.engine == "cma")
 
 
+def at_rest(frames: int) -> Features:
+    """One frame again and again, without flow."""
+    frame = sample_features(0, 2)[1]
+    return Features.concatenate([frame.having("flow", torch.zeros_like(frame.require("flow")))] * frames)
+
+
 @pytest.mark.parametrize("frames", [3, 12, 40])
 @pytest.mark.parametrize(("preset", "times"), [("fast", 1), ("balanced", 2)])
 def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(
@@ -44,7 +50,7 @@ def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(
 ) -> None:
     config = load_config(overrides=[f"preset={preset}"])
     objective, search = Objective(Components.build(config).losses), config.build_one("search")
-    still = Features.concatenate([sample_features(0, 2)[1]] * frames)
+    still = at_rest(frames)
     polish = make_schedule(config, search, objective, still).polish
     assert polish is not None
     assert polish.generations == times * min(frames, POLISH.generations)
@@ -53,6 +59,18 @@ def test_where_nothing_moves_the_first_frame_has_generations_for_all_of_them(
         other = keypoints.clone()
         other[frame, :, 0] += change  # one frame alone is different, or shows nothing
         assert not make_schedule(config, search, objective, replace(still, keypoints=other)).still
+
+
+@pytest.mark.parametrize("losses", [(), ("shot_size", "framing", "filmic_space", "camera_angle")])
+def test_a_steady_move_is_no_still_shot_though_every_frame_shows_the_same(losses: tuple[str, ...]) -> None:
+    """An orbit about a person who is all that is read, or a pan by its flow alone."""
+    config = load_config(overrides=["preset=fast", *(f"losses.{name}=null" for name in losses)])
+    objective, search = Objective(Components.build(config).losses), config.build_one("search")
+    rest = at_rest(8)
+    assert make_schedule(config, search, objective, rest).still
+    flow = torch.zeros_like(rest.require("flow"))
+    flow[:, 0] = 0.02 * rest.size[0]
+    assert not make_schedule(config, search, objective, rest.having("flow", flow)).still
 
 
 def test_a_loss_that_weighs_nothing_frees_no_lens_and_places_nobody() -> None:
