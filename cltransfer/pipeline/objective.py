@@ -109,12 +109,16 @@ class Objective:
     @property
     def without_residuals(self) -> list[str]:
         """Losses that no slope is known of, though the reference may have them."""
-        return [n for n, loss in self.losses.items() if not hasattr(loss, "residuals") and n not in self.silent]
+        return [n for n, loss in self.losses.items() if not hasattr(loss, "residuals") and not self._idle(n)]
+
+    def _idle(self, name: str) -> bool:
+        """Whether a loss costs nothing whatever is rendered, so that nobody asks for its slope."""
+        return name in self.silent or self.losses[name].weight == 0
 
     @property
     def _groups(self) -> dict[str, tuple[int, ...]]:
-        """Groups of each loss's residuals; of a silent one that has none a single residual, which is 0."""
-        lacking = {name: (0,) if name in self.silent else () for name in self.losses}
+        """Groups of each loss's residuals; of an idle one that has none a single residual, which is 0."""
+        lacking = {name: (0,) if self._idle(name) else () for name in self.losses}
         return {name: tuple(getattr(loss, "groups", lacking[name])) for name, loss in self.losses.items()}
 
     def rows(self, defined: Tensor) -> Tensor:
@@ -161,7 +165,7 @@ class Objective:
         """
         parts, groups = [], self._groups
         for (name, loss), there in zip(self.losses.items(), defined.tolist()):
-            if not there:
+            if not there or not hasattr(loss, "residuals"):  # without any it is idle
                 parts.append(torch.zeros(len(rendered), len(groups[name]), dtype=torch.float64))
                 continue
             if any(not rendered.has(name) for name in loss.requires):

@@ -173,3 +173,25 @@ def test_a_loss_that_holds_weights_gives_values_without_gradients_here_and_with_
     found = Objective({"learnt": Learnt()}).terms(boxes(1.0), boxes(3.0))
     assert (found.tolist(), found.requires_grad) == ([[4.0]], False)
     assert Learnt()(boxes(1.0), boxes(3.0)).requires_grad
+
+
+@dataclass(frozen=True)
+class Signed(Distance):
+    groups: ClassVar[tuple[int, ...]] = (0,)
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        return (rendered.require("box") - reference.require("box")).sum(1, keepdim=True)
+
+
+@pytest.mark.parametrize(("weight", "without"), [(0.0, []), (1.0, ["metric"])])
+def test_a_metric_that_weighs_nothing_needs_no_residuals(weight: float, without: list[str]) -> None:
+    objective = Objective({"metric": Distance(weight=weight), "sloped": Signed()})
+    assert objective.without_residuals == without
+    assert (objective.groups is None) == bool(without)
+    reference, rendered, both = boxes(1.0), boxes(4.0, 0.5), torch.tensor([True, True])
+    assert objective.terms(reference, rendered)[:, 0].tolist() == [3.0, 0.5]  # measured all the same
+    if without:
+        return
+    assert objective.residuals(reference, rendered, both).tolist() == [[0.0, 6.0], [0.0, -1.0]]
+    assert objective.across(reference, rendered, both).beyond.tolist() == [[0.0, 6.0], [0.0, -1.0]]
+    assert objective.lost_residuals(both).tolist() == [0.0, 100.0]
