@@ -25,8 +25,8 @@ class PaperBox:
     exponential map is no rotation. gamma is clamped above 0, where the paper's range would divide by zero.
 
     Args:
-        translation: half-range of v, scene units.
-        angle: half-range of theta [rad].
+        translation: half-range of v, above 0, scene units.
+        angle: half-range of theta, above 0 [rad].
         focal: highest gamma; the lowest is ``focal_floor``.
         focal_floor: lowest gamma.
     """
@@ -43,6 +43,9 @@ class PaperBox:
     focal_floor: float = 0.05
 
     def __post_init__(self) -> None:
+        for name in ("translation", "angle"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 < self.focal_floor < self.focal:
             raise ValueError(f"expected 0 < focal_floor < focal, got {self.focal_floor} and {self.focal}")
 

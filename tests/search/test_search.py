@@ -14,6 +14,7 @@ from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.registry import SEARCHES
 from cltransfer.search import check_search
+from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
 from cltransfer.subject import Subject
 from cltransfer.testing.samples import sample_subject
@@ -252,3 +253,11 @@ def test_whole_turns_bring_an_angle_that_wraps_next_to_another(at: int, unit: fl
     same = [search.cameras(path, home(subject), subject).w2c for path in (x, turned)]
     torch.testing.assert_close(same[1], same[0])
     assert torch.isinf(search.bounds()[1][at])  # or a path could not go on past it
+
+
+@pytest.mark.parametrize("option", ["translation", "angle"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_a_box_without_room_is_refused(option: str, value: float) -> None:
+    """A tripod is no box of width 0: its shares of the half-range would be 0 / 0."""
+    with pytest.raises(ValueError, match=f"{option} must be positive, got {value}"):
+        PaperBox(**{option: value})
