@@ -27,9 +27,11 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
             paths are not, a resumed run scores them again. None keeps nothing.
 
     Raises:
-        UsageError: the config asks for what the scene or the reference cannot give.
-        InputError: a file is missing or damaged, or shows no person.
+        UsageError: the config asks for what the scene or the reference cannot give, or this very run was begun in the
+            folder of ``record`` and has not come to its end.
+        InputError: a file is missing or damaged, or shows no person, or a journal to go on with is of another run.
         ModelError: a network is missing.
+        ResourceError: the frames cannot be kept in memory, or another process writes the journal.
     """
     clock = Clock()
     job = prepare(inputs, config, clock, progress, record)

@@ -1,7 +1,7 @@
 """A path that goes aside for some of its frames, past what stands before the person there, or where a loss jumps.
 
-Least squares follow slopes, and a leaf that hides the person has none; nor has a layer's depth, a median, where half of
-that layer leaves the frame. So the whole path is tried a little aside, every way, at those frames; which of the ways
+Least squares follow slopes, and a leaf that hides the person has none; nor has a layer's depth, a mode, where another
+peak gets the higher one. So the whole path is tried a little aside, every way, at those frames; which of the ways
 each frame takes is chosen for all of them together, by dynamic programming; and it is taken where it costs less.
 """
 

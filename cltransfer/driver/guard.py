@@ -83,7 +83,8 @@ def _from_body(points: Tensor, person: Subject) -> Tensor:
         return torch.full((len(points),), torch.inf, dtype=torch.float64)
     start, along = known[:-1], known[1:] - known[:-1]
     offset = points[:, None] - start  # (B, K - 1, 3)
-    share = ((offset * along).sum(-1) / (along**2).sum(-1)).clamp(0, 1)
+    length = (along**2).sum(-1).clamp_min(1e-12)  # two joints may be one
+    share = ((offset * along).sum(-1) / length).clamp(0, 1)
     return (offset - share[..., None] * along).norm(dim=-1).amin(1)
 
 

@@ -31,13 +31,15 @@ ALIKE = 1e-3  # by which two vectors differ at most that are one view
 BATCH = 16  # views rendered together
 KEPT = 4  # views that the first frame may start from
 APART = 0.35  # of the distance to the subject, between two of them
-ASIDE = 0.01  # of the frame, by how much a principal point may lie beside the middle without a word
+ASIDE = 0.01  # of the frame, by how much a principal point may lie beside the middle, or of fy fx, without a word
 
 _log = logging.getLogger("cltransfer")
 
 
 def given_view(source: str) -> Camera:
-    """The view a person names, at its own size. A principal point beside the middle is told of: no search keeps it.
+    """The view a person names, at its own size.
+
+    A principal point beside the middle is told of, and pixels that are not square: no search keeps either.
 
     Args:
         source: a trajectory file (its first camera), or ``SET:INDEX``, a camera of a posed image set, counted from 0
@@ -55,6 +57,10 @@ def given_view(source: str) -> Camera:
             f"expected it in the middle, got {aside[0]:+.1%} of the width and {aside[1]:+.1%} of the height beside"
         )
         _log.warning("--init %s: principal point: %s; the search begins as if it were there", source, expected)
+    horizontal, vertical = camera.K[0, [0, 1], [0, 1]].tolist()
+    if abs(horizontal / vertical - 1) > ASIDE:
+        expected = f"expected fx as fy, got {horizontal:.6g} and {vertical:.6g}"
+        _log.warning("--init %s: focal length: %s; the search begins with fy alone", source, expected)
     return camera
 
 

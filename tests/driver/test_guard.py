@@ -29,6 +29,7 @@ from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.splats import Splats
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import SHOTS, Setup, shot
+from cltransfer.skeleton import JOINTS
 
 H, W = 9, 16
 
@@ -118,6 +119,19 @@ def test_a_camera_in_the_chest_may_not() -> None:
     seen = GaussianSplats().render(scene, inside, frozenset({"depth"}))
     reasons = Guard(scene.subject.height).reasons(seen)
     assert bool(reasons["the camera stands inside the person"])
+
+
+def test_a_camera_in_the_chest_may_not_though_two_joints_are_one() -> None:
+    """A person written by hand, with the ankles where the knees are."""
+    subject = builtin_scene("courtyard").subject
+    assert subject is not None
+    joints = subject.joints.clone()
+    for side in ("left", "right"):
+        joints[JOINTS.index(f"{side}_ankle")] = joints[JOINTS.index(f"{side}_knee")]
+    chest = subject.key_joints[1, :3]
+    inside = Camera.look_at(chest[None], chest[None] + subject.facing, subject.up, 0.7, (W, H))
+    seen = Features((W, H), depth=torch.full((1, H, W), 9.0), camera=inside, person=replace(subject, joints=joints))
+    assert bool(Guard(subject.height).reasons(seen)["the camera stands inside the person"])
 
 
 def test_a_camera_in_a_lamp_may_not_though_the_near_plane_leaves_only_a_fog_of_it() -> None:

@@ -76,6 +76,22 @@ def test_a_principal_point_that_no_search_keeps_is_told(
     )
 
 
+@pytest.mark.parametrize(("wider", "told"), [(1.0, False), (1.004, False), (1.5, True)])
+def test_pixels_that_are_not_square_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, wider: float, told: bool
+) -> None:
+    cameras = sample_cameras(0, 1)
+    K = cameras.K.clone()
+    K[:, 0, 0] = wider * 100.0
+    K[:, 1, 1] = 100.0
+    path = tmp_path / "view.json"
+    Trajectory(replace(cameras, K=K), torch.tensor([0.0], dtype=torch.float64)).save(path)
+    with caplog.at_level(logging.WARNING, "cltransfer"):
+        given_view(str(path))
+    line = f"--init {path}: focal length: expected fx as fy, got 150 and 100; the search begins with fy alone"
+    assert caplog.messages == [line] * int(told)
+
+
 @pytest.mark.parametrize(("degrees", "told"), [(60, False), (120, True)])
 def test_a_view_that_looks_away_from_the_person_is_told(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, degrees: float, told: bool
