@@ -100,7 +100,7 @@ class WholeClip:
         return float(objective.totals(terms, self.defined).mean()), None
 
     def mean_total(self, residuals: Tensor) -> float:
-        """Mean total of a path's residuals (N, R)."""
+        """Mean total of a path's residuals (N, R); a frame of which nothing is defined has 0, whatever is found."""
         return float(self.totals(residuals).mean())
 
     def totals(self, residuals: Tensor) -> Tensor:

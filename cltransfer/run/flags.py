@@ -91,7 +91,8 @@ def _floaters(result: Result) -> Iterator[Flag]:
         return
     yield Flag(None, f"{hanging}, left out of the search (floaters=keep would search with them)")
     if left_out.matters:
-        totals = f"the total is {left_out.among:.3g} for {left_out.alone:.3g} without"
+        told = float(result.searched.totals.isfinite().double().mean())  # in a search the others count as 0
+        totals = f"the total is {left_out.among / told:.3g} for {left_out.alone / told:.3g} without"
         removed = "`cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them"
         yield Flag(None, f"they spoil the result, {totals}: {removed}")
 

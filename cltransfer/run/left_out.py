@@ -14,7 +14,7 @@ class LeftOut:
 
     Args:
         count: Gaussians.
-        alone: mean total of what was found, in the scene without them.
+        alone: mean total of what was found, in the scene without them, over all frames, 0 where none has a term.
         among: the same with them, in the scene as it was given.
     """
 

@@ -22,6 +22,7 @@ from ..features import Features
 from ..pipeline.components import Components
 from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
+from ..pipeline.scores import frame_totals
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, needs_scene
 from ..reading.places import places
@@ -147,8 +148,9 @@ def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Refere
 def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
     """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
 
-    0 where it was not filtered. Nothing below it can be told apart. A frame read back to front is an error, no jitter.
+    0 where it was not filtered. Nothing below it can be told apart. A frame read back to front is an error, no jitter,
+    and one that shows nothing tells none.
     """
     terms = objective.terms(read if wanted is read else turned_back(read), wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
-    return float(objective.totals(terms, defined).mean())
+    return float(frame_totals(objective, terms, defined).nanmean().nan_to_num(0.0))

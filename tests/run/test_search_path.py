@@ -16,6 +16,7 @@ from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import FEW
 from cltransfer.driver.frame import Solved
+from cltransfer.pipeline.scores import Scores
 from cltransfer.progress import silent
 from cltransfer.run.flags import run_flags
 from cltransfer.run.left_out import LeftOut
@@ -88,6 +89,16 @@ def test_floaters_that_spoil_a_result_are_told(clean: Result, hung: Result) -> N
     assert why.endswith(" without: `cltransfer simplify SCENE --out clean.ply k=0 floaters=drop` removes them")
     (told,) = [flag.reason for flag in run_flags(clean)]
     assert "left out of the search" in told
+
+
+def test_what_floaters_cost_is_told_on_the_scale_of_the_score(hung: Result) -> None:
+    """A search takes the mean over all frames, a score over those that have a term: here one of two."""
+    totals = torch.tensor([torch.nan, 1.0])
+    terms = tuple(replace(term, values=torch.ones(2)) for term in hung.searched.terms)
+    _, why = [flag.reason for flag in run_flags(replace(hung, searched=Scores(terms, totals))) if flag.frame is None]
+    left_out = hung.kept.left_out
+    assert left_out is not None
+    assert f"the total is {2 * left_out.among:.3g} for {2 * left_out.alone:.3g} without" in why
 
 
 def test_frames_as_they_were_found_are_measured_alike_with_floaters_and_without() -> None:
