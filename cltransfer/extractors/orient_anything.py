@@ -16,7 +16,7 @@ from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._crops import about_boxes
-from ._pixels import normalised, to_uint8
+from ._pixels import normalised, on_grid, to_uint8
 
 SIDE = 224  # of the square the network sees [px]
 MARGIN = SIDE / (256 * 0.85)  # the subject fills 0.85 of a square of 256 px, of which the middle is seen
@@ -94,7 +94,7 @@ class OrientAnything:
             ModelError: the network is missing or refused.
         """
         image, subject = now.require("image"), now.require("subject")
-        masks = subject.cpu().numpy()
+        masks = on_grid(subject, image.shape[2:]).cpu().numpy()  # a network's mask may have fewer pixels
         boxes = mask_boxes(masks)
         rows = np.flatnonzero(np.isfinite(boxes).all(axis=1))
         orientation = torch.full((len(image), 3), torch.nan)

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,6 +111,23 @@ def test_a_frame_without_a_subject_is_nan(planted):
     angles = planted([RED, GREEN, BLUE])(features).orientation
     assert angles[0].isnan().all()
     torch.testing.assert_close(angles[1], degrees(-90, -40, -5))
+
+
+@pytest.mark.parametrize("remove_background", [True, False])
+@pytest.mark.parametrize("step", [2, 5])
+def test_a_mask_of_fewer_pixels_cuts_the_same_crop(planted, step, remove_background):
+    seen = []
+
+    def look(given):
+        seen.append(given["pixel_values"])
+        return {"logits": RED[None]}
+
+    extractor = planted([RED, GREEN, BLUE], remove_background=remove_background)
+    extractor.__dict__["network"] = look
+    whole = frames((1.0, 0, 0))
+    extractor(whole)
+    extractor(replace(whole, subject=whole.subject[:, step // 2 :: step, step // 2 :: step]))
+    np.testing.assert_array_equal(*seen)
 
 
 def test_boxes_hold_exactly_the_mask():
