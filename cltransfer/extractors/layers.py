@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..features import Features
 from ..registry import EXTRACTORS
+from ._pixels import on_grid
 
 
 def near_depth(depth: Tensor, subject: Tensor, quantile: float) -> Tensor:
@@ -27,7 +28,8 @@ class Layers:
     """The subject is the character; what is nearer than its near side is foreground, the rest background.
 
     The paper thresholds depth in Sec. 4.2.3 and takes a person mask in Sec. 9; this does both. Without depth
-    there is no foreground: whatever is not the subject is background.
+    there is no foreground: whatever is not the subject is background. Where mask and depth have not as many pixels,
+    layers have those of the finer one.
 
     Args:
         near_quantile: part of the subject's pixels in front of its near side, in [0, 1). Above 0 a few wrong
@@ -47,10 +49,12 @@ class Layers:
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with ``layers``; pixels without a depth are in none of foreground and background."""
-        subject = now.require("subject")
-        if now.depth is None:
+        subject, depth = now.require("subject"), now.depth
+        if depth is None:
             return replace(now, layers=torch.stack([torch.zeros_like(subject), subject, ~subject], dim=1))
-        near = near_depth(now.depth, subject, self.near_quantile)[:, None, None]
-        foreground = ~subject & (now.depth < near)
-        background = ~subject & ~foreground & now.depth.isfinite()
+        finer = max(subject, depth, key=torch.numel)  # a network's map may have fewer pixels
+        subject, depth = (on_grid(maps, finer.shape[1:]) for maps in (subject, depth))
+        near = near_depth(depth, subject, self.near_quantile)[:, None, None]
+        foreground = ~subject & (depth < near)
+        background = ~subject & ~foreground & depth.isfinite()
         return replace(now, layers=torch.stack([foreground, subject, background], dim=1))

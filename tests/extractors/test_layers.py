@@ -38,6 +38,20 @@ def test_layers_are_disjoint_row_6() -> None:
     assert (layers.sum(1) == 1).all()
 
 
+@pytest.mark.parametrize("coarse", ["depth", "subject"])
+def test_a_mask_and_a_depth_of_other_pixels_are_brought_onto_the_finer_row_6(coarse: str) -> None:
+    few = frame()
+    fine = Features(
+        (24, 2),
+        depth=few.depth.repeat_interleave(2, 1).repeat_interleave(3, 2),
+        subject=few.subject.repeat_interleave(2, 1).repeat_interleave(3, 2),
+    )
+    mixed = replace(fine, **{coarse: getattr(few, coarse)})
+    layers = Layers()(mixed, None).layers
+    assert layers.shape == (1, 3, 2, 24)
+    assert torch.equal(layers, Layers()(fine, None).layers)
+
+
 def test_depth_scale_does_not_matter_row_9() -> None:
     scaled = replace(frame(), depth=41 * frame().depth)
     assert torch.equal(Layers()(scaled, None).layers, Layers()(frame(), None).layers)
