@@ -21,6 +21,7 @@ from ..computer.threads import thread_count
 from ..errors import InputError
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
+from .png_chunks import PNG, drawn_chunks
 
 PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
@@ -30,9 +31,6 @@ IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
 
 _MIRRORED = (2, 4, 5, 7)
 _TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
-_PNG = b"\x89PNG\r\n\x1a\n"
-_DRAWN = (b"IHDR", b"PLTE", b"tRNS", b"pHYs", b"gAMA", b"cHRM", b"sRGB", b"IDAT", b"IEND")
-"""Chunks of a PNG that its picture needs: others are kept unpacked by the decoder, of any size, or refuse it all."""
 _BY_FRAME = ("mjpeg", "png")  # pictures of their own: a decoder that is told to says which of them is damaged
 
 # Playlists and scripts that open other files are no clips, whatever their name ends in.
@@ -133,27 +131,16 @@ def _image_source(path: Path) -> str | io.BytesIO:
     # the decoder fills up a JPEG that ends early without a word
     if data.startswith(b"\xff\xd8") and not jpeg_ends(data):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
-    drawn = _drawn(data) if data.startswith(_PNG) else data
+    drawn = drawn_chunks(data) if data.startswith(PNG) else data
     _check_size(path, "size", stored_size(drawn) or (0, 0))  # of a larger one the decoder tells nothing
-    return io.BytesIO(drawn) if data.startswith(_PNG) else str(path.absolute())
-
-
-def _drawn(data: bytes) -> bytes:
-    """A PNG of no chunks but those that its picture needs."""
-    view, kept, at = memoryview(data), bytearray(_PNG), len(_PNG)
-    while at < len(data):
-        end = at + 12 + int.from_bytes(data[at : at + 4], "big")  # length, name, content, checksum
-        if data[at + 4 : at + 8] in _DRAWN:
-            kept += view[at:end]
-        at = end
-    return bytes(kept)
+    return io.BytesIO(drawn) if data.startswith(PNG) else str(path.absolute())
 
 
 def _drawn_packet(packet: av.Packet, stream: VideoStream) -> av.Packet:
-    """A packet of a video; one of PNGs as :func:`_drawn` has it."""
+    """A packet of a video; one of PNGs as :func:`.drawn_chunks` has it."""
     if stream.codec_context.name != "png" or packet.size == 0:
         return packet
-    drawn = av.Packet(_drawn(bytes(packet)))
+    drawn = av.Packet(drawn_chunks(bytes(packet)))
     drawn.pts, drawn.dts, drawn.time_base = packet.pts, packet.dts, packet.time_base
     return drawn
 

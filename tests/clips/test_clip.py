@@ -17,7 +17,7 @@ import torch
 from PIL import Image, ImageOps
 
 from cltransfer.clips.clip import read_clip, write_video
-from cltransfer.clips.decoding import _drawn
+from cltransfer.clips.png_chunks import drawn_chunks
 from cltransfer.errors import InputError, ResourceError, UsageError
 
 VIDEOS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "video"
@@ -265,7 +265,7 @@ def test_a_png_of_many_chunks_takes_little_memory_without_those_that_nobody_sees
     block = chunk(b"eXIf", b"data")
     data = b"\x89PNG\r\n\x1a\n" + block + shown * 50_000 + block + chunk(b"zTXt", b"a") + shown * 50_000
     tracemalloc.start()
-    drawn = _drawn(data)
+    drawn = drawn_chunks(data)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert drawn == data[:8] + shown * 100_000
