@@ -27,8 +27,10 @@ PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
-IMAGE_DEMUXERS = {".png": "png_pipe", ".jpg": "jpeg_pipe", ".jpeg": "jpeg_pipe"}
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
+_JPEG = b"\xff\xd8"
+_DEMUXERS = {PNG: "png_pipe", _JPEG: "jpeg_pipe"}  # by the first bytes: browsers save one by the other's name
 _MIRRORED = (2, 4, 5, 7)
 _TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
 _BY_FRAME = ("mjpeg", "png")  # pictures of their own: a decoder that is told to says which of them is damaged
@@ -110,8 +112,8 @@ def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
 def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
-    demuxer = IMAGE_DEMUXERS.get(path.suffix.lower())
-    source = _image_source(path) if demuxer else str(path.absolute())  # "10:30.mp4" would name a protocol, 10
+    # "10:30.mp4" would name a protocol, 10
+    demuxer, source = _image_source(path) if _is_image(path) else (None, str(path.absolute()))
     try:
         limited = {**_OPTIONS, "max_pixels": str(_pixel_limit(path))}
         if demuxer is None:
@@ -123,17 +125,24 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         raise InputError(path, "video", f"cannot be decoded: {error.strerror}", hint) from None
 
 
-def _image_source(path: Path) -> str | io.BytesIO:
-    """What the decoder is given of an image file that is not too large and has an end."""
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() in IMAGE_SUFFIXES
+
+
+def _image_source(path: Path) -> tuple[str, str | io.BytesIO]:
+    """Demuxer and what it is given of an image file that is not too large and has an end."""
     if path.stat().st_size > IMAGE_BYTE_LIMIT:
         raise InputError(path, "size", f"expected at most {IMAGE_BYTE_LIMIT} bytes, got {path.stat().st_size}")
     data = path.read_bytes()
+    kind = next((start for start in _DEMUXERS if data.startswith(start)), None)
+    if kind is None:
+        raise InputError(path, "image", "is no PNG or JPEG, whatever its name", "convert it")
     # the decoder fills up a JPEG that ends early without a word
-    if data.startswith(b"\xff\xd8") and not jpeg_ends(data):
+    if kind == _JPEG and not jpeg_ends(data):
         raise InputError(path, "video", "cannot be decoded: the file is cut short")
-    drawn = drawn_chunks(data) if data.startswith(PNG) else data
+    drawn = drawn_chunks(data) if kind == PNG else data
     _check_size(path, "size", stored_size(drawn) or (0, 0))  # of a larger one the decoder tells nothing
-    return io.BytesIO(drawn) if data.startswith(PNG) else str(path.absolute())
+    return _DEMUXERS[kind], io.BytesIO(drawn) if kind == PNG else str(path.absolute())
 
 
 def _drawn_packet(packet: av.Packet, stream: VideoStream) -> av.Packet:
@@ -163,7 +172,7 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
 
 
 def _pixel_limit(path: Path) -> int:
-    return STILL_LIMIT if path.suffix.lower() in IMAGE_DEMUXERS else PIXEL_LIMIT
+    return STILL_LIMIT if _is_image(path) else PIXEL_LIMIT
 
 
 def _check_size(path: Path, field: str, size: tuple[int, int]) -> None:
@@ -191,13 +200,13 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, ex
 def _aspect(path: Path, stream: VideoStream) -> float:
     """Width of a pixel over its height."""
     aspect = float(stream.sample_aspect_ratio or 1)
-    print_only = aspect != 1 and path.suffix.lower() in IMAGE_DEMUXERS and not states_aspect(path)
+    print_only = aspect != 1 and _is_image(path) and not states_aspect(path)
     return 1.0 if print_only else aspect
 
 
 def _upright(path: Path, field: str, raw: av.VideoFrame, exif: bool) -> tuple[int, bool]:
     """Quarter turns to the left that the file asks for, and whether the rows are reversed before."""
-    if path.suffix.lower() in IMAGE_DEMUXERS:
+    if _is_image(path):
         # the decoder reads nothing of an EXIF that is damaged anywhere
         orientation = exif_orientation(path) if exif else 1
         return _TURNS.get(orientation, 0), orientation in _MIRRORED

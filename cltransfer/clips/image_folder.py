@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, UsageError
 from ..storage.files import read_json
-from .decoding import IMAGE_DEMUXERS
+from .decoding import IMAGE_SUFFIXES
 
 VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
 TIMES = "times.json"
@@ -45,7 +45,7 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def _is_image(file: Path) -> bool:
-    return file.suffix.lower() in IMAGE_DEMUXERS and not file.name.startswith(".")
+    return file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")
 
 
 def untimed(path: Path) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from ...camera import Camera
-from ...clips.decoding import IMAGE_DEMUXERS, decode
+from ...clips.decoding import IMAGE_SUFFIXES, decode
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
@@ -73,14 +73,14 @@ def posed_images(
     )
 
 
-def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = tuple(IMAGE_DEMUXERS)) -> Path | None:
+def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMAGE_SUFFIXES) -> Path | None:
     """File ``name`` below ``root``, with one of ``suffixes`` where it has none, in capitals too; None if there is none.
 
     Raises:
         InputError: ``name`` leads out of ``root`` or can be no file's; ``where`` names the file that says so.
     """
     plain = root / name
-    known = plain.suffix.lower() in (*IMAGE_DEMUXERS, *VIDEOS)
+    known = plain.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEOS)
     cased = [cased for suffix in suffixes for cased in (suffix, suffix.upper())]
     try:
         for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in cased]:

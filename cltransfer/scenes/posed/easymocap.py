@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...clips.decoding import IMAGE_DEMUXERS
+from ...clips.decoding import IMAGE_SUFFIXES
 from ...clips.image_folder import natural_order
 from ...errors import InputError
 from ...renderers.kernels import Array
@@ -71,6 +71,6 @@ def _file(folder: Path, name: str) -> Path | None:
     found = find_image(folder, f"images/{name}", where) or find_image(folder, f"videos/{name}", where, VIDEOS)
     frames = folder / "images" / name
     if found is None and os.path.isdir(frames) and frames.resolve().is_relative_to(folder.resolve()):
-        names = sorted((f.name for f in frames.iterdir() if f.suffix.lower() in IMAGE_DEMUXERS), key=natural_order)
+        names = sorted((f.name for f in frames.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES), key=natural_order)
         found = find_image(folder, f"images/{name}/{names[0]}", where) if names else None
     return found

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...clips.decoding import IMAGE_DEMUXERS
+from ...clips.decoding import IMAGE_SUFFIXES
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
@@ -57,7 +57,7 @@ def _rows(path: Path) -> Array:
 
 
 def _files(path: Path) -> list[Path]:
-    folder, suffixes = path.parent / "images", tuple(IMAGE_DEMUXERS)
+    folder, suffixes = path.parent / "images", IMAGE_SUFFIXES
     if not folder.is_dir():
         folder, suffixes = path.parent, VIDEOS
     names = sorted(f.name for f in folder.iterdir() if f.suffix.lower() in suffixes)
