@@ -112,6 +112,8 @@ def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
 def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     if not path.is_file():
         raise InputError(path, "", "no such file" if not path.exists() else "expected a file")
+    if path.stat().st_size == 0:
+        raise InputError(path, "size", "expected a clip or an image, the file is empty", "copy or write it anew")
     # "10:30.mp4" would name a protocol, 10
     demuxer, source = _image_source(path) if _is_image(path) else (None, str(path.absolute()))
     try:

@@ -418,7 +418,7 @@ def test_truncated_and_damaged_files_are_refused(tmp_path):
     flipped = bytearray(mp4)
     for index in np.random.default_rng(0).integers(len(mp4) // 5, len(mp4), 400):
         flipped[index] ^= 255
-    refused(damaged(tmp_path / "empty.mp4", b""), "video")
+    refused(damaged(tmp_path / "empty.mp4", b""), "size", "is empty")
     refused(damaged(tmp_path / "random.mp4", np.random.default_rng(0).bytes(9999)), "video")
     refused(damaged(tmp_path / "head.mp4", mp4[: len(mp4) // 2]), "video")
     refused(damaged(tmp_path / "head.mkv", mkv[: len(mkv) // 2]), "duration", "the header says")

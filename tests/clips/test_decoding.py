@@ -44,3 +44,12 @@ def test_what_is_neither_png_nor_jpeg_is_told_so(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_clip(folder_of(tmp_path / "clip", "png", "WEBP"))
     assert str(caught.value).endswith("0.png: image: is no PNG or JPEG, whatever its name (convert it)")
+
+
+@pytest.mark.parametrize("name", ["0.png", "0.jpg", "0.mp4"])
+def test_an_empty_file_is_told_so(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    said = f"{name}: size: expected a clip or an image, the file is empty (copy or write it anew)"
+    with pytest.raises(InputError) as caught:
+        read_clip(tmp_path / name)
+    assert str(caught.value).endswith(said)
