@@ -7,6 +7,8 @@ import math
 import torch
 from torch import Tensor
 
+PARALLEL = 1e-6  # sine of the angle between two axes below which rounding in float32, 4e-7 at most, may be all of it
+
 
 def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Tensor:
     """Yaw, pitch and roll of the camera about a body (paper Eq. 13-14).
@@ -28,7 +30,10 @@ def orientation_from_axes(left: Tensor, up: Tensor, toward_camera: Tensor) -> Te
     tensor([0., 0., 0.])
     """
     up = unit(up)
-    left = unit(left - (left * up).sum(-1, keepdim=True) * up)
+    along = (left * up).sum(-1, keepdim=True)
+    left = left - along * up
+    length = torch.linalg.vector_norm(left, dim=-1, keepdim=True)
+    left = left / length.masked_fill(length <= PARALLEL * along.abs(), torch.nan)
     front = torch.linalg.cross(left, up)
     toward_camera = unit(toward_camera)
     on_left, on_front, on_up = ((toward_camera * axis).sum(-1) for axis in (left, front, up))

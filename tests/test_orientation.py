@@ -57,3 +57,13 @@ def test_undefined_axes_are_nan_for_their_body_only():
     angles = orientation_from_axes(left, torch.tensor([0.0, -1, 0]).expand(3, 3), torch.tensor([0.0, 0, -1]))
     assert angles[0].isfinite().all()
     assert angles[1:, 0].isnan().all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_parallel_axes_have_no_yaw(dtype):
+    g = torch.Generator().manual_seed(0)
+    up, length = torch.randn(1000, 3, generator=g, dtype=dtype), torch.randn(1000, 1, generator=g, dtype=dtype)
+    toward_camera = torch.randn(1000, 3, generator=g, dtype=dtype)
+    assert orientation_from_axes(100 * length * up, up, toward_camera)[:, 0].isnan().all()
+    aside = torch.linalg.cross(up, toward_camera)
+    assert orientation_from_axes(length * up + 1e-3 * aside, up, toward_camera).isfinite().all()
