@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -86,7 +87,7 @@ def clips_in(folder: Path) -> dict[str, Path]:
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
         if entry.name.startswith(".") or not (entry.is_dir() or entry.suffix.lower() in VIDEOS):
             continue
-        name = entry.name if entry.is_dir() else entry.stem
+        name = unicodedata.normalize("NFC", entry.name if entry.is_dir() else entry.stem)  # Macs pack NFD
         if name in found:
             raise InputError(folder, name, "two clips have this name", "clips are matched by name")
         found[name] = entry

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import unicodedata
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -313,6 +314,18 @@ def test_clips_that_no_reference_has_the_name_of_are_told(
         (ours / f"{name}.mkv").touch()
     more = "ours: a_typo, b, c and 2 more are not scored: no reference of this name"
     assert left_over(references, {"ours": ours, "same": references}) == [more]
+
+
+def test_names_match_however_their_accents_are_written(tmp_path: Path) -> None:
+    composed, apart = (unicodedata.normalize(form, "café") for form in ("NFC", "NFD"))
+    for folder, name in (("references", composed), ("ours", apart)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / f"{name}.mkv").touch()
+    assert clips_in(tmp_path / "ours") == {composed: tmp_path / "ours" / f"{apart}.mkv"}
+    assert left_over(tmp_path / "references", {"ours": tmp_path / "ours"}) == []
+    (tmp_path / "ours" / composed).mkdir()
+    with pytest.raises(InputError, match="two clips have this name"):
+        clips_in(tmp_path / "ours")
 
 
 def test_a_note_on_several_clips_is_told_once_a_method() -> None:
