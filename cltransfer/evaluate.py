@@ -6,7 +6,6 @@ import os
 import time
 from dataclasses import replace
 
-import torch
 from torch import Tensor
 
 from .clips.pairs import open_pairs
@@ -18,7 +17,7 @@ from .losses.camera_movement import weight_note
 from .pipeline.components import Components
 from .pipeline.scores import Scores, score
 from .progress import Progress, silent
-from .reading.frames import check_maps, read_frames
+from .reading.frames import check_maps, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
 from .report.data import Flag, ReportData
 from .storage.run_files import kept_frames
@@ -63,8 +62,7 @@ def evaluate(
     check_maps(taught, made)
     whom, who = asked.who(both.original, both.reference.size), found.who(times, both.render.size)
     features, read = read_frames(taught, plan, whom, progress, both.original, asked.path)
-    if features.has("keypoints") and not bool(torch.isfinite(features.require("keypoints")).any()):
-        raise InputError(reference, "person", f"none found in {len(times)} frames")
+    require_person(reference, features)
     steps = both.original.diff(), times.diff()
     rendered, seen = read_frames(made, in_time(plan, *steps), who, progress, times, found.path)
     alike = plan.hiding(features.reasons.keys() ^ rendered.reasons.keys())

@@ -297,6 +297,37 @@ def test_two_clips_of_which_nothing_can_be_measured_have_no_total(tmp_path: Path
     assert total["reason"] == "no term is defined on any frame of the reference"
 
 
+@dataclass(frozen=True)
+class NoJoints:
+    """Nobody in any frame."""
+
+    requires: tuple[str, ...] = ("image",)
+    provides: tuple[str, ...] = ("keypoints", "subject", "orientation")
+    family: str = "image"
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        count, _, height, width = now.require("image").shape
+        keypoints, orientation = torch.full((count, 14, 3), torch.nan), torch.full((count, 3), torch.nan)
+        subject = torch.zeros(count, height, width, dtype=torch.bool)
+        return replace(now, keypoints=keypoints, subject=subject, orientation=orientation)
+
+
+@pytest.fixture
+def without_joints() -> Iterator[RunConfig]:
+    """Framing, of a clip in which nobody is found."""
+    EXTRACTORS.register("no_joints")(NoJoints)
+    config = load_config()
+    yield replace(config, losses={"framing": config.losses["framing"]}, extractors={"no_joints": {}})
+    EXTRACTORS._classes.pop("no_joints")
+
+
+def test_a_reference_that_shows_nobody_is_refused_with_what_to_do(clip: Path, without_joints: RunConfig) -> None:
+    with pytest.raises(InputError) as caught:
+        evaluate(str(clip), str(clip), without_joints)
+    hint = "another part of it: #t=START,END, or more frames="
+    assert str(caught.value) == f"{clip}: person: none found in 10 frames ({hint})"
+
+
 def barred(path: Path, bars: int) -> str:
     """The pan with black bars on its left and right."""
     image = pan() // 2 + 60

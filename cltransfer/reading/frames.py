@@ -14,8 +14,8 @@ from ..camera import Camera
 from ..clips.join_persons import join
 from ..clips.persons import Who
 from ..computer.memory import require_free
-from ..errors import ModelError, UsageError
-from ..features import Features
+from ..errors import InputError, ModelError, UsageError
+from ..features import Features, nobody
 from ..pipeline.graph import CHUNK, run_clip
 from ..pipeline.plan import Plan, Step
 from ..progress import Progress, silent
@@ -24,6 +24,7 @@ from ..subject import Subject
 
 MAPS = 48  # bytes a pixel of a clip, at the peak: 37 measured without a depth network, whose maps are added
 HINT = "thin the clip by frames=, or take a part, #t=START,END"
+ELSEWHERE = "another part of it: #t=START,END, or more frames="  # somebody may be seen
 
 Follow = Callable[[list[np.ndarray]], tuple[np.ndarray, tuple[str, ...]]]
 """Of all persons' boxes (P, 5) in each of N frames the one person's, (N, 5), NaN where it is not seen; and flags."""
@@ -38,6 +39,16 @@ def check_maps(*images: Tensor) -> None:
     need = sum(MAPS * len(image) * image.shape[2] * image.shape[3] for image in images)
     what = " and ".join(f"{len(image)} of {image.shape[3]}x{image.shape[2]}" for image in images)
     require_free(need, "", f"the maps of frames, {what},", HINT)
+
+
+def require_person(source: str, features: Features, hint: str = ELSEWHERE) -> None:
+    """Refuse the reference ``source`` where somebody was looked for and nobody is in any frame.
+
+    Raises:
+        InputError: there is none; ``hint`` says what to do, of a clip by default.
+    """
+    if bool(nobody(features).all()):
+        raise InputError(source, "person", f"none found in {len(features)} frames", hint)
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times: Tensor | None = None) -> Features:

@@ -26,7 +26,7 @@ from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import kept_frames
 from .feature_file import LIMIT, FeatureFile
-from .frames import check_maps, read_frames
+from .frames import ELSEWHERE, check_maps, read_frames, require_person
 from .scene_source import split_scene
 
 _log = logging.getLogger("cltransfer")
@@ -99,7 +99,7 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         reference = _from_file(Path(source), parts, reading.frames)
     else:
         reference = _from_clip(source, parts, reading.frames, progress)
-    _require_person(source, reference)
+    require_person(source, reference.features, ELSEWHERE if reference.family == "image" else "")
     return reference
 
 
@@ -215,12 +215,3 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
 def quantised(image: Tensor) -> Tensor:
     """What a file keeps of frames (N, 3, H, W) in [0, 1]: uint8."""
     return (image.clamp(0, 1) * 255).round().to(torch.uint8)
-
-
-def _require_person(source: str, reference: Reference) -> None:
-    if not reference.features.has("keypoints"):
-        return
-    seen = torch.isfinite(reference.features.require("keypoints")[..., 0]).any(1)
-    if not bool(seen.any()):
-        hint = "another part of it: #t=START,END, or more frames=" if reference.family == "image" else ""
-        raise InputError(source, "person", f"none found in {len(reference)} frames", hint)
