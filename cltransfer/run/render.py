@@ -24,7 +24,7 @@ from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import SUBJECT
 from ..storage.files import read_json
-from ..storage.run_files import CONFIG, MANIFEST, VIDEO, require_done
+from ..storage.run_files import CONFIG, MANIFEST, VIDEO, is_run, require_done
 from ..subject import Subject
 from ..trajectory import FRAME_LIMIT, Trajectory
 from .readback import RENDER_BATCH, render_frames
@@ -70,8 +70,9 @@ def render_run(
     if out is not None and out.suffix.lower() != ".mp4":
         raise UsageError(out, "--out", "expected a name that ends in .mp4")
     _check_keys(overrides)
-    if not (run / MANIFEST).is_file():
-        raise InputError(run, MANIFEST, "no such file", "expected the folder of a run")
+    if not is_run(run):  # a folder that only looks like one may hold links, and is written into
+        reason = "is no run's" if (run / MANIFEST).is_file() else "no such file"
+        raise InputError(run, MANIFEST, reason, "expected the folder of a run")
     require_done(run)
     digest, up = _scene_of(run)
     config = load_config(run / CONFIG, overrides)

@@ -1,0 +1,27 @@
+"""A run is rendered again into its own folder, and nowhere that a folder which only looks like a run leads to."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from cltransfer.errors import InputError
+from cltransfer.progress import silent
+from cltransfer.run.render import render_run
+from cltransfer.storage.run_files import JOURNAL, MANIFEST, VIDEO
+
+
+def test_what_only_looks_like_a_run_is_not_written_into(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    manifest = json.loads((run / MANIFEST).read_text())
+    (run / MANIFEST).write_text(json.dumps({**manifest, "format": "another"}))
+    (run / JOURNAL).unlink()
+    shutil.move(run / VIDEO.parent, tmp_path / "elsewhere")
+    (run / VIDEO.parent).symlink_to(tmp_path / "elsewhere")
+    before = (tmp_path / "elsewhere" / VIDEO.name).stat().st_mtime_ns
+    with pytest.raises(InputError, match=r"manifest.json: is no run's \(expected the folder of a run\)"):
+        render_run(run, ["output_side=64"], None, None, None, silent)
+    assert (tmp_path / "elsewhere" / VIDEO.name).stat().st_mtime_ns == before
