@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import UsageError
-from .files import check_out
+from .files import check_out, refuse_outside
 
 INDEX = "index.html"
 HEAD = 4096  # bytes of a page within which its mark stands
@@ -16,10 +16,12 @@ def check_page(out: Path, mark: str, what: str) -> None:
 
     Raises:
         UsageError: it is no folder, or neither empty nor such a page.
+        InputError: a part of it leads elsewhere; somebody else may have made the page.
     """
     check_out(out)
     if out.is_dir() and any(out.iterdir()) and not _is_page(out / INDEX, mark):
         raise UsageError(out, "--out", f"is neither empty nor {what}", "name another folder")
+    refuse_outside(out, out.rglob("*"), "page")
 
 
 def _is_page(index: Path, mark: str) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.errors import UsageError
+from cltransfer.errors import InputError, UsageError
 from cltransfer.storage.pages import HEAD, INDEX, check_page
 
 OURS = '<!doctype html><meta name="generator" content="cltransfer study">'
@@ -28,3 +28,16 @@ def test_anything_else_is_refused(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(UsageError, match="--out: is neither empty nor a page of a study"):
         check_page(tmp_path, "cltransfer study", "a page of a study")
+
+
+def test_a_page_whose_parts_lead_elsewhere_is_refused(tmp_path: Path) -> None:
+    page, elsewhere = tmp_path / "page", tmp_path / "elsewhere"
+    for folder in (page, elsewhere):
+        folder.mkdir()
+    (page / INDEX).write_text(OURS)
+    (page / "videos").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="videos: leads out of the folder of its page"):
+        check_page(page, "cltransfer study", "a page of a study")
+    (page / "videos").unlink()
+    (page / "videos").symlink_to(page / "frames")  # which stays in it
+    check_page(page, "cltransfer study", "a page of a study")
