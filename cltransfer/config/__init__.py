@@ -34,11 +34,12 @@ def presets() -> list[str]:
     return sorted(p.name[: -len(".yaml")] for p in shipped_configs().iterdir() if p.name.endswith(".yaml"))
 
 
-def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
+def load_config(path: str | Path | None = None, overrides: Iterable[str] = (), *, whole: bool = False) -> RunConfig:
     """Config of a file (or of the preset alone) with ``key=value`` overrides on top.
 
     A shipped file may be named without its folder and suffix, as ``networks/paper``.
     ``preset=NAME`` among the overrides, or ``preset:`` in the file, chooses what lies below (default: balanced).
+    ``whole`` expects a file that stands by itself, as a run keeps one: somebody else's does not say what else is read.
 
     Raises:
         UsageError: a file is missing, too large or no YAML; an unknown key, component or option (the nearest is
@@ -49,7 +50,7 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = ()) -
         raise UsageError(
             COMMAND_LINE, "base", "expected in a file, which it lies below", "use --config FILE or preset=NAME"
         )
-    return lay_config([_read_chain(_named(Path(path))), above] if path else [above])
+    return lay_config([_read_chain(_named(Path(path)), whole), above] if path else [above])
 
 
 def layer_of(values: Mapping[str, Any], where: str | Path) -> Layer:
@@ -103,12 +104,14 @@ def _named(path: Path) -> Path:
     return shipped / f"{path}.yaml"
 
 
-def _read_chain(path: Path) -> Layer:
-    """A file over its ``base``; the base is named beside it and may name no other."""
+def _read_chain(path: Path, whole: bool) -> Layer:
+    """A file over its ``base``; the base is named beside it and may name no other. A ``whole`` one has none."""
     own = _read(path)
     base = own.values.get("base")
     if base is None:
         return own
+    if whole:
+        raise UsageError(path, "base", "expected a whole config, got one over another", "merge the two files")
     parent_path = _base(path, base)
     parent = _read(parent_path)
     if "base" in parent.values:

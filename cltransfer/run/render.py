@@ -75,7 +75,7 @@ def render_run(
         raise InputError(run, MANIFEST, reason, "expected the folder of a run")
     require_done(run)
     digest, up = _scene_of(run)
-    config = load_config(run / CONFIG, overrides)
+    config = load_config(run / CONFIG, overrides, whole=True)
     if not (run / CONFIG).stat().st_size:
         raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
     trajectory = _filmed(Trajectory.load(run / "trajectory.json"), fps)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, UsageError
 from cltransfer.progress import silent
 from cltransfer.run.render import render_run
-from cltransfer.storage.run_files import JOURNAL, MANIFEST, VIDEO
+from cltransfer.storage.run_files import CONFIG, JOURNAL, MANIFEST, VIDEO
 
 
 def test_what_only_looks_like_a_run_is_not_written_into(tiny_run: Path, tmp_path: Path) -> None:
@@ -25,3 +25,11 @@ def test_what_only_looks_like_a_run_is_not_written_into(tiny_run: Path, tmp_path
     with pytest.raises(InputError, match=r"manifest.json: is no run's \(expected the folder of a run\)"):
         render_run(run, ["output_side=64"], None, None, None, silent)
     assert (tmp_path / "elsewhere" / VIDEO.name).stat().st_mtime_ns == before
+
+
+def test_the_config_of_a_run_opens_no_other_file(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (tmp_path / "accounts.yaml").write_text("password: x\n")
+    (run / CONFIG).write_text("base: ../accounts.yaml\n")
+    with pytest.raises(UsageError, match=r"config.yaml: base: expected a whole config, got one over another"):
+        render_run(run, [], None, None, None, silent)
