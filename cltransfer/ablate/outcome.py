@@ -76,16 +76,17 @@ class Outcome:
         return outcome
 
     def _is_sound(self) -> bool:
-        """Whether counts are counts and numbers finite, and there is a result or a reason why not."""
+        """Whether counts are counts, numbers finite and texts texts, and there is a result or a reason why not."""
         told = [*(self.metrics or {}).values(), *(self.directions or {}).values()]
         counts = [self.frames, self.evaluations, self.network_passes, *(metric.defined for metric in told)]
         numbers = [self.seconds, *(metric.mean for metric in told if metric.mean is not None)]
-        texts = [self.key, self.row, self.failed, self.note, self.commit]
+        texts = [self.key, self.row, self.case.scene, self.case.reference, self.failed, self.note, self.commit]
         texts += [text for metric in told for text in (metric.unit, metric.reason)]
         return (
             all(type(count) is int and 0 <= count <= MOST for count in counts)
             and all(type(number) in (int, float) and abs(number) <= sys.float_info.max for number in numbers)
             and all(isinstance(text, str) for text in texts)
+            and type(self.case.seed) is int
             and (self.metrics is None) == bool(self.failed)
             and (bool(self.failed) or self.frames > 0)
         )

@@ -71,3 +71,14 @@ def test_a_mean_that_cannot_be_is_named_with_its_line(tmp_path: Path, mean: Any)
     path.write_text(json.dumps(line) + "\n")
     with pytest.raises(InputError, match="line 1"):
         read_ledger(path)
+
+
+@pytest.mark.parametrize(("field", "value"), [("scene", [{}]), ("reference", 3), ("seed", "3"), ("seed", True)])
+def test_a_case_that_cannot_be_is_named_with_its_line(tmp_path: Path, field: str, value: Any) -> None:
+    path = tmp_path / "trials.jsonl"
+    append(path, FAILED)
+    line = json.loads(path.read_text())
+    line["case"][field] = value
+    path.write_text(json.dumps(line) + "\n")
+    with pytest.raises(InputError, match="line 1: is no trial"):
+        read_ledger(path)
