@@ -20,12 +20,20 @@ from .options import SECTIONS, RunConfig
 
 
 def to_yaml(config: RunConfig) -> str:
-    """The merged config, complete and re-runnable: what the preset has and ``config`` has not is null."""
+    """The merged config, complete and re-runnable.
+
+    What the preset has and ``config`` has not is null, and an option that the preset alone sets has its default.
+    """
     from omegaconf import OmegaConf
 
     raw, below = dataclasses.asdict(config), _read(shipped_configs() / f"{config.preset}.yaml").values
-    for section in set(SECTIONS) - set(ONE_EACH):
-        raw[section] |= {name: None for name in below.get(section) or {} if name not in raw[section]}
+    for section, registry in SECTIONS.items():
+        for name, options in (below.get(section) or {}).items():
+            if unset := (options or {}).keys() - raw[section].get(name, options or {}).keys():
+                defaults = registry.options(name)
+                raw[section][name] |= {option: defaults[option] for option in sorted(unset)}
+            elif section not in ONE_EACH:
+                raw[section].setdefault(name, None)
     return OmegaConf.to_yaml(OmegaConf.create(raw))
 
 

@@ -75,6 +75,23 @@ def test_what_is_written_reads_back_without_what_was_removed(tmp_path: Path, rem
     assert load_config(tmp_path / "run.yaml") == config
 
 
+@pytest.mark.parametrize(
+    ("file", "again", "section"),
+    [
+        ("{preset: paper, losses: {framing: null}}", "losses.framing={}", "losses"),
+        ("{preset: paper, losses: {camera_movement: null}}", "losses.camera_movement.mode=robust", "losses"),
+        ("{preset: jaws_code, search: {paper_box: {}}}", "search.se3_jaws={}", "search"),
+    ],
+)
+def test_what_was_removed_and_is_named_again_reads_back_with_its_defaults(
+    tmp_path: Path, file: str, again: str, section: str
+) -> None:
+    (tmp_path / "mine.yaml").write_text(file)
+    config = load_config(tmp_path / "mine.yaml", [again])
+    (tmp_path / "run.yaml").write_text(to_yaml(config))
+    assert load_config(tmp_path / "run.yaml").build(section) == config.build(section)
+
+
 def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
     inner = tmp_path / "a" / "b"
     inner.mkdir(parents=True)
