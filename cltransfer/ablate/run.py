@@ -14,9 +14,10 @@ from ..pipeline.components import Components
 from ..plugins import settle
 from ..progress import Progress, silent
 from ..report.tables import escape, to_latex, to_markdown
+from ..storage.alone import alone
 from ..storage.files import check_out, refuse_outside, write_json, write_text
 from ..storage.run_files import DONE
-from .content import digests, plugin_codes
+from .content import Digest, digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .outcome import Outcome
@@ -88,7 +89,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     Raises:
         UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
-        ResourceError: the cluster cannot be reached, or is lost.
+        ResourceError: another process runs one in that folder, or the cluster cannot be reached, or is lost.
     """
     _check_folder(options.out)
     for row in sweep.rows:
@@ -97,6 +98,12 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     Components.build(sweep.metrics)
     digest = digests()
     check_sources(sweep, digest)
+    with alone(options.out, "runs an ablation"):
+        return _run(sweep, options, digest, progress)
+
+
+def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> Ablation:
+    """Run what is missing of a sweep that can be run, in a folder that is held."""
     asked = trials(sweep, draw_references(sweep, options.out), digest)
     made_by = " ".join(options.command.split()) or "cltransfer.ablate"
     write_text(options.out / FILE, f"{MARK}{made_by}\n{sweep.to_yaml()}")

@@ -30,6 +30,7 @@ from cltransfer.features import Features
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
+from cltransfer.storage.alone import alone
 
 DEADLINE = 120  # seconds for a line in the ledger
 ROWS = "{full: {}, no framing: {losses: {framing: null}}, no size: {losses: {shot_size: null}}}"
@@ -87,6 +88,17 @@ def timeless(values: dict[str, Any]) -> dict[str, Any]:
 
 def values_of(metrics: dict[str, Any]) -> dict[str, tuple[float | None, int]]:
     return {name: (metric["mean"], metric["defined"]) for name, metric in metrics.items()}
+
+
+def test_of_two_commands_in_one_folder_the_second_is_refused(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    with alone(out, "works"):
+        answer = command("ablate", sweep_file(ROWS), "--out", out, "--quiet")
+    assert (answer.code, answer.err.count("\n")) == (5, 1), answer.err
+    assert f"{out}: --out: another process runs an ablation there (wait until it ends" in answer.err
+    assert not list(out.iterdir())
 
 
 def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(

@@ -1,0 +1,41 @@
+"""A folder that one process at a time works in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..errors import ResourceError
+
+
+@contextmanager
+def alone(folder: Path, what: str) -> Iterator[None]:
+    """Keep other processes out of ``folder``, which is made, while the block works; where the system has no locks, no.
+
+    Args:
+        folder: what is locked is the folder itself: no file is left in it, and none that is closed drops the lock.
+        what: is being done in it.
+
+    Raises:
+        ResourceError: another process is in such a block.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if find_spec("fcntl") is None:
+        yield
+        return
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a network drive without locks
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                hint = "wait until it ends, or name another --out"
+                raise ResourceError(folder, "--out", f"another process {what} there", hint) from None
+        yield
+    finally:
+        os.close(handle)

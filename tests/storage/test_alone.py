@@ -1,0 +1,41 @@
+"""A folder is locked by the process that works in it, until that has ended in any way."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cltransfer.errors import ResourceError
+from cltransfer.storage.alone import alone
+
+HOLD = """
+import sys
+from pathlib import Path
+from cltransfer.storage.alone import alone
+with alone(Path(sys.argv[1]), "waits"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_another_process_is_refused_until_the_first_was_killed(tmp_path: Path) -> None:
+    folder, words = tmp_path / "a" / "b", [sys.executable, "-c", HOLD, str(tmp_path / "a" / "b")]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(ResourceError) as caught, alone(folder, "works"):
+            pass
+        other.kill()
+    assert str(caught.value) == (
+        f"{folder}: --out: another process works there (wait until it ends, or name another --out)"
+    )
+    with alone(folder, "works"):
+        (folder / "closed").open("w").close()
+        with pytest.raises(ResourceError), alone(folder, "works"):
+            pass
+    with alone(folder, "works"):
+        pass
+    assert [path.name for path in folder.iterdir()] == ["closed"]
