@@ -103,8 +103,11 @@ def _run_into(
     from ..transfer import transfer as run
 
     open_run(folder, resumed)
-    if not resumed and (folder / DONE).is_file() and not quiet:
+    if not (resumed or quiet) and (folder / DONE).is_file():
         print(f"note: the run in {folder} will be replaced (--out FOLDER keeps it)", file=sys.stderr)
+    elif not (resumed or quiet) and (folder / JOURNAL).is_file():  # this very run is refused, once its header is known
+        way = f"its own command with --resume {shlex.quote(str(folder))} goes on with it"
+        print(f"note: the unfinished run in {folder} will be replaced by another ({way})", file=sys.stderr)
     try:
         with progress(quiet) as report:
             result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))

@@ -193,12 +193,26 @@ def test_json_is_all_there_is_on_stdout(command: Callable[..., Any], tmp_path: P
     assert "error" not in answer.err
 
 
-def test_a_run_is_written_over_a_run(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
-    run = shutil.copytree(tiny_run, tmp_path / "run")
+@pytest.mark.parametrize(
+    ("missing", "says"),
+    [
+        (".", "note: the run in RUN will be replaced (--out FOLDER keeps it)\n"),
+        (
+            "DONE",
+            "note: the unfinished run in RUN will be replaced by another "
+            "(its own command with --resume RUN goes on with it)\n",
+        ),
+    ],
+    ids=["finished", "unfinished"],
+)
+def test_a_run_is_written_over_a_run(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, missing: str, says: str
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run", ignore=shutil.ignore_patterns(missing))
     before = (run / "metrics.json").stat().st_mtime_ns
     short = ("frames=1", "generations=1", "output_side=64", "search_side=32")
     answer = command("transfer", "--out", run, *short)
-    assert (answer.code, f"note: the run in {run} will be replaced" in answer.err) == (0, True)
+    assert (answer.code, says.replace("RUN", str(run)) in answer.err) == (0, True), answer.err
     assert (run / "metrics.json").stat().st_mtime_ns > before
     assert (run / "DONE").is_file()
 
