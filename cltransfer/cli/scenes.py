@@ -10,12 +10,19 @@ import typer
 
 from ..errors import UsageError
 from ..storage.run_files import refuse_run
-from .shared import Allow, Config, Json, Out, Overrides, Quiet, Up, settings_of, show, up_of
+from .shared import Allow, Config, Json, Out, Quiet, Up, settings_of, show, up_of
+
+LIFTING = ("renderer", "extractors", "threads", "preset")  # keys of the config that a lift looks at
 
 
 def lift(
     scene: Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")],
-    overrides: Overrides = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...", help="renderer.mesh={}, extractors.pose_blazepose.model=FILE, threads=1."
+        ),
+    ] = None,
     out: Out = None,
     view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
     views: Annotated[int, typer.Option(help="Views around the person where none are given, 3 to 64.")] = 16,
@@ -39,6 +46,7 @@ def lift(
     person; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
+    _check_keys(overrides or [])
     from ..camera import VIEW_LIMIT
     from ..computer.threads import set_threads, thread_count
     from ..lift_folder import Lifting, lift_lines, lift_to_folder
@@ -129,6 +137,14 @@ def bake(
     command += ["--subject", str(out / SUBJECT)] if found["subject"] else []
     command += ["renderer.nerf_grid={}"] if representation == "nerf_grid" else []
     show(found, f"{found['file']}: {found['count']:,} primitives; {shlex.join(command)}", as_json)
+
+
+def _check_keys(overrides: list[str]) -> None:
+    for override in overrides:
+        key = override.partition("=")[0].partition(".")[0]
+        if key not in LIFTING:
+            hint = f"{', '.join(LIFTING)}; --views for how many are looked from"
+            raise UsageError("", key, "changes nothing of a lift, expected a key that it looks at", hint)
 
 
 def _options(cls: type[Any], overrides: list[str]) -> Any:
