@@ -69,7 +69,10 @@ def transfer(
     settings = settings_of(config, overrides, allow_plugin)
     if print_config:
         from ..config import to_yaml
+        from ..pipeline.components import Components
 
+        Components.build(settings)  # what cannot run is not approved of
+        settings.build_one("search")
         print(to_yaml(settings), end="")
         return
     scene, reference = (

@@ -182,6 +182,13 @@ def test_print_config_reads_back_as_itself(command: Callable[..., Any], tmp_path
     assert (first.code, first.err, again.out) == (0, "", first.out)
 
 
+@pytest.mark.parametrize("key", ["losses.framing.weight", "search.subject_orbit.nearest"])
+def test_a_config_that_cannot_run_is_not_printed(command: Callable[..., Any], key: str) -> None:
+    refused = command("transfer", f"{key}=abc", "--print-config")
+    assert (refused.code, refused.out) == (2, "")
+    assert refused.err == f"error: command line: {key}: expected a number, got 'abc'\n"
+
+
 def test_json_is_all_there_is_on_stdout(command: Callable[..., Any], tmp_path: Path) -> None:
     short = ("frames=2", "generations=1", "output_side=64", "search_side=32")
     answer = command("transfer", "--json", "--out", tmp_path / "run", *short)
