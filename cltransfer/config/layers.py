@@ -17,6 +17,7 @@ PLAIN = "a number, text, true, false, null, a list or a mapping"
 MISREAD = re.compile(r"[-+]?(0[0-7_]+|[1-9][0-9_]*(:[0-5]?[0-9])+|[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*)")
 """What YAML 1.1 reads in base 8 or 60."""
 QUOTES = "what has spaces stands in quotes: 'key={a: b}'"
+BITS = 64  # of a whole number; one of thousands of digits cannot even be shown
 NAMED = ("renderer", "extractors", "losses", "search")  # sections of components by name
 ONE_EACH = ("renderer", "search")  # sections of one component: naming another replaces it
 
@@ -66,7 +67,8 @@ def read_yaml(path: Any) -> dict[str, Any]:
     """The mapping in a YAML file, nothing resolved and nothing run.
 
     Raises:
-        UsageError: it is missing, too large, no plain YAML, no mapping, or asks for interpolation.
+        UsageError: it is missing, too large, no plain YAML, no mapping, asks for interpolation, or has a whole number
+            of more than :data:`BITS`.
     """
     import yaml
     from omegaconf import OmegaConf
@@ -91,6 +93,7 @@ def read_yaml(path: Any) -> dict[str, Any]:
         raise UsageError(path, "", f"not a config: expected keys with values, each {PLAIN}") from None
     if not isinstance(value, dict):
         raise UsageError(path, "", "expected a mapping of keys to values")
+    _refuse_long(value, path, "")
     _refuse_interpolation(value, path, "${")
     return {str(key): entry for key, entry in value.items()}
 
@@ -104,8 +107,8 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
     """``section.name.option=value`` as nested mappings; values are YAML, none is null.
 
     Raises:
-        UsageError: an item is no ``key=value``, is no plain YAML, asks for interpolation, or names a part of what an
-            earlier one says is no mapping.
+        UsageError: an item is no ``key=value``, is no plain YAML, asks for interpolation, has a whole number of more
+            than :data:`BITS`, or names a part of what an earlier one says is no mapping.
     """
     import yaml
 
@@ -130,6 +133,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
             raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}") from None
         _refuse_misread(text, COMMAND_LINE, key, yaml.SafeLoader)
         _refuse_interpolation(value, COMMAND_LINE, key)
+        _refuse_long(value, COMMAND_LINE, key)
         for foreign in _foreign(value):
             raise UsageError(
                 COMMAND_LINE, key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own"
@@ -174,6 +178,20 @@ def _refuse_misread(text: str, where: Any, field: str, loader: Any) -> None:
             raise UsageError(
                 where, field, reason, "write a number without leading zeros and colons, and text in quotes"
             )
+
+
+def _refuse_long(value: Any, where: Any, field: str) -> None:
+    """Refuse a whole number of more than :data:`BITS`, as a value or as a key in it."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            _refuse_long(key, where, field)
+            _refuse_long(part, where, f"{field}.{key}" if field else str(key))
+    elif isinstance(value, (list, tuple, set)):
+        for part in value:
+            _refuse_long(part, where, field)
+    elif isinstance(value, int) and value.bit_length() > BITS:
+        reason = f"expected a number of at most {BITS} bits, got one of {value.bit_length()}"
+        raise UsageError(where, field, reason, "a larger one has a point, and text stands in quotes")
 
 
 def _refuse_tab(text: str, where: Any, mark: Any) -> None:

@@ -332,6 +332,27 @@ def test_a_whole_number_beyond_any_float_is_refused_with_its_key(key):
         load_config(overrides=[f"{key}=1{'0' * 400}"]).build("losses")
 
 
+@pytest.mark.parametrize("key", ["seed", "adam.rate", "losses.framing.weight", "losses.framing.mode"])
+def test_a_whole_number_that_cannot_be_shown_is_refused_where_it_is_written(tmp_path: Path, key: str) -> None:
+    long, told = f"0x{'F' * 4000}", f"{key}: expected a number of at most 64 bits, got one of 16000 ("
+    with pytest.raises(UsageError) as caught:
+        load_config(overrides=[f"{key}={long}"])
+    assert str(caught.value).startswith(f"command line: {told}")
+    words = key.split(".")
+    file = tmp_path / "long.yaml"
+    file.write_text(": {".join(words) + f": {long}" + "}" * (len(words) - 1))
+    with pytest.raises(UsageError) as caught:
+        load_config(file)
+    assert str(caught.value).startswith(f"{file}: {told}")
+
+
+@pytest.mark.parametrize("value", ["{? 0xLONG : 1}", "[1, {a: [0xLONG]}]", "!!set {0xLONG}"])
+def test_such_a_number_is_refused_wherever_it_stands(value: str) -> None:
+    with pytest.raises(UsageError, match=r"^command line: losses[.a]*: expected a number of at most 64 bits"):
+        parse_overrides([f"losses={value.replace('LONG', 'F' * 4000)}"])
+    assert parse_overrides([f"seed={2**64 - 1}"]) == {"seed": 2**64 - 1}
+
+
 def test_an_override_is_not_lost_where_a_later_one_names_its_mapping():
     written = ["losses.framing.weight=3", "losses.framing={mode: faithful}"]
     for overrides in (written, written[::-1]):
