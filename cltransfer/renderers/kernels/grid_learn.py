@@ -45,11 +45,14 @@ class Field(NamedTuple):
 
 @njit(**INLINE, **LOOSE)
 def _walk(field: Field, eye: Triple, slope: Triple, span: Span, basis: Array, log: tuple[Array, Array]) -> int:
-    """March one ray and log what it meets: cells z, y, x, and optical thickness, light before, colour, part."""
+    """March one ray and log what it meets: cells z, y, x, and optical thickness, light before, colour, part.
+
+    It ends where the log does: from very far the rounded span of a ray is longer than the box.
+    """
     cells, values = log
     last_z, last_y, last_x = field.cells.shape[0] - 1, field.cells.shape[1] - 1, field.cells.shape[2] - 1
     left, met, sample = _ONE, 0, 0
-    while sample < span.steps and left >= _MIN_TRANSMITTANCE:
+    while sample < span.steps and left >= _MIN_TRANSMITTANCE and met < len(cells):
         t = span.start + (f32(sample) + _HALF) * span.step
         u, v, w = eye[0] + t * slope[0], eye[1] + t * slope[1], eye[2] + t * slope[2]
         i, j, k = min(max(int(u), 0), last_x), min(max(int(v), 0), last_y), min(max(int(w), 0), last_z)
@@ -90,7 +93,7 @@ def _cast(field: Field, ray: Array, basis: Array) -> tuple[Triple, Triple, Span]
 
 @njit(**INLINE, **LOOSE)
 def _scratch(field: Field) -> tuple[Array, Array]:
-    """Log for the longest ray: no span exceeds the box's diagonal."""
+    """Log for the longest ray: but for rounding no span exceeds the box's diagonal."""
     diagonal = f32(2)
     for axis in range(3):
         diagonal += (f32(field.density.shape[2 - axis]) / field.per_unit[axis]) ** 2 / field.delta**2
