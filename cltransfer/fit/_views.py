@@ -22,6 +22,7 @@ POINT_SHARE = 0.005  # of the points left out on either side of an axis: reconst
 MARGIN = 0.05  # of the box added on every side
 FEWEST = 3
 PARALLEL = 1e-4  # mean squared sine of the axes about their mean, below which they meet nowhere
+FARTHEST = 2000  # times the box's longest side: a million voxels, of which float32 tells a sixteenth
 ONE_PLACE = 1e-9  # of the distance to the origin: what rounding leaves between places that are the same
 
 
@@ -85,7 +86,8 @@ def views_of(posed: PosedImages, side: int) -> Views:
     to each other as far as the farthest camera.
 
     Raises:
-        InputError: fewer than three images are there, one is damaged, or cameras or points are all at one place.
+        InputError: fewer than three images are there, one is damaged, cameras or points are all at one place, or a
+            camera is so far from the points that float32 does not tell where its rays meet them.
     """
     if len(posed.present) < FEWEST:
         raise InputError(posed.path, "images", f"expected at least {FEWEST}, got {len(posed.present)}")
@@ -96,6 +98,7 @@ def views_of(posed: PosedImages, side: int) -> Views:
         return Views(camera, image, box_around_focus(camera))
     box = box_around(posed.points)
     _check_spread(posed.path, "points", box)
+    _check_far(posed, camera.center, box)
     return Views(camera, image, box)
 
 
@@ -104,6 +107,15 @@ def _check_spread(path: Path, field: str, places: Tensor) -> None:
     spread = (places.amax(0) - places.amin(0)).max()
     if not spread > ONE_PLACE * (1 + places.abs().max()):
         raise InputError(path, field, "expected several places, all are at one", "a fit needs views from around")
+
+
+def _check_far(posed: PosedImages, places: Tensor, box: Tensor) -> None:
+    """Refuse a camera at one of ``places`` (P, 3), of the images that are there, beyond ``FARTHEST``."""
+    away = (places - box.mean(0)).norm(dim=1) / (box[1] - box[0]).max()
+    if away.max() > FARTHEST:
+        name = posed.names[posed.present[int(away.argmax())]]
+        reason = f"expected within {FARTHEST} sides of the box about the points, {name} is {float(away.max()):.3g} away"
+        raise InputError(posed.path, "cameras", reason, "are points and cameras in the same units?")
 
 
 def _check_focus(path: Path, camera: Camera) -> None:

@@ -88,6 +88,23 @@ def test_cameras_or_points_at_one_place_are_refused(views, tmp_path, monkeypatch
         views_of(posed, 48)
 
 
+@pytest.mark.parametrize(("distance", "good"), [(1e3, True), (1e5, False)])
+def test_cameras_from_where_float32_does_not_tell_the_points_are_refused(views, tmp_path, monkeypatch, distance, good):
+    eye = torch.full((1, 3), distance / 3**0.5, dtype=torch.float64)
+    w2c = views.camera.w2c.clone()
+    w2c[4] = Camera.look_at(eye, 0 * eye, torch.tensor([0.0, 0, 1]), 0.8, (48, 48)).w2c[0]
+    lens, count = Lens((48, 48), (50.0, 50.0), (24.0, 24.0)), len(views)
+    camera, names = dataclasses.replace(views.camera, w2c=w2c), tuple(f"{i}.png" for i in range(count))
+    points = torch.rand(500, 3, generator=torch.Generator().manual_seed(0)) - 0.5
+    posed = PosedImages(tmp_path, camera, (lens,) * count, names, tuple(map(tmp_path.joinpath, names)), points)
+    monkeypatch.setattr(PosedImages, "images", lambda *words: (camera, views.image))
+    if good:
+        assert len(views_of(posed, 48)) == count
+        return
+    with pytest.raises(InputError, match=r"cameras: expected within 2000 sides of the box .*, 4.png is 9.14e\+04 away"):
+        views_of(posed, 48)
+
+
 @pytest.mark.parametrize("shift", [0.0, 100.0])
 @pytest.mark.parametrize("apart", [False, True], ids=["the same way", "apart"])
 def test_cameras_that_look_at_no_common_place_need_points(views, tmp_path, monkeypatch, shift, apart):
