@@ -1,6 +1,7 @@
 """An OBJ as trimesh reads it right.
 
-It takes one library, counts back from the end of the file, closes inlets, and knows one kind of corner a material.
+It takes one library, counts back from the end of the file, closes inlets, knows one kind of corner a material, looks
+for materials in remarks and names too, and passes over keys that stand after or before a tab.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from ...renderers.kernels import Array
 from .mtl import BOM, WITHOUT, ObjFiles
 from .polygons import fans_hold, triangles_of
 
+_INDENT = re.compile(rb"^ +", re.MULTILINE)
+_UNREAD = re.compile(rb"^(?!(?:v|vt|vn|f|usemtl|mtllib) )[^\n]*\n?", re.MULTILINE)  # groups, remarks, empty lines
 _LIBRARY = re.compile(rb"^mtllib[ \t]+(.*?)[ \t]*$", re.MULTILINE)
 _LONG = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){4}", re.MULTILINE)
 _BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
@@ -32,7 +35,7 @@ _BARE = re.compile(rb"^f[ \t]+-?\d+(?://|[ \t])", re.MULTILINE)
 
 
 def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
-    """The file with one library, absolute numbers, inlets left open, and materials of one kind of face.
+    """The lines that are read, with one library, absolute numbers, inlets left open, and materials of one kind of face.
 
     Faces without places in a texture that share a material with others get one of its name and
     :data:`.mtl.WITHOUT`, else the others would lose theirs.
@@ -46,8 +49,9 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
         InputError: a vertex or a face is no numbers, or a face names a vertex that is not there, or a place in a
             texture where the file has any.
     """
-    text = data.removeprefix(BOM).replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
-    if text.count(b"#") > text.count(b"\n#") + text.startswith(b"#"):  # not only before whole lines
+    text = data.removeprefix(BOM).replace(b"\r\n", b"\n").replace(b"\\\n", b" ").replace(b"\t", b" ")
+    text = _UNREAD.sub(b"", _INDENT.sub(b"", text))
+    if b"#" in text:
         text = _REMARK.sub(rb"\1", text)
     if _BACK.search(text):
         text = b"\n".join(_counted(text.split(b"\n")))

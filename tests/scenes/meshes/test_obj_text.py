@@ -60,6 +60,40 @@ def test_a_remark_behind_numbers_is_passed_over(stage: Callable[..., Path], face
     assert torch.equal(bare.vertices[bare.faces.long()], told.vertices[told.faces.long()])
 
 
+TWO = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\n", "\n  "),
+        (" ", "\t"),
+        (" ", " \t "),
+        ("v ", "v\t"),
+        ("v 0 1 0", "v\t0\t1\t0"),
+        ("v 0 1 0", " v 0 1 0"),
+        ("v 1 0 0", "\tv 1 0 0"),
+        ("f ", "f\t"),
+        ("f 1 3 4", "  f 1 3 4"),
+        ("f 1 3 4", "f\t1\t3\t4"),
+        ("usemtl ", "usemtl\t"),
+        ("usemtl", "  usemtl"),
+        ("mtllib", "# mtllib is below\nmtllib"),
+        ("mtllib", "  # mtllib is below\n\tmtllib"),
+        ("usemtl blue", "usemtl blue\n# usemtl red (off)"),
+        ("f 1 2 3", "# usemtl blue is below\nf 1 2 3"),
+        ("f 1 2 3", "o usemtl blue\nf 1 2 3"),
+        ("f 1 2 3", "fo 1\nf 1 2 3"),
+    ],
+)
+def test_indents_tabs_and_remarks_change_nothing(stage: Callable[..., Path], old: str, new: str) -> None:
+    library = "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n"
+    mesh = read_mesh(stage(TWO.replace(old, new), a=library)).mesh
+    corners = mesh.vertices[mesh.faces.long()].tolist()
+    assert sorted(corners) == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]]
+    assert (shown(mesh, LOWER), shown(mesh, UPPER)) == (([1, 0, 0], True), ([0, 0, 1], True))
+
+
 UPPER, LOWER = (1 / 3, 2 / 3), (2 / 3, 1 / 3)  # middles of BARE and PLACED
 
 
