@@ -20,6 +20,7 @@ from ..storage.tensor_file import check_tensor_file, save_tensors
 FORMAT = "cltransfer.nerf_grid.1"
 LIMIT = 4 * 2**30  # bytes
 MOST_VERTICES = 518**3  # 512 cells a side, the most that `bake` takes, with its margin: 2.6 GiB without directions
+MOST_STEPS = 100_000  # of the smallest side of a voxel along the box's diagonal: a ray may have twice as many
 SH_DEGREES = {1: 0, 4: 1, 9: 2}  # coefficients per channel -> degree
 KEYS = ("density", "sh", "label", "aabb")
 _BYTES = {"F16": 2, "F32": 4, "F64": 8}  # of a stored number
@@ -110,7 +111,7 @@ def read_grid(path: Path) -> NerfGrid:
 
     Raises:
         InputError: it is missing, too large, of another format, a tensor is missing or of a wrong shape, density is
-            negative, label is outside [0, 1], or a value is not finite.
+            negative, label is outside [0, 1], a value is not finite, or the box is so flat that no ray would end.
         ResourceError: it takes more memory than is free.
     """
     from safetensors import SafetensorError, safe_open
@@ -125,10 +126,12 @@ def read_grid(path: Path) -> NerfGrid:
     _check_values(path, tensors)
     single = {key: tensors[key].float() for key in KEYS[:3]}
     try:
-        return NerfGrid(**single, aabb=tensors["aabb"].double())
+        grid = NerfGrid(**single, aabb=tensors["aabb"].double())
     except ValueError as error:
         key, _, reason = str(error).partition(" must be ")
         raise InputError(path, key, f"expected {reason}") from None
+    _check_voxel(path, grid)
+    return grid
 
 
 def _check_header(path: Path, stream: Any) -> None:
@@ -170,3 +173,11 @@ def _check_values(path: Path, tensors: dict[str, Tensor]) -> None:
         raise InputError(path, "density", "holds nothing, all is 0")
     if bool(((tensors["label"] < 0) | (tensors["label"] > 1)).any()):
         raise InputError(path, "label", "expected values in [0, 1]")
+
+
+def _check_voxel(path: Path, grid: NerfGrid) -> None:
+    """Refuse a box that takes too many steps to cross, which go by the smallest side of a voxel."""
+    steps = float((grid.aabb[1] - grid.aabb[0]).norm() / grid.voxel.min())
+    if not steps <= MOST_STEPS:
+        reason = f"expected at most {MOST_STEPS} times a voxel's smallest side along its diagonal, got {steps:.3g}"
+        raise InputError(path, "aabb", reason, "give the box more depth, or fewer vertices there")

@@ -86,6 +86,8 @@ def test_labels_are_about_the_vertices_that_hold_anything():
         ({"label": torch.zeros(5, 4, 3)}, r"label: expected \(3, 4, 5\)"),
         ({"aabb": torch.tensor([[0.0, 0, 0], [1, 0, 1]])}, "aabb: expected a lower and a greater upper corner"),
         ({"aabb": torch.zeros(6)}, "aabb: expected a lower"),
+        ({"aabb": torch.tensor([[0.0, 0, 0], [1, 1, 1e-9]])}, r"aabb: expected at most 100000 times .*, got 2.83e\+09"),
+        ({"aabb": torch.tensor([[0, 0, 0], [1e300, 1, 1]], dtype=torch.float64)}, "at most 100000 times"),
     ],
 )
 def test_a_bad_tensor_is_named_in_one_line(tmp_path, change, line):
