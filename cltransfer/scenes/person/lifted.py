@@ -122,7 +122,7 @@ def load_person(scene: Scene, subject_file: Path) -> Scene:
     """The scene with the person of ``subject_file``, marked by the labels beside it, or else by the scene's files.
 
     Raises:
-        InputError: a file is damaged, the labels are of another scene, or there are none at all.
+        InputError: a file is damaged, the labels are of another scene or not from 0 to 1, or there are none at all.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
@@ -144,7 +144,11 @@ def load_person(scene: Scene, subject_file: Path) -> Scene:
     if label is None or tuple(label.shape) != (count,):
         got = None if label is None else tuple(label.shape)
         raise InputError(labels, "label", f"expected ({count},), got {got}", "lift this scene again")
-    return with_person(scene, subject, label.float())
+    label = label.float()
+    wrong = label[~((label >= 0) & (label <= 1))]  # NaN among them
+    if len(wrong):
+        raise InputError(labels, "label", f"expected values from 0 to 1, got {float(wrong[0]):g}", "lift it again")
+    return with_person(scene, subject, label)
 
 
 def lifted_scene(

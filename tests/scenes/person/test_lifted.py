@@ -9,7 +9,9 @@ from typing import ClassVar
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
+from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.errors import InputError, UsageError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.mesh import Mesh
@@ -78,6 +80,19 @@ def test_the_labels_beside_a_person_mark_another_than_the_scene_does(tmp_path: P
     scene.subject.save(tmp_path / "subject.json")
     save_labels(tmp_path, other)
     assert torch.equal(load_person(scene, tmp_path / "subject.json").geometry.label, (other > 0.5).float())
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"), [(255, torch.uint8), (-1, torch.int8), (torch.nan, torch.float16), (torch.inf, torch.float16)]
+)
+def test_labels_that_are_no_membership_are_refused(tmp_path: Path, value: float, kind: torch.dtype) -> None:
+    scene = replace(named_scene("courtyard"), geometry=synthetic_room(200))
+    sample_features(0, 1).require("person").save(tmp_path / "subject.json")
+    label = torch.zeros(len(scene.geometry), dtype=kind)
+    label[3] = value
+    save_file({"label": label}, tmp_path / "labels.safetensors")
+    with pytest.raises(InputError, match=f"labels.safetensors: label: expected values from 0 to 1, got {value:g}"):
+        load_person(scene, tmp_path / "subject.json")
 
 
 def test_a_person_without_labels_is_refused_where_the_scene_marks_nobody(tmp_path: Path) -> None:
