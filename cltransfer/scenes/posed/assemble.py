@@ -121,17 +121,18 @@ def size_of_image(where: Path, name: str, file: Path | None, exif: bool = False)
 
 
 def numbers(where: Path, field: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """``value`` as finite float64 of ``shape``.
+    """``value`` as finite float64 of ``shape``, () of a single one.
 
     Raises:
         InputError: it is of another shape or kind.
     """
     try:
         array = np.array(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(where, field, f"expected {' x '.join(map(str, shape))} finite numbers")
+        wanted = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
+        raise InputError(where, field, f"expected {wanted}")
     return array
 
 

@@ -48,8 +48,8 @@ def _rows(path: Path) -> Array:
     if path.stat().st_size > BYTE_LIMIT:
         raise InputError(path, "", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
     try:
-        rows = np.load(path, mmap_mode="r", allow_pickle=False)  # by map: a shape larger than the file is refused
-    except (ValueError, OSError, EOFError) as error:
+        rows = np.lib.format.open_memmap(path, mode="r")  # by map: a shape larger than the file is refused
+    except (ValueError, OSError, OverflowError) as error:
         raise InputError(path, "", f"not a NumPy file: {' '.join(str(error).split())}") from None
     if rows.ndim != 2 or rows.shape[1] != ROW or rows.dtype.kind != "f":
         raise InputError(path, "shape", f"expected (N, {ROW}) numbers, got {rows.shape} {rows.dtype}")

@@ -21,6 +21,7 @@ Values = dict[str, "float | str | list[str] | Array"]
 
 _ENTRY = re.compile(r"^(\w[^\s:]*):[ \t]*(.*(?:\n(?![\w%]).*)*)", re.MULTILINE)
 _FIELD = re.compile(r"^[ \t]+(rows|cols|data)[ \t]*:[ \t]*(\d+|\[[^][]*\])[ \t]*$", re.MULTILINE)
+_SIDE = re.compile(r"\d{1,9}")
 _ITEM = re.compile(r"^[ \t]*-[ \t]*(.+)$", re.MULTILINE)
 
 
@@ -55,6 +56,9 @@ def _matrix(path: Path, key: str, body: str) -> Array:
     fields = dict(_FIELD.findall(body))
     if not {"rows", "cols", "data"} <= set(fields):
         raise InputError(path, key, "expected rows, cols and data")
+    if not all(_SIDE.fullmatch(fields[side]) for side in ("rows", "cols")):
+        got = f"{fields['rows']:.20} and {fields['cols']:.20}"
+        raise InputError(path, key, f"expected whole numbers in rows and cols, got {got}")
     shape = int(fields["rows"]), int(fields["cols"])
     parts = fields["data"].strip("[]").replace(",", " ").split()
     try:

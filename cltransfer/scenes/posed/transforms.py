@@ -56,14 +56,19 @@ def _lens(path: Path, values: Mapping[str, Any], where: str, file: Path | None) 
     def number(key: str, default: float | None = None) -> float:
         value = values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InputError(path, f"{where}.{key}", f"expected a number, got {value!r}")
-        return float(value)
+            raise InputError(path, f"{where}.{key}", f"expected a number, got {value!r:.80}")
+        return float(numbers(path, f"{where}.{key}", value, ()))
 
     size = (number("w"), number("h")) if "w" in values else size_of_image(path, str(values["file_path"]), file)
     if "fl_x" in values:
         fx = number("fl_x")
     else:
-        fx = size[0] / (2 * math.tan(number("camera_angle_x") / 2))
+        angle = number("camera_angle_x")
+        slope = math.tan(angle / 2) if 0 < angle < math.pi else 0.0
+        if not slope > 0:
+            reason = f"expected an angle above 0 and below pi, got {angle:g}"
+            raise InputError(path, f"{where}.camera_angle_x", reason, "give it in radians")
+        fx = size[0] / (2 * slope)
     fy = number("fl_y", fx)
     center = (number("cx", size[0] / 2), number("cy", size[1] / 2))
     return lens_of(path, where, size, (fx, fy, *center), [number(key, 0.0) for key in DISTORTION])

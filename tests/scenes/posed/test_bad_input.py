@@ -16,6 +16,7 @@ import pytest
 
 from cltransfer.errors import InputError
 from cltransfer.scenes.posed import colmap_text, read_posed
+from cltransfer.scenes.posed.llff import ROW
 from cltransfer.scenes.posed.opencv_yaml import read_opencv_yaml
 
 POSE = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]
@@ -47,11 +48,41 @@ def write(root: Path, **changes: Any) -> Path:
         ({"fl_x": "five"}, r"frames\[0\].fl_x: expected a number, got 'five'"),
         ({"w": 10**9}, "expected a width and a height"),
         ({"ply_file_path": "../points.ply"}, "leads out of the folder"),
+        ({"fl_x": 10**400}, r"frames\[0\].fl_x: expected a finite number"),
+        ({"w": float("inf")}, r"frames\[0\].w: expected a finite number"),
+        ({"frames": [{**FRAME, "transform_matrix": [[10**400, 0, 0, 0], *POSE[1:]]}]}, "expected 4 x 4 finite numbers"),
     ],
 )
 def test_a_wrong_field_of_transforms_json_is_named(tmp_path: Path, changes: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=f"transforms.json: .*{says}"):
         read_posed(write(tmp_path, **changes))
+
+
+@pytest.mark.parametrize(
+    ("angle", "says"),
+    [
+        (0, "an angle above 0 and below pi, got 0"),
+        (5e-324, "got 4.94066e-324"),
+        (60, "got 60"),
+        (float("inf"), "finite"),
+    ],
+)
+def test_an_angle_that_no_lens_has_is_named(tmp_path: Path, angle: float, says: str) -> None:
+    (tmp_path / "transforms.json").write_text(json.dumps({"w": 8, "h": 6, "camera_angle_x": angle, "frames": [FRAME]}))
+    with pytest.raises(InputError, match=rf"transforms.json: frames\[0\].camera_angle_x: expected .*{says}"):
+        read_posed(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("width", 10**400), ("rotation", [[10**400] * 3] * 3), ("position", None)],
+    ids=["width", "rotation", "position"],
+)
+def test_a_wrong_field_of_cameras_json_is_named(tmp_path: Path, key: str, value: Any) -> None:
+    camera = {"img_name": "a", "width": 8, "height": 6, "fx": 5, "fy": 5, "position": [0, 0, 0]}
+    (tmp_path / "cameras.json").write_text(json.dumps([{**camera, "rotation": np.eye(3).tolist(), key: value}]))
+    with pytest.raises(InputError, match=rf"cameras.json: \[0\].{key}: expected (a|3|3 x 3) finite number"):
+        read_posed(tmp_path)
 
 
 def test_a_link_that_leads_out_of_the_set_is_not_followed(tmp_path: Path) -> None:
@@ -181,12 +212,28 @@ def save(root: Path, array: Any) -> None:
     np.save(root / "poses_bounds.npy", array, allow_pickle=True)
 
 
+def archive(root: Path) -> None:
+    with (root / "poses_bounds.npy").open("wb") as stream:
+        np.savez(stream, a=np.zeros((2, ROW)))
+
+
+def headed(root: Path, shape: tuple[int, int]) -> None:
+    """A file whose header promises ``shape`` of what it does not hold."""
+    with (root / "poses_bounds.npy").open("wb") as stream:
+        np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+
+
 @pytest.mark.parametrize(
     ("prepare", "says"),
     [
         (lambda root: save(root, np.zeros((2, 16))), r"shape: expected \(N, 17\)"),
         (lambda root: save(root, np.array([{}], dtype=object)), "not a NumPy file"),
         (lambda root: (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY"), "not a NumPy file"),
+        (lambda root: (root / "poses_bounds.npy").write_bytes(b"PK\x03\x04abc"), "not a NumPy file"),
+        (lambda root: (root / "poses_bounds.npy").write_bytes(b""), "not a NumPy file"),
+        (archive, "not a NumPy file"),
+        (lambda root: headed(root, (10**30, ROW)), "not a NumPy file"),
+        (lambda root: headed(root, (-1, ROW)), "not a NumPy file|shape"),
         (lambda root: save(root, np.full((1, 17), np.nan)), "row 0: expected"),
     ],
 )
@@ -214,6 +261,8 @@ EASY = '%YAML:1.0\n---\nnames:\n   - "1"\nK_1: !!opencv-matrix\n   rows: 3\n   c
         ("%YAML:1.0\n---\n", "names: expected a list"),
         (EASY.format("1, 2, 3"), "K_1: expected 3 x 3 finite numbers, got 3"),
         (EASY.format("1, a"), "K_1: expected numbers in data"),
+        (EASY.replace("3", "[3]", 1).format("1"), r"K_1: expected whole numbers in rows and cols, got \[3\] and 3"),
+        (EASY.replace("3", "3" * 5000, 1).format("1"), "expected whole numbers in rows and cols, got 3{20} and 3"),
         (EASY.format("5, 0, 4, 0, 5, 3, 0, 0, 1"), "Rot_1: expected a 3 x 3 matrix, it is missing"),
         (EASY.format("5, 0, 4, 0, 5, 3, 0, 0, 1") + "dist_1: 3\n", "dist_1: expected a matrix"),
         ('%YAML:1.0\n---\nnames:\n   - "../../x"\n', "leads out of the folder"),
