@@ -183,6 +183,9 @@ def _part(
 ) -> Mesh:
     """One geometry in the world; a posed one is labelled."""
     vertices = torch.from_numpy(np.asarray(geometry.vertices, np.float64))
+    if vertices.shape[1:] != (3,):
+        reason = f"expected three numbers of each, got {vertices[:1].numel()}"
+        raise InputError(path, "vertices", reason, "x, y and z; POSITION of a glTF is a VEC3")
     faces = np.asarray(geometry.faces).reshape(-1, 3)  # of no faces at all trimesh knows no corners
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise InputError(path, "faces", f"name vertex {faces.max()} of {len(vertices)}")

@@ -273,6 +273,8 @@ def test_bad_files_are_one_line(bar, write_glb, tmp_path):
             "KHR_draco",
         ),
         "points.obj": (b"v 0 0 0\nv 1 1 1\n", "holds no faces|cannot be read as obj"),
+        "flat.obj": (b"v 0 0\nv 1 0\nv 1 1\nf 1 2 3\n", "vertices: expected three numbers of each, got 2"),
+        "short.obj": (b"v 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n", "vertices: expected three numbers of each, got 2"),
         "noise.obj": (bytes(range(256)) * 4, "holds no faces|cannot be read as obj"),
         "vast.ply": (b"ply\nformat ascii 1.0\nelement vertex 9999999999\nend_header\n", "asks for more than the file"),
         "cut.ply": (b"ply\nformat ascii 1.0\nelement ver", "expected a PLY header"),
@@ -301,6 +303,23 @@ def test_absurd_counts_are_refused_before_memory_is_taken(bar, write_glb, tmp_pa
     tree[kind][0].update(entry)
     with pytest.raises(InputError, match=reason):
         read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+@pytest.mark.parametrize(("kind", "numbers"), [("SCALAR", 1), ("VEC2", 2), ("VEC4", 4)])
+def test_vertices_of_another_number_of_axes_are_refused(builder, write_glb, tmp_path, kind, numbers):
+    made = builder()
+    position = made.add(np.zeros((6, numbers)), kind=kind)
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position}}]}],
+        "accessors": made.accessors,
+        "bufferViews": made.views,
+        "buffers": [{"byteLength": len(made.blob)}],
+    }
+    with pytest.raises(InputError, match=f"vertices: expected three numbers of each, got {numbers} .*VEC3"):
+        read_mesh(write_glb(tmp_path / "flat.glb", tree, made.blob))
 
 
 def mutated(tree, random):
