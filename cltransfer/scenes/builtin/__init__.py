@@ -23,6 +23,7 @@ VERSION = 3  # part of the digest: raise it when the same name and seed give oth
 DRAWN = {"path": path, "room": room, "stage": stage}  # every seed is another person, furniture and texture
 DESIGNED = {"courtyard": courtyard, "plaza": plaza}  # seed 0 is as designed, the others are drawn
 SETS = (*DESIGNED, *DRAWN)
+SEED_DIGITS = 18
 FORMS = {"splats": as_splats, "mesh": as_mesh, "grid": as_grid}
 
 
@@ -56,7 +57,7 @@ def named_scene(text: str) -> Scene:
     """The scene that ``text`` names, see :func:`read_name`.
 
     Raises:
-        UsageError: there is no such scene or form, or the seed is no whole number.
+        UsageError: there is no such scene or form, or the seed is no whole number of 18 digits or less.
     """
     return builtin_scene(*read_name(text))
 
@@ -65,10 +66,12 @@ def read_name(text: str) -> tuple[str, int, str]:
     """Name, seed and form of ``NAME``, ``NAME-SEED`` or ``NAME-SEED-FORM``, as in ``room-3-mesh``; nothing is made.
 
     Raises:
-        UsageError: there is no such scene or form, or the seed is no whole number.
+        UsageError: there is no such scene or form, or the seed is no whole number of 18 digits or less.
     """
     name, _, rest = text.partition("-")
     seed, _, form = rest.partition("-")
+    if len(seed) > SEED_DIGITS:
+        raise UsageError("", f"scene {text[:20]!r}...", f"expected a seed of at most {SEED_DIGITS} digits")
     if rest and not seed.isdecimal():
         raise UsageError("", f"scene {text!r}", f"expected NAME-SEED-FORM, got the seed {seed!r}", "as in room-3-mesh")
     form = form or "splats"

@@ -124,6 +124,7 @@ def test_a_scene_s_name_tells_its_seed_and_form():
     [
         ("room-x", "expected NAME-SEED-FORM, got the seed 'x'"),
         ("room-3-fog", "no form 'fog'"),
+        ("plaza-" + "3" * 5000, r"scene 'plaza-33333333333333'...: expected a seed of at most 18 digits"),
         ("den-3", "no such built"),
     ],
 )
