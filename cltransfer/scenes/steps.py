@@ -11,6 +11,7 @@ from ..errors import InputError
 
 SOME = 100_000  # primitives that tell where a scene is and how large
 COARSE = 1e-3  # of the distance of half of them from their middle: half a centimetre of a room
+UNKNOWN = 1.0  # that distance, scene units, where float32 may have put all of them on one point
 
 
 def check_steps(path: Path, means: Tensor) -> None:
@@ -25,8 +26,12 @@ def check_steps(path: Path, means: Tensor) -> None:
     """
     some = means[:: max(1, len(means) // SOME)]
     middle = some.median(0).values
-    farthest, reach = float(middle.abs().max()), float((some - middle).abs().amax(1).median())
+    away = (some - middle).abs().amax(1)
+    away = away[away > 0]
+    reach = float(away.median()) if len(away) else UNKNOWN
+    farthest = float(middle.abs().max())
     step = farthest * torch.finfo(torch.float32).eps
-    if step > COARSE * reach > 0:
+    if len(some) > 1 and step > COARSE * reach:
+        size = f"a scene of {2 * reach:.2g}" if len(away) else f"{len(means)} primitives on one point"
         reason = f"lies {farthest:.3g} units from its origin, where float32 goes by steps of {step:.2g}"
-        raise InputError(path, "", f"{reason}, too coarse for a scene of {2 * reach:.2g}", "move it to its origin")
+        raise InputError(path, "", f"{reason}, too coarse for {size}", "move it to its origin")

@@ -32,6 +32,20 @@ def test_a_town_may_lie_farther(room):
     check_steps("scan.ply", 100 * room + 1e5)
 
 
+@pytest.mark.parametrize(
+    ("size", "says"), [(10, "a scene of 8"), (0.3, "a scene of 1"), (0.1, "1000 primitives on one point")]
+)
+def test_a_scene_that_float32_has_put_on_one_point_is_refused(room, size, says):
+    where = room * (size / WIDE) + torch.tensor([4.2e6, 4.3e6, 4.4e6])
+    with pytest.raises(InputError, match=rf"scan.ply: lies 4.4e\+06 units .* steps of 0.52, too coarse for {says}"):
+        check_steps("scan.ply", where)
+
+
+def test_primitives_that_are_meant_to_share_a_point_may(room):
+    check_steps("ball.ply", torch.tensor([[0.0, 3, 0]] * 5))
+    check_steps("room.ply", torch.cat([room, room[:1].expand(2000, 3)]))
+
+
 def test_one_primitive_is_anywhere():
     check_steps("one.ply", torch.tensor([[4e6, 0, 0]]))
 
