@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -91,6 +91,11 @@ def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMA
     except ValueError:  # what is no path, or none that the system can have
         raise InputError(where, f"{name[:80]!r}", "is no name of a file") from None
     return None
+
+
+def names_in(folder: Path, suffixes: Collection[str]) -> list[str]:
+    """Names of the files of ``folder`` with one of ``suffixes``; hidden ones, as a Mac leaves beside each, are none."""
+    return [f.name for f in folder.iterdir() if f.suffix.lower() in suffixes and not f.name.startswith(".")]
 
 
 def lens_of(

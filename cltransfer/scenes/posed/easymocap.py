@@ -13,7 +13,7 @@ from ...clips.image_folder import natural_order
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
-from .assemble import VIDEOS, View, find_image, lens_of, posed_images, rigid, size_of_image
+from .assemble import VIDEOS, View, find_image, lens_of, names_in, posed_images, rigid, size_of_image
 from .lens import Lens
 from .opencv_yaml import Values, read_opencv_yaml
 
@@ -71,6 +71,6 @@ def _file(folder: Path, name: str) -> Path | None:
     found = find_image(folder, f"images/{name}", where) or find_image(folder, f"videos/{name}", where, VIDEOS)
     frames = folder / "images" / name
     if found is None and os.path.isdir(frames) and frames.resolve().is_relative_to(folder.resolve()):
-        names = sorted((f.name for f in frames.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES), key=natural_order)
+        names = sorted(names_in(frames, IMAGE_SUFFIXES), key=natural_order)
         found = find_image(folder, f"images/{name}/{names[0]}", where) if names else None
     return found

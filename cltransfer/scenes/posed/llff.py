@@ -10,7 +10,7 @@ from ...clips.decoding import IMAGE_SUFFIXES
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
-from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, posed_images, rigid
+from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, names_in, posed_images, rigid
 
 ROW = 17  # 3 x 5 of rotation, centre and (height, width, focal), then the nearest and farthest depth
 BYTE_LIMIT = IMAGE_LIMIT * ROW * 8 + 4096
@@ -60,6 +60,6 @@ def _files(path: Path) -> list[Path]:
     folder, suffixes = path.parent / "images", IMAGE_SUFFIXES
     if not folder.is_dir():
         folder, suffixes = path.parent, VIDEOS
-    names = sorted(f.name for f in folder.iterdir() if f.suffix.lower() in suffixes)
+    names = sorted(names_in(folder, suffixes))
     found = [find_image(path.parent, f"{folder.relative_to(path.parent)}/{name}", path) for name in names]
     return [file for file in found if file is not None]

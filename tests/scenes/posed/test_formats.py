@@ -144,6 +144,21 @@ def test_a_name_without_a_suffix_finds_the_files_of_cameras_in_capitals(
     assert read_posed(tmp_path).missing == ()
 
 
+@pytest.mark.parametrize("write", [write_llff, write_easymocap])
+def test_hidden_files_as_a_mac_leaves_them_are_no_images(tmp_path: Path, write: Callable[[Path], None]) -> None:
+    write(tmp_path)
+    images = [tmp_path / "images" / name for name in NAMES]
+    if write is write_easymocap:  # a folder of frames for each camera
+        for image in images:
+            image.with_suffix("").mkdir()
+            image.rename(image.with_suffix("") / "frame_0.png")
+        images = [image.with_suffix("") / "frame_0.png" for image in images]
+    for image in images:
+        (image.parent / f"._{image.name}").write_bytes(b"\0\5\x16\7")
+    posed = read_posed(tmp_path)
+    assert sorted(file for file in posed.files if file is not None) == sorted(images)
+
+
 def test_blank_lines_of_colmap_end_nothing(tmp_path: Path) -> None:
     write_colmap_text(tmp_path)
     file = tmp_path / "sparse" / "0" / "images.txt"
