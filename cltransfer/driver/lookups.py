@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 COARSE = 9  # steps of values that are looked up first
-STEP = 3  # the same around the cheapest path, and everywhere where that is poor; in steps of one where it stays poor
+STEP = 3  # the same around the cheapest path, and everywhere where that is poor; in steps of one where it is not good
 GAP = 0.5  # of what the cheapest step costs, above which nothing between two steps is taken for a gap
 POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all values are looked up
 POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
@@ -18,7 +18,7 @@ def cheapest_along(look_up: Callable[[int, NDArray], NDArray], samples: int, val
     """Which of K values each sample takes, (S,), see :func:`_cheapest`; ``look_up(k, tried)`` costs evaluations.
 
     First some for every sample, then those about the cheapest path, all steps where that is poor, those between steps
-    where it stays so, and in the end what its neighbours take: a narrow gap that one has found would be left again
+    where it is not good, and in the end what its neighbours take: a narrow gap that one has found would be left again
     where the next one has not looked. A single sample, for which all frames are to stand still, looks up all steps at
     once: no other would tell of a narrow gap.
     """
@@ -51,12 +51,12 @@ def _beside(costs: NDArray, chosen: NDArray) -> NDArray:
 
 def _rest(costs: NDArray, chosen: NDArray) -> NDArray:
     """All steps of (S, K) where what was ``chosen`` (S,) is poor: what hides the person leaves a narrow gap."""
-    return _steps(costs, chosen) & _poor_so_far(costs, chosen)
+    return _steps(costs, chosen) & _poor(_of(costs, chosen))
 
 
 def _between(costs: NDArray, chosen: NDArray) -> NDArray:
-    """Those of (S, K) less than a step from what was ``chosen`` (S,), where that is poor still."""
-    return _within(STEP, costs, chosen) & _poor_so_far(costs, chosen)
+    """Those of (S, K) less than a step from what was ``chosen`` (S,), where that costs more than :data:`LEAST`."""
+    return _within(STEP, costs, chosen) & (_of(costs, chosen) > LEAST)
 
 
 def _with_gaps(costs: NDArray, chosen: NDArray) -> NDArray:
@@ -65,7 +65,7 @@ def _with_gaps(costs: NDArray, chosen: NDArray) -> NDArray:
     >>> _with_gaps(np.array([[8.0, 7.5, 0.6, 7.0]]), np.array([3])).tolist()
     [[8.0, inf, 0.6, 7.0]]
     """
-    gap = costs <= GAP * costs[np.arange(len(costs)), chosen][:, None]
+    gap = costs <= GAP * _of(costs, chosen)
     return np.where(_steps(costs, chosen) | gap, costs, np.inf)
 
 
@@ -74,9 +74,9 @@ def _within(steps: int, costs: NDArray, chosen: NDArray) -> NDArray:
     return np.abs(np.arange(costs.shape[1]) - chosen[:, None]) < steps
 
 
-def _poor_so_far(costs: NDArray, chosen: NDArray) -> NDArray:
-    """Samples (S, 1) bool for which what was ``chosen`` (S,) is poor."""
-    return _poor(costs[np.arange(len(costs)), chosen])[:, None]
+def _of(costs: NDArray, chosen: NDArray) -> NDArray:
+    """Costs (S, 1) of what was ``chosen`` (S,)."""
+    return costs[np.arange(len(costs)), chosen][:, None]
 
 
 def _likewise(costs: NDArray, chosen: NDArray) -> NDArray:
@@ -88,7 +88,7 @@ def _likewise(costs: NDArray, chosen: NDArray) -> NDArray:
 
 
 def _poor(costs: NDArray) -> NDArray:
-    """Frames (S,) bool whose cost (S,) is high, or far above that of the others.
+    """Frames bool whose cost is high, or far above that of the others.
 
     >>> _poor(np.array([0.2, 0.3, 1.1, 0.4])).tolist()
     [False, False, True, False]

@@ -23,14 +23,16 @@ def test_what_one_frame_found_is_looked_up_beside_it() -> None:
         return costs[k, tried]
 
     assert cheapest_along(look_up, 6, VALUES, 1.0).tolist() == [8 * STEP] * 6
-    assert known[:3].sum(1).max() <= 24 / 2 + 2  # those that nothing is wrong with
+    between = 2 * (STEP - 1)
+    assert known[:3].sum(1).max() <= 24 / 2 + 2 + between  # those that nothing is wrong with
 
 
+@pytest.mark.parametrize("lowest", [3.4, 1.8])
 @pytest.mark.parametrize("samples", [1, 4])
-def test_where_all_steps_are_poor_those_between_are_looked_up(samples: int) -> None:
+def test_where_no_step_is_good_those_between_are_looked_up(samples: int, lowest: float) -> None:
     """A post before the lens hides the person from every step but not from between two of them."""
     costs = np.stack([8.0 - 0.1 * STEPS] * samples)
-    costs[:, 16 * STEP], costs[:, 15 * STEP + 1 : 16 * STEP] = 3.4, 0.6
+    costs[:, 16 * STEP], costs[:, 15 * STEP + 1 : 16 * STEP] = lowest, 0.5
     taken = cheapest_along(lambda k, tried: costs[k, tried], samples, VALUES, 1.0)
     assert set(taken.tolist()) <= {15 * STEP + 1, 15 * STEP + 2}
 
