@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 COARSE = 9  # steps of values that are looked up first
 STEP = 3  # the same around the cheapest path, and everywhere where that is poor; in steps of one where it is not good
 GAP = 0.5  # of what the cheapest step costs, above which nothing between two steps is taken for a gap
-POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all values are looked up
-POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, where it is no less than that
+POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all steps are looked up
+POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, no less than that, which is not good
 
 
 def cheapest_along(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:
