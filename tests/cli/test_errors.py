@@ -85,7 +85,7 @@ def test_a_scene_that_cannot_be_used_is_named(
 
 CLIPS: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: None, "no such file"),
-    "empty": (lambda path: path.write_bytes(b""), "video"),
+    "empty": (lambda path: path.write_bytes(b""), "is empty"),
     "random bytes": (lambda path: path.write_bytes(np.random.default_rng(0).bytes(5000)), "video"),
     "a playlist": (lambda path: path.write_text("#EXTM3U\n#EXTINF:1,\n/etc/passwd\n"), "video"),
     "a folder without images": (lambda path: path.mkdir(), "images"),
