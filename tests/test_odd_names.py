@@ -62,6 +62,7 @@ def test_a_study_of_a_clip_by_any_name_has_its_key(clip: Path, fresh: Callable[.
     assert "wom\\udce9n" in answer.out
 
 
+@pytest.mark.slow  # a process; inspections and studies under such names run by default
 def test_a_run_and_an_inspection_may_lie_under_any_name(cache: Path, tmp_path: Path) -> None:
     """OpenCV ends the interpreter when it is given such a name: so in one of its own, that both share."""
     run, page = tmp_path / LATIN / "run", tmp_path / LATIN / "page"

@@ -112,8 +112,8 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     ):
         status, said, complained = stopped([*words, "--quiet"], cache, out, sent)
         assert (status, said) == (code, "")
-        assert complained.endswith(says)
-        assert says or not complained  # before the words Python may tell of an interrupt that an import ignored
+        assert says in complained
+        assert says or not complained  # beside the words Python and joblib may tell of what an interrupt left behind
     interrupted = keys(out)
     assert 2 <= len(interrupted) < 4
     done = command("ablate", *words)
@@ -203,6 +203,7 @@ def test_the_head_of_the_page_stays_text_on_one_line(sweep_file: SweepFile) -> N
     assert head == ["# a\\`b", "", r"&lt;b>one&lt;/b>  # two \| \*three\*", ""]
 
 
+@pytest.mark.slow  # four trials
 def test_no_row_is_measured_in_what_its_own_renderer_draws(
     sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -62,6 +62,7 @@ def test_who_loses_the_person_pays_in_a_held_out_reading_too(monkeypatch: pytest
         assert read[name] == [LOSSES.build(name).penalty] * 2
 
 
+@pytest.mark.slow  # a grid is baked
 def test_the_true_cameras_do_not_fail_where_the_scene_has_no_sky() -> None:
     trial = Trial("fast", "push_in", "stage-200000", "path-200001-grid", 1000, 2)
     clip = plain.Clip.drawn(trial)
@@ -70,6 +71,7 @@ def test_the_true_cameras_do_not_fail_where_the_scene_has_no_sky() -> None:
     assert plain._judged(trial, clip, take)["failed"] == {}
 
 
+@pytest.mark.slow  # tests/bench/test_rows.py has processes too
 def test_a_process_is_warm_before_it_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[tuple[str, str]] = []
 

@@ -67,6 +67,7 @@ def weighed(package: Path, home: Path, script: str = WEIGH, **settings: str) -> 
     return done.stdout.strip().split("|")
 
 
+@pytest.mark.slow  # processes that compile
 def test_what_another_file_says_is_compiled_anew_where_it_changes(package: Path, tmp_path: Path) -> None:
     """And whatever way of keeping code Numba has been set to, it is kept in the one place."""
     other = {"NUMBA_CACHE_LOCATOR_CLASSES": "InTreeCacheLocator"}
@@ -98,6 +99,7 @@ def test_threads_that_import_at_once_keep_their_kernels_in_one_place(monkeypatch
     assert usual == compiled._CONFIG.CACHE_DIR
 
 
+@pytest.mark.slow  # a process that compiles
 def test_where_no_folder_can_be_written_kernels_work_and_the_doctor_says_so(package: Path) -> None:
     for folder in (package, package / "losses", package / "extractors"):
         (folder / "__pycache__").write_text("no folder")

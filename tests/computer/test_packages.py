@@ -49,6 +49,7 @@ def test_without_a_distribution_the_module_says_and_what_is_not_there_is_null(mo
     assert versions()["onnxruntime"] is None
 
 
+@pytest.mark.slow  # processes
 def test_a_run_ends_and_doctor_is_content_whatever_brought_onnxruntime(
     gpu: None, command: Callable[..., Any], tmp_path: Path
 ) -> None:

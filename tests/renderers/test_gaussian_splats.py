@@ -48,7 +48,7 @@ def both(splats: Splats, cameras: Camera, **options: object) -> tuple[object, ob
     return fast, plain
 
 
-@pytest.mark.parametrize("antialiased", [True, False])
+@pytest.mark.parametrize("antialiased", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_numba_matches_the_oracle_at_10k(antialiased):
     fast, plain = both(synthetic_room(10_000), room_cameras(2, (160, 90)), antialiased=antialiased)
     assert psnr(fast.image, plain.image) >= 60

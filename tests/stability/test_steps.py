@@ -54,6 +54,7 @@ def test_a_path_that_stands_at_an_edge_goes_aside_as_a_whole(tmp_path: Path) -> 
     torch.testing.assert_close(w2c, w2c[:1].expand_as(w2c))
 
 
+@pytest.mark.slow  # tests/driver/test_aside.py has ways for one that stands
 def test_a_path_that_stands_is_tried_nearby_over_steps_that_no_slope_tells(tmp_path: Path) -> None:
     """Filmic space falls by a third where the camera looks a hundredth of a frame aside."""
     found = taught("static", 631, "fast", tmp_path)

@@ -47,7 +47,8 @@ def random_gaussians(n: int) -> tuple[np.ndarray, ...]:
     return means, covariances, scales, opacity, label, rng.normal(size=(n, 4, 3)).astype(np.float32)
 
 
-@pytest.mark.parametrize("color", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("color", [True, False])
 def test_a_second_process_draws_its_first_frame_within_a_second_and_without_torch(color, slowness, tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     code = FIRST_FRAME.replace("COLOR", str(color))

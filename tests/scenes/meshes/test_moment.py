@@ -70,6 +70,7 @@ def test_an_unknown_animation_and_one_where_there_is_none_are_refused():
         load_scene(f"{still}#t=1")
 
 
+@pytest.mark.slow  # tests/test_convert_scene.py bakes by the command line
 @needs_man
 def test_the_command_line_bakes_the_moment(tmp_path):
     run = [sys.executable, "-m", "cltransfer", "bake", f"{MAN}#t=0.5", "--out", str(tmp_path), "--detail", "2000"]
