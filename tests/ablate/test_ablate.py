@@ -135,6 +135,7 @@ def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     assert [timeless(row) for row in found["rows"]] == [timeless(asdict(row)) for row in rows]
 
 
+@pytest.mark.slow  # five trials
 def test_every_row_is_measured_at_one_size_and_has_the_frames_that_it_asks_for(
     sweep_file: SweepFile, tmp_path: Path
 ) -> None:

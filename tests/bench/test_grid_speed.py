@@ -15,6 +15,7 @@ def rows():
     return rows
 
 
+@pytest.mark.slow  # tests/bench/test_speed.py has rows of splats
 def test_every_row_states_what_was_measured(rows):
     assert [row.setting for row in rows] == [
         "torch, all",
@@ -30,6 +31,7 @@ def test_every_row_states_what_was_measured(rows):
     assert {row.threads for row in rows} == {1, 2}
 
 
+@pytest.mark.slow  # tests/bench/test_speed.py has rows of splats
 def test_speed_and_accuracy_against_the_oracle_stand_in_one_row(rows):
     (compared,) = [row for row in rows if row.speedup is not None]
     assert compared.difference < 1e-3
@@ -47,6 +49,7 @@ def test_the_room_has_matter_on_its_walls_and_a_labelled_figure():
     assert 0 < (grid.label[matter] > 0).float().mean() < 0.2
 
 
+@pytest.mark.slow  # tests/bench/test_speed.py has rows of splats
 def test_the_section_is_written(rows, tmp_path):
     write_benchmarks(rows, tmp_path / "benchmarks.md")
     text = (tmp_path / "benchmarks.md").read_text()

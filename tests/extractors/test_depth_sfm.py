@@ -99,6 +99,7 @@ def test_a_clip_that_does_not_tell_says_why_and_keeps_its_other_features(filmed)
     assert bool(scores.totals.isnan().all())
 
 
+@pytest.mark.slow  # it runs out
 def test_a_clip_for_which_time_ran_out_is_not_blamed(filmed, monkeypatch):
     import pycolmap
 

@@ -101,7 +101,10 @@ def test_the_papers_setting_has_every_candidate_read_by_networks(transferred: Tr
     assert all(term.defined for term in result.verified.terms if term.name != "filmic_space")
 
 
-@pytest.mark.parametrize(("preset", "losses"), [("max", SHIPPED), ("jaws_losses_cma", ("jaws_pose", "jaws_flow"))])
+@pytest.mark.parametrize(
+    ("preset", "losses"),
+    [pytest.param("max", SHIPPED, marks=pytest.mark.slow), ("jaws_losses_cma", ("jaws_pose", "jaws_flow"))],
+)
 def test_presets_that_no_other_test_runs_come_nearer_than_standing_still(preset: str, losses: tuple[str, ...]) -> None:
     tiny = ("generations=2", "frames=2", "search_side=48", "output_side=96", "threads=1")
     result = transfer(Inputs("builtin:room", "builtin:push_in"), load_config(overrides=[f"preset={preset}", *tiny]))

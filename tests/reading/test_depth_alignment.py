@@ -150,6 +150,7 @@ def test_the_verb_looks_at_a_person_and_by_an_up_that_it_is_given(blue, tmp_path
     assert told["affine"] == pytest.approx(same["affine"], rel=1e-3)
 
 
+@pytest.mark.slow  # two processes; tests/cli/test_app.py has other verbs with plugins
 def test_the_verb_takes_a_config_with_a_plugin(blue, fresh):
     words = ("models", "align", "builtin:plaza", blue, "losses.rule_of_thirds={}", "--views", "4", "--json")
     refused = fresh(*words)

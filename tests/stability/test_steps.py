@@ -21,7 +21,8 @@ def taught(program: str, seed: int, preset: str, folder: Path) -> Result:
 @pytest.mark.parametrize(
     ("program", "seed", "preset", "most"),
     [
-        ("dutch", 638, "fast", 1.4),  # measured 1.15, 1.72 where nothing leads across; by the paper's setting 1.30
+        # measured 1.15, 1.72 where nothing leads across; by the paper's setting 1.30
+        pytest.param("dutch", 638, "fast", 1.4, marks=pytest.mark.slow),  # tests/driver/test_jumps.py leads across too
         # measured 0.47, 1.74 without; by the paper's setting 0.92
         pytest.param("dolly_zoom", 637, "balanced", 1.0, marks=pytest.mark.slow),
     ],
