@@ -17,10 +17,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import torch
-from kornia.metrics import angle_error_mat
 
-from ..camera import Camera, resized
+from ..camera import resized
 from ..config import load_config, to_yaml
 from ..config.options import RunConfig
 from ..errors import UsageError
@@ -33,9 +31,10 @@ from .judge import Reader, judge
 from .methods import judge_config
 from .rows import kept_rows
 from .trial import Row
+from .truth import path_errors
 from .warm_up import warm_up
 
-VERSION = 2  # raise it when a row holds something else: older ones are then measured anew
+VERSION = 3  # raise it when a row holds something else: older ones are then measured anew
 SIZE = (640, 360)  # [px] of the reference
 TEACHER = "builtin:plaza"
 TARGETS = {"self": TEACHER, "cross": "builtin:courtyard"}
@@ -224,7 +223,8 @@ def settings(preset: str, seed: int) -> RunConfig:
 def _clip(run: Run, result: Result, true: Trajectory, subject: Subject) -> Clip:
     position = rotation = focal = math.nan
     if run.target == "self":
-        position, rotation, focal = pose_errors(result.trajectory.camera, true.camera, subject.height)
+        errors = path_errors(result.trajectory.camera, true.camera, subject.height)
+        position, rotation, focal = errors.position, errors.rotation, math.expm1(errors.log_focal)
     evaluations = result.spent.evaluations / len(result.trajectory)
     seconds = sum(result.seconds.get(step, 0.0) for step in ("floaters", "initial view", "search"))
     total, judged = result.searched.total, _judged(run, result, true)
@@ -243,11 +243,3 @@ def _judged(run: Run, result: Result, true: Trajectory) -> float:
     reference = reader.read(teacher, true.camera)
     found = reader.read(pupil, resized(result.trajectory.camera, SIZE), reference.names())
     return float(judge(reader.objective, reference, found).totals.mean())
-
-
-def pose_errors(found: Camera, true: Camera, unit: float) -> tuple[float, float, float]:
-    """Median errors of N cameras: position [``unit``], rotation [degrees], focal length [share]."""
-    position = (found.center - true.center).norm(dim=1) / unit
-    rotation = angle_error_mat(found.w2c[:, :3, :3], true.w2c[:, :3, :3])
-    ratio = (found.focal / found.size[1]) / (true.focal / true.size[1])
-    return float(position.median()), float(rotation.median()), float(torch.expm1(ratio.log().abs()).median())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from kornia.geometry.linalg import inverse_transformation
 from kornia.metrics import angle_error_mat
+from torch import Tensor
 
 from ..camera import Camera
 
@@ -48,10 +49,15 @@ def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
     scale = true_spread / spread if min(spread, true_spread) > STANDING else 1.0
     turned = angle_error_mat(aligned[:, :3, :3].transpose(1, 2), true.w2c[:, :3, :3])
     return PathErrors(
-        position=float(position.median()),
-        rotation=float(rotation.median()),
-        log_focal=float(focal.median()),
+        position=middle(position),
+        rotation=middle(rotation),
+        log_focal=middle(focal),
         path_position=float((scale * moved - wanted).pow(2).sum(1).mean().sqrt()),
-        path_rotation=float(turned.median()),
+        path_rotation=middle(turned),
         path_scale=scale,
     )
+
+
+def middle(values: Tensor) -> float:
+    """Median of N values, of an even number the mean of the two in the middle (``Tensor.median`` takes the lower)."""
+    return float(values.double().quantile(0.5))

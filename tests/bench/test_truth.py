@@ -47,13 +47,23 @@ def test_the_opposite_direction_is_no_matter_of_scale():
     assert errors.path_position > 1
 
 
-def test_position_is_told_in_subject_heights_and_focal_as_a_log():
-    true = _dolly()
-    found = Camera(true.w2c.clone(), intrinsics(true.focal * 1.5, SIZE), SIZE)
+def test_of_an_even_number_of_frames_the_median_is_between_the_two_in_the_middle():
+    true = _dolly(4)
+    moved = true.w2c.clone()
+    moved[:, 0, 3] += torch.tensor([0.0, 0.2, 0.6, 0.8], dtype=torch.float64)
+    assert path_errors(Camera(moved, true.K, SIZE), true, 1.0).position == pytest.approx(0.4)
+    assert path_errors(_turned(true, [1.0, 3.0, 5.0, 9.0]), true, 1.0).rotation == pytest.approx(4, abs=1e-3)
+
+
+@pytest.mark.parametrize("factor", [1.5, 0.8])
+@pytest.mark.parametrize("larger", [1, 2])
+def test_position_is_told_in_subject_heights_and_focal_as_a_log_whatever_the_size(factor, larger):
+    true, size = _dolly(), (larger * SIZE[0], larger * SIZE[1])
+    found = Camera(true.w2c.clone(), intrinsics(true.focal * factor * larger, size), size)
     found.w2c[:, 0, 3] += 0.5
     errors = path_errors(found, true, 2.0)
     assert errors.position == pytest.approx(0.25)
-    assert errors.log_focal == pytest.approx(math.log(1.5))
+    assert errors.log_focal == pytest.approx(abs(math.log(factor)))
     assert errors.path_position == pytest.approx(0, abs=1e-9)
 
 

@@ -48,7 +48,7 @@ from .scenery import SCENERY
 from .viewing import VIEWING
 
 STRESSORS: dict[str, Stressor] = {**VIEWING, **READING, **SCENERY, **FILMING}
-VERSION = 2  # raise it when the same trial means something else
+VERSION = 3  # raise it when the same trial means something else
 SIDE = 160  # longer side of what is read and judged [px]
 ClipName = tuple[str, str, str, int]  # shot, teacher, pupil, seed
 
