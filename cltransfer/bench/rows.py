@@ -10,7 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import torch
+
+from ..computer.processor import processor
 from ..computer.revision import commit
+from ..errors import CltransferError
+from ..storage.alone import alone
 from ..storage.kept_lines import keep, read_kept
 from .protocol import Trial
 from .trial import Row, run_trial
@@ -49,31 +54,47 @@ def kept_rows(
 
     Raises:
         InputError: the rows on disk are damaged.
+        ResourceError: another process measures into that folder.
+        CltransferError: a task could not be measured; the rows of all others are kept before.
     """
-    done = read_rows(folder)
-    todo = {key: task for key, task in tasks.items() if key not in done}
-    told(f"{len(tasks)} trials, {len(tasks) - len(todo)} of them done before")
-    begun, here = time.perf_counter(), commit()  # of the code as it was loaded
-    for count, row in enumerate(_run(todo, measure, jobs), 1):
-        row |= {"commit": here, "load": round(os.getloadavg()[1], 2)}
-        keep(folder / FILE, row)
-        done[row["key"]] = row
-        left = (time.perf_counter() - begun) / count * (len(todo) - count) / 60
-        told(f"{count} of {len(todo)}: {named(row)}; about {left:.0f} min to go")
+    with alone(folder, "runs a bench", "--rows"):
+        done = read_rows(folder)
+        todo = {key: task for key, task in tasks.items() if key not in done}
+        told(f"{len(tasks)} trials, {len(tasks) - len(todo)} of them done before")
+        where = {"commit": commit(), "machine": processor(), "torch": torch.__version__}  # the code as it was loaded
+        begun, lost = time.perf_counter(), []
+        for count, (key, row) in enumerate(_run(todo, measure, jobs), 1):
+            left = f"about {(time.perf_counter() - begun) / count * (len(todo) - count) / 60:.0f} min to go"
+            if isinstance(row, CltransferError):
+                lost.append(row)
+                told(f"{count} of {len(todo)}: {row}; {left}")
+                continue
+            done[key] = {**row, "key": key, **where, "load": round(os.getloadavg()[1], 2)}
+            keep(folder / FILE, done[key])
+            told(f"{count} of {len(todo)}: {named(done[key])}; {left}")
+    if lost:
+        raise lost[0]
     return [done[key] for key in tasks]
 
 
-def _run(todo: Mapping[str, Task], measure: Callable[[str, Task], Row], jobs: int) -> Iterator[Row]:
-    """Rows as they come."""
+def _run(
+    todo: Mapping[str, Task], measure: Callable[[str, Task], Row], jobs: int
+) -> Iterator[tuple[str, Row | CltransferError]]:
+    """Keys and rows as they come; in place of a row the error that says why there is none."""
+
+    def measured(key: str, task: Task) -> tuple[str, Row | CltransferError]:
+        try:
+            return key, measure(key, task)
+        except CltransferError as error:
+            return key, error
+
     if jobs == 1:
-        for key, task in todo.items():
-            yield {**measure(key, task), "key": key}
+        yield from (measured(key, task) for key, task in todo.items())
         return
     from joblib import Parallel, delayed
 
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-    keyed = parallel(delayed(lambda key, task: {**measure(key, task), "key": key})(*item) for item in todo.items())
-    yield from keyed
+    yield from parallel(delayed(measured)(key, task) for key, task in todo.items())
 
 
 def measured_at(rows: Iterable[Row]) -> str:

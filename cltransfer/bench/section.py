@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import torch
 
+from ..computer.processor import processor
 from ..computer.revision import commit
 from ..storage.files import write_text
 from .pages import markers, page_text
@@ -31,13 +31,23 @@ def machine(rows: Sequence[Mapping[str, Any]] | None = None) -> list[str]:
     """Lines that say what was measured on, under what load, and by which commit.
 
     Args:
-        rows: that were kept, each with its load average; older ones have none. None: all was measured just now.
+        rows: that were kept, each with its load average, machine and torch; older ones have none. None: all was
+            measured just now.
     """
     load = f", load average {os.getloadavg()[1]:.1f} while measured" if rows is None else _load(rows)
     return [
-        f"Machine: {_cpu()}, {os.cpu_count()} logical cores{load};",
-        f"torch {torch.__version__}; commit {commit()}.",
+        f"Machine: {_each(rows, 'machine', processor())}{load};",
+        f"torch {_each(rows, 'torch', torch.__version__)}; commit {commit()}.",
     ]
+
+
+def _each(rows: Sequence[Mapping[str, Any]] | None, name: str, here: str) -> str:
+    """All values of ``name`` among ``rows``; where none tells one, ``here``."""
+    if not rows:
+        return here
+    known = sorted({str(row[name]) for row in rows if name in row})
+    untold = ["one that older rows do not tell"] if known and not all(name in row for row in rows) else []
+    return " and ".join([*known, *untold]) or here
 
 
 def _load(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -65,11 +75,3 @@ def write_section(path: Path, title: str, lines: Sequence[str]) -> None:
     else:
         text = f"{text.rstrip()}\n\n## {title}\n\n{section}\n"
     write_text(path, text)
-
-
-def _cpu() -> str:
-    """The processor's name, where the system tells it."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()

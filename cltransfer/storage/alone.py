@@ -12,12 +12,13 @@ from ..errors import ResourceError
 
 
 @contextmanager
-def alone(folder: Path, what: str) -> Iterator[None]:
+def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
     """Keep other processes out of ``folder``, which is made, while the block works; where the system has no locks, no.
 
     Args:
         folder: what is locked is the folder itself: no file is left in it, and none that is closed drops the lock.
         what: is being done in it.
+        option: that names the folder.
 
     Raises:
         ResourceError: another process is in such a block.
@@ -34,8 +35,8 @@ def alone(folder: Path, what: str) -> Iterator[None]:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                hint = "wait until it ends, or name another --out"
-                raise ResourceError(folder, "--out", f"another process {what} there", hint) from None
+                hint = f"wait until it ends, or name another {option}"
+                raise ResourceError(folder, option, f"another process {what} there", hint) from None
         yield
     finally:
         os.close(handle)

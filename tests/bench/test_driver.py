@@ -23,11 +23,10 @@ from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 
 
-def _dolly(shaken: float = 0.0, side: tuple[float, ...] = (0.0,) * 5) -> Camera:
-    """Five cameras that move forward, each second one off by ``shaken``, each off to its side by its ``side``."""
+def _dolly(shaken: float = 0.0) -> Camera:
+    """Five cameras that move forward, each second one off by ``shaken``."""
     eye = torch.zeros(5, 3, dtype=torch.float64)
     eye[:, 2] = torch.arange(5) / 5 - 6
-    eye[:, 0] = torch.tensor(side)
     eye[::2, 0] += shaken
     return Camera.look_at(eye, eye + torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.0, -1.0, 0.0]), 0.7, (160, 90))
 

@@ -6,7 +6,8 @@ import pytest
 
 from cltransfer.bench.protocol import Trial
 from cltransfer.bench.rows import FILE, Bench, kept_rows, read_rows, run_trials
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, ResourceError
+from cltransfer.storage.alone import alone
 from cltransfer.storage.kept_lines import keep
 
 TRIALS = [Trial("fast", shot, "plaza-2000", "plaza-2000", 1000, 4, ("search_side=64",)) for shot in ("pan", "zoom")]
@@ -38,6 +39,25 @@ def test_a_bench_goes_on_where_it_was_stopped(tmp_path):
         assert json.loads((tmp_path / "paths" / f"{row['key']}.json").read_text())["format"] == "cltransfer.trajectory"
     assert both[0]["truth"]["position"] < 0.3
     assert both[0]["random_total"] > 5 * both[0]["total"]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_trial_that_cannot_be_measured_keeps_no_other_from_it(tmp_path, jobs):
+    def measure(key: str, task: int) -> dict:
+        if not task:
+            raise InputError("clip.mp4", "frames", "there are none")
+        return {"value": task}
+
+    heard: list[str] = []
+    with pytest.raises(InputError, match=r"clip.mp4: frames: there are none"):
+        kept_rows({"a": 0, "b": 2}, measure, tmp_path, jobs, heard.append)
+    assert sorted(read_rows(tmp_path)) == ["b"]
+    assert any("clip.mp4: frames: there are none" in line for line in heard)
+
+
+def test_a_folder_is_one_bench_s_at_a_time(tmp_path):
+    with alone(tmp_path, "runs a bench"), pytest.raises(ResourceError, match="another --rows"):
+        kept_rows({"a": 1}, lambda key, task: {}, tmp_path)
 
 
 def test_rows_tell_the_commit_of_the_code_that_was_loaded(tmp_path, monkeypatch):

@@ -43,3 +43,14 @@ def test_a_page_tells_the_load_that_its_rows_were_measured_under_and_not_its_own
     assert "load average 3.7 while 1 of 2 rows were measured;" in machine([rows[0], {"key": "old"}])[0]
     assert "load average" not in machine([{"key": "old"}])[0]
     assert "load average 1.7 while measured;" in machine()[0]
+
+
+def test_a_page_names_every_machine_that_its_rows_were_measured_on(tmp_path, monkeypatch):
+    for key, name in (("a", "A, 2 logical cores"), ("b", "B, 4 logical cores")):
+        monkeypatch.setattr("cltransfer.bench.rows.processor", lambda name=name: name)
+        kept_rows({key: None}, lambda key, task: {}, tmp_path)
+    rows = kept_rows({"a": None, "b": None}, lambda key, task: {}, tmp_path)
+    assert machine(rows)[0].startswith("Machine: A, 2 logical cores and B, 4 logical cores, load")
+    older = {key: value for key, value in rows[1].items() if key != "machine"}
+    assert "A, 2 logical cores and one that older rows do not tell" in machine([rows[0], older])[0]
+    assert "A, 2" not in machine([older])[0]
