@@ -6,9 +6,15 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import fmean
 
+from .judge import SIDE
 from .trial import Row
 
 TERMS = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+PRINTED = {  # units of the terms as the paper prints them
+    **{"shot_size": "frame", "framing": "frame", "filmic_space": "log ratio"},
+    **{"camera_movement": f"px of {SIDE}", "camera_angle": "rad"},
+}
+BY_NETWORKS = ("shot_size", "framing", "camera_angle")
 Measure = Callable[[Row], float]
 
 
@@ -63,9 +69,9 @@ SIDE_MEASURES: Mapping[str, tuple[str, Measure]] = {
         lambda row: abs(number(row["jerk"]) - number(row["reference_jerk"])),
     ),
     "other shot scale": ("share of frames", lambda row: 1 - number(row["scale_agreement"])),
-    **{f"{name}, as printed": ("", faithful(name)) for name in TERMS},
+    **{f"{name}, as printed": (unit, faithful(name)) for name, unit in PRINTED.items()},
     "camera_movement by DIS flow": ("frame widths", held_out("dis_flow", "camera_movement")),
-    **{f"{name} by networks": ("", held_out("networks", name)) for name in ("shot_size", "framing", "camera_angle")},
+    **{f"{name} by networks": (PRINTED[name], held_out("networks", name)) for name in BY_NETWORKS},
     "evaluations a frame": ("", lambda row: number(row["evaluations"])),
     "seconds a clip": ("", lambda row: number(row["seconds"])),
 }

@@ -11,7 +11,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..models.content import reading
 from ..shots import SHOTS, Setup, own_setup
+from .judge import HELD_OUT
 from .methods import config_text, judge_config
 
 PROTOCOL = 3  # raise it when the same trial means something else: rows of older protocols are then measured anew
@@ -68,11 +70,14 @@ class Trial:
     def key(self, networks: bool = False) -> str:
         """Digest of the trial, the config it comes to, what the judge reads and scores by, and the protocol.
 
-        A row that is read by ``networks`` too is another one.
+        A row that is read by ``networks`` too is another one, and by other networks yet another.
         """
         config = config_text(self.method, self.pupil, self.seed, self.options)
         judge = judge_config(self.pupil)
-        told = [PROTOCOL, asdict(self), config, judge.extractors, judge.losses, *(["networks"] if networks else [])]
+        told = [PROTOCOL, asdict(self), config, judge.extractors, judge.losses]
+        if networks:
+            readers = judge_config(self.pupil, HELD_OUT["networks"]).build("extractors").values()
+            told += [reading(extractor) for extractor in readers]
         text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

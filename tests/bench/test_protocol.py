@@ -92,6 +92,13 @@ def test_a_key_tells_trials_and_configs_apart():
     assert TRIAL.key(networks=True) != TRIAL.key()
 
 
+def test_a_row_that_other_networks_read_is_another_one(monkeypatch):
+    before = TRIAL.key(), TRIAL.key(networks=True)
+    monkeypatch.setattr("cltransfer.models.content.model_content", lambda name: f"other {name}")
+    assert TRIAL.key() == before[0]
+    assert TRIAL.key(networks=True) != before[1]
+
+
 def test_a_key_tells_how_far_a_replay_drifts(monkeypatch):
     trial = Trial("replay_drift", *TRIAL.clip[:4])
     before = trial.key()

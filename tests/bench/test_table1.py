@@ -8,11 +8,13 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from cltransfer.bench.measures import TERMS, failed_frames, paired, term
+from cltransfer.bench.compare import compared
+from cltransfer.bench.measures import SIDE_MEASURES, TERMS, failed_frames, paired, term
 from cltransfer.bench.protocol import TIERS
 from cltransfer.bench.rows import read_rows
-from cltransfer.bench.table1 import duel, latex, markdown, write_table1
+from cltransfer.bench.table1 import comparison_table, duel, latex, markdown, write_table1
 from cltransfer.bench.verbs import app
+from cltransfer.registry import LOSSES
 
 SMOKE = 60.0  # seconds of one core that the smoke tier may take on a usual machine
 
@@ -73,6 +75,23 @@ def test_a_clip_that_failed_is_left_out_whole_of_the_sound_ones():
 def test_rows_are_paired_by_their_clip_alone():
     rows = [_row("old", 2.0), _row("new", 1.0, shot="tilt"), _row("new", 3.0)]
     assert [(a["total"], b["total"]) for a, b in paired(rows, "old", "new")] == [(2.0, 3.0)]
+
+
+def test_bold_is_what_is_certain_by_the_corrected_p_where_there_is_one():
+    old, new = [1.0] * 8, [0.5, 0.6, 0.7, 0.4, 0.8, 0.3, 0.2, 0.1]
+    sure = compared("sure", "m", old, new)
+    assert sure.difference.certain
+    assert comparison_table([sure], "old", "new").bold == {(0, 4)}
+    assert comparison_table([replace(sure, p_holm=0.04)], "old", "new").bold == {(0, 4)}
+    assert not comparison_table([replace(sure, p_holm=0.06)], "old", "new").bold
+
+
+def test_every_measure_has_the_unit_of_its_loss():
+    for name in TERMS:
+        printed = LOSSES.build(name, {"mode": "faithful"}).unit
+        assert SIDE_MEASURES[f"{name}, as printed"][0].startswith(printed)
+        assert SIDE_MEASURES.get(f"{name} by networks", (printed,))[0] == printed
+    assert [name for name, (unit, _) in SIDE_MEASURES.items() if not unit] == ["evaluations a frame", "seconds a clip"]
 
 
 def test_what_was_not_read_is_no_line():
