@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when torch is imported: small operations on many threads wait for
+# each other where cores are shared, and a process for every core runs these tests
+
+import fcntl
 import resource
 import shutil
 import subprocess

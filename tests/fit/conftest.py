@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import pytest
 import torch
@@ -16,15 +15,6 @@ from cltransfer.renderers._nerf_grid_torch import camera_rays
 BOX = torch.tensor([[-1.1, -1.1, -0.9], [1.1, 1.1, 0.8]], dtype=torch.float64)
 RADIUS, DISC, HEIGHT = 0.6, 1.0, -0.7
 OVERSAMPLE = 3
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread() -> Iterator[None]:
-    """Small operations on many threads wait for each other where cores are shared."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="session")
