@@ -22,12 +22,15 @@ def cheapest_along(look_up: Callable[[int, NDArray], NDArray], samples: int, val
     where the next one has not looked. A single sample, for which all frames are to stand still, looks up all steps at
     once: no other would tell of a narrow gap.
     """
-    costs, chosen = np.full((samples, len(values)), np.inf), np.zeros(samples, int)
+    known, chosen = np.full((samples, len(values)), np.inf), np.zeros(samples, int)
+    costs = known.copy()
     first = (_steps,) if samples == 1 else (_coarse, _beside, _rest)
     for wanted in (*first, _between, *[_likewise] * (samples - 1)):
-        for k, tried in enumerate(wanted(costs, chosen) & np.isinf(costs)):
+        asked = wanted(costs, chosen)
+        for k, tried in enumerate(asked & np.isinf(known)):
             if tried.any():
-                costs[k, tried] = look_up(k, tried)
+                known[k, tried] = look_up(k, tried)
+        costs = np.where(asked, known, costs)
         if wanted is _between:
             costs = _with_gaps(costs, chosen)
         chosen = _cheapest(costs, values, rate)

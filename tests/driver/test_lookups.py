@@ -45,6 +45,20 @@ def test_what_is_little_better_between_steps_is_not_taken() -> None:
     assert taken.tolist() == [16 * STEP] * 4
 
 
+def test_what_a_neighbour_takes_between_steps_is_not_looked_up_again_where_it_was_no_gap() -> None:
+    costs = 0.1 * np.abs(STEPS - 16) + np.array([[1.2], [8.0]])
+    costs[0, 16 * STEP + 1], costs[1, 16 * STEP + 1] = 0.9, 0.5
+    asked: list[tuple[int, int]] = []
+
+    def look_up(k: int, tried: np.ndarray) -> np.ndarray:
+        asked.extend((k, int(step)) for step in np.flatnonzero(tried))
+        return costs[k, tried]
+
+    cheapest_along(look_up, 2, VALUES, 1.0)
+    assert (0, 16 * STEP + 1) in asked
+    assert len(set(asked)) == len(asked)
+
+
 def test_where_a_step_is_good_nothing_between_is_looked_up() -> None:
     known = np.zeros((4, len(VALUES)), bool)
 
