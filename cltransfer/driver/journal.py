@@ -8,7 +8,7 @@ What the initial views, the closed form and the search of each frame ask is kept
 and its differences (:mod:`.whole_clip`) count as evaluations too but are not kept: a resumed run renders them again,
 like each frame as it was found and what is read back.
 
-Record: length, crc32, then crc32 of the cameras asked, rows, columns, float64 answers. The first record is the header.
+Record: length, crc32, then crc32 of what was asked, rows, columns, float64 answers. The first record is the header.
 """
 
 from __future__ import annotations
@@ -30,10 +30,12 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..errors import InputError, ResourceError
+from ..features import Features
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
-_SHAPE = struct.Struct("<III")  # crc32 of the cameras, rows, columns
+_SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
 RECORD_LIMIT = 2**24  # bytes; a batch of 1,000 candidates with 30 residuals takes 240 kB
+SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
 
 
@@ -70,13 +72,18 @@ class Journal:
         with path.open("rb") as stream:
             return _record(stream) == _coded(header) and _record(stream) is not None
 
-    def answer(self, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
+    def answer(self, cameras: Camera, compute: Callable[[], Tensor], told: int = 0) -> Tensor:
         """Values (B, C) float64 for B cameras: recorded if this question was asked before, else computed and recorded.
+
+        Args:
+            cameras: of which it is asked.
+            compute: the values, where they are not recorded.
+            told: digest of what else is asked, as by :func:`small_print`.
 
         Raises:
             InputError: another question was recorded here.
         """
-        asked = fingerprint(cameras)
+        asked = fingerprint(cameras) ^ told
         if (payload := self._recorded()) is not None:
             self.replayed += 1
             crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
@@ -114,6 +121,16 @@ def _coded(header: Mapping[str, object]) -> bytes:
 def fingerprint(cameras: Camera) -> int:
     """crc32 of the cameras' numbers."""
     return zlib.crc32(cameras.K.contiguous().numpy().tobytes(), zlib.crc32(cameras.w2c.contiguous().numpy().tobytes()))
+
+
+def small_print(features: Features, kind: str) -> int:
+    """crc32 of the kind of answer and of whatever is small in the features that cameras are held against."""
+    crc = zlib.crc32(kind.encode())
+    for name in sorted(features.names()):
+        value = features.require(name)
+        if isinstance(value, Tensor) and value.numel() <= SMALL:
+            crc = zlib.crc32(name.encode() + value.detach().cpu().contiguous().numpy().tobytes(), crc)
+    return crc
 
 
 def _open(path: Path) -> BinaryIO:

@@ -17,7 +17,7 @@ from ..pipeline.plan import Plan
 from ..renderers._request import drawn_by
 from ..scenes import Scene
 from .guard import SCENE_DEPTH, Guard
-from .journal import Journal
+from .journal import Journal, small_print
 from .recent import Context, Recent, moving, standing
 from .working_set import WorkingSet
 
@@ -144,7 +144,7 @@ class Stage:
         def compute() -> Tensor:
             return self._allowed(reference, self.features(cameras, before))
 
-        return self._answer(cameras, before, compute)
+        return self._answer(reference, "terms", cameras, before, compute)
 
     def residuals(self, reference: Features, cameras: Camera, before: Features | None, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; a blocked view pays every penalty."""
@@ -152,7 +152,7 @@ class Stage:
         def compute() -> Tensor:
             return self.priced(reference, self.features(cameras, before), defined)
 
-        return self._answer(cameras, before, compute)
+        return self._answer(reference, "residuals", cameras, before, compute)
 
     def priced(self, reference: Features, seen: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of what was seen from B cameras; a blocked view pays every penalty."""
@@ -182,12 +182,14 @@ class Stage:
             terms if self.guard is None else terms.masked_fill(self.guard.blocked(seen, reference)[:, None], torch.nan)
         )
 
-    def _answer(self, cameras: Camera, before: Features | None, compute: Callable[[], Tensor]) -> Tensor:
+    def _answer(
+        self, reference: Features, kind: str, cameras: Camera, before: Features | None, compute: Callable[[], Tensor]
+    ) -> Tensor:
         self.spent.evaluations += 0 if self._stands(cameras, before) else len(cameras)
         if self.journal is None:
             return compute()
         replayed = self.journal.replayed
-        answer = self.journal.answer(cameras, compute)
+        answer = self.journal.answer(cameras, compute, small_print(reference, kind))
         context = self._context(before)
         if self.journal.replayed > replayed and not (len(cameras) == 1 and self.recent.holds(context, cameras)):
             self._count(len(cameras))  # the run that recorded it has rendered and read it

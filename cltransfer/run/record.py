@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from ..computer.packages import versions
+from ..computer.revision import commit
 from ..computer.threads import thread_count
 from ..config.options import RunConfig
 from ..driver.journal import Journal
 from ..errors import UsageError
 from ..models.content import files_content, model_content, own_model
+from ..models.onnx import VARIABLE
 from ..pipeline.components import Components
 from ..reading.reference import Reference
 from ..registry.plugin_code import code_of
@@ -71,6 +75,8 @@ def run_header(
         **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
         **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
         **{f"code of {name}": content for name, content in code.items() if content},
-        "versions": {name: metadata.version(name) for name in ("cltransfer", "torch", "numpy", "numba", "cma")},
+        "versions": {**{name: metadata.version(name) for name in ("cltransfer", "numpy")}, **versions()},
+        "code of cltransfer": commit(),
+        "networks run on": os.environ.get(VARIABLE) or "auto",
         "threads": thread_count(),
     }

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tracemalloc
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,9 +16,9 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
-from cltransfer.driver.journal import Journal
+from cltransfer.driver.journal import Journal, small_print
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.testing.samples import sample_cameras
+from cltransfer.testing.samples import sample_cameras, sample_features
 
 HEADER = {"seed": 0, "scene": "abc"}
 RECORD = 8 + 12 + 3 * 3 * 8  # bytes: frame, shape and question, the answers to three cameras
@@ -65,6 +66,20 @@ def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path: Path, content
     with pytest.raises(InputError, match="not a journal"):
         Journal(tmp_path / "j", HEADER, True)
     assert (tmp_path / "j").read_bytes() == content
+
+
+def test_what_was_asked_against_another_target_or_by_residuals_is_refused(tmp_path: Path) -> None:
+    target = sample_features(1, 1)
+    assert target.keypoints is not None
+    moved = replace(target, keypoints=target.keypoints + 1e-6)
+    prints = [small_print(target, "terms"), small_print(target, "residuals"), small_print(moved, "terms")]
+    assert len(set(prints)) == 3
+    cameras = sample_cameras(2, 3)
+    Journal(tmp_path / "j", HEADER, False).answer(cameras, lambda: values(cameras), prints[0])
+    assert Journal(tmp_path / "j", HEADER, True).answer(cameras, lambda: values(cameras), prints[0]).shape[0] > 0
+    for other in prints[1:]:
+        with pytest.raises(InputError, match="record 1: is of another question"):
+            Journal(tmp_path / "j", HEADER, True).answer(cameras, lambda: values(cameras), other)
 
 
 def test_without_resume_the_answers_are_discarded(tmp_path: Path) -> None:
