@@ -47,6 +47,7 @@ class LeastPath:
         residuals: weighted, (N, R); None where a loss has none, and of frames as they were found.
         about: path (N, D) that moves as the reference does, where what was added to it was filtered.
         aside: whether it goes aside somewhere, past what is before the person or where a loss jumps.
+        local: what the losses make of the path as it was found, where that was measured for it; else None.
     """
 
     x: Tensor  # (N, D)
@@ -60,6 +61,7 @@ class LeastPath:
     residuals: Tensor | None = None
     about: Tensor | None = None
     aside: bool = False
+    local: Local | None = None
 
     @property
     def steady(self) -> bool:
@@ -116,6 +118,7 @@ def least_path(
         effort = Effort(0, 0)  # differences taken through noisy networks mislead
     if effort.rounds and local is None and residuals is not None:
         local = clip.local(x, residuals)
+        path = replace(path, local=local)
     limit = free + path.floor
     if float((x - x[0]).abs().max()) <= STANDS:
         held = replace(path, x=x[:1].expand_as(x).clone(), residuals=residuals)

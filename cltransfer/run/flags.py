@@ -149,7 +149,11 @@ def _search(result: Result) -> Iterator[Flag]:
     low, high = limits(search, x.shape[1])
     for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
         yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
-    local = result.kept.found.local
+    if hasattr(search, "limited"):
+        for i in search.limited(x).nonzero()[:, 0].tolist():
+            yield Flag(i, "focal length at its limit")
+    path = result.kept.path
+    local = result.kept.found.local or (None if path is None else path.local)
     if local is None:
         return
     for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):

@@ -109,7 +109,7 @@ class SubjectOrbit:
         p = x.double() * SCALE[: x.shape[1]]
         heights = p[:, 3].clamp(math.log(self.nearest), math.log(self.farthest)).exp()
         if p.shape[1] == self.dimensions:
-            focal = (p[:, 6].exp() * heights).clamp(self.widest, self.longest)
+            focal = (p[:, 6].exp() * heights).clamp(self.widest, self.longest)  # :meth:`limited`
         else:
             focal = (home.focal / home.size[1]).expand(len(p))
         outward = _direction(p[:, 0], p[:, 1].clamp(-self.elevation, self.elevation), subject)
@@ -121,6 +121,13 @@ class SubjectOrbit:
         w2c[:, :3, :3] = R
         w2c[:, :3, 3] = -(R @ center[..., None])[..., 0]
         return Camera(w2c, intrinsics(focal * home.size[1], home.size), home.size)
+
+    def limited(self, x: Tensor) -> Tensor:
+        """Which of x (B, 7) or (B, 6) ask for a shorter or longer lens than there is, (B,) bool."""
+        if x.shape[1] < self.dimensions:
+            return torch.zeros(len(x), dtype=torch.bool)
+        focal = (x.double() @ self.lens).exp()
+        return (focal < self.widest) | (focal > self.longest)
 
     def aimed(self, x: Tensor, home: Camera, subject: Subject | None, reference: Features) -> Tensor:
         """The x (B, D) moved so that the subject appears where and as large as in ``reference``, one frame.

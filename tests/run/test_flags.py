@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
+from cltransfer.driver.path_order import LeastPath
 from cltransfer.losses.camera_movement import CameraMovement
 from cltransfer.losses.shot_size import ShotSize
 from cltransfer.pipeline.objective import Objective
@@ -112,7 +114,14 @@ def blocked(result: Result) -> Result:
 
 def on_bound(result: Result) -> Result:
     x = result.kept.found.x.clone()
+    x[1, 6] -= result.search.bounds()[1][3] - x[1, 3]  # by the same lens
     x[1, 3] = result.search.bounds()[1][3]
+    return kept(result, found=replace(result.kept.found, x=x))
+
+
+def widest(result: Result) -> Result:
+    x = result.kept.found.x.clone()
+    x[1, 6] = (math.log(0.99 * result.search.widest) - 0.8 * x[1, 3]) / 0.8
     return kept(result, found=replace(result.kept.found, x=x))
 
 
@@ -122,6 +131,12 @@ def undetermined(result: Result) -> Result:
     jacobian = local.jacobian.clone()
     jacobian[1, :, 2] = 0
     return kept(result, found=replace(result.kept.found, local=replace(local, jacobian=jacobian)))
+
+
+def undetermined_by_cma(result: Result) -> Result:
+    """What only its path has measured."""
+    local, found = undetermined(result).kept.found.local, replace(result.kept.found, local=None)
+    return kept(result, found=found, path=LeastPath(found.x, None, 0.0, False, 1.0, 1.0, 0.1, local=local))
 
 
 def undefined(result: Result) -> Result:
@@ -165,6 +180,8 @@ def test_a_result_worse_than_standing_still_or_than_the_search_took_it_for_is_to
     [
         (blocked, "the person is hidden"),
         (on_bound, "distance at its bound"),
+        (widest, "focal length at its limit"),
+        (undetermined_by_cma, "degenerate: some change of the camera costs nothing, it is not determined"),
         (undetermined, "degenerate: some change of the camera costs nothing, it is not determined"),
         (undefined, "framing undefined"),
     ],
