@@ -61,7 +61,7 @@ class RunConfig:
             distance and focal length cannot then be told apart.
         engine: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A loss without
             residuals, or renders read by networks, turn refine into cma.
-        steps: of refinement per frame at most.
+        steps: of refinement at most, each time that a frame is refined: from other starts, or by another Jacobian.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's; 0 carries one along the clip, and
             computes another only where a frame ends far worse than those before.

@@ -80,14 +80,19 @@ def go_aside(
     costs = np.full((len(moves), len(x)), np.inf)
     costs[0] = 0.0
     for first, last in runs(frames):
-        tried = range(first, last, tries.every)
+        tried = [i for i in range(first, last) if bool(clip.placed[i])][:: tries.every]
+        if not tried:
+            costs[1:, first:last] = 0.0  # wherever it stands
+            continue
         lost = np.stack([_lost(clip, x[i] + ways, residuals[i], i) for i in tried], axis=1)  # (W, T)
         costs[1:, first:last] = [np.interp(range(first, last), tried, cost) for cost in lost]
     change = (moves[:, None] - moves).abs().sum(-1).numpy()
     chosen = {tuple(steadiest(costs, np.where(change > 0, sway, 0.0) * change).tolist()) for sway in tries.sways}
     best, least = (x, residuals), clip.mean_total(residuals) + bending(x, about, clip.at) - PROMISE
     for way in sorted(way for way in chosen if any(way)):
-        there = clip.inside(x + along(moves[list(way)], STEADY, clip.at))
+        # one that goes as a whole stays what it is, to the last bit: a camera that stands shows two views
+        move = moves[way[0]] if len(set(way)) == 1 else along(moves[list(way)], STEADY, clip.at)
+        there = clip.inside(x + move)
         found = clip.residuals(there)
         total = clip.mean_total(found) + bending(there, about, clip.at)
         if total < least:

@@ -139,7 +139,7 @@ def _by_refinement(
     if memory.jacobian is None or not memory.placed(problem.stage.objective, schedule):
         found, renewal = frame.first(starts), RENEWAL
         limit, sigma, budget = schedule.basin, schedule.sigma, BASIN
-        if schedule.polish is not None and problem.before is None and found.total <= limit:
+        if schedule.polish is not None and not memory.totals and found.total <= limit:
             limit, sigma, budget = schedule.refinement.tolerance, POLISH_SIGMA, schedule.polish
         poor = found.total > limit
     else:
@@ -185,7 +185,10 @@ class _Refining:
         return refine(self.problem.residuals, x, self.groups, options, jacobian, self.problem.bounds, residuals)
 
     def first(self, starts: Tensor) -> Refined:
-        """A first frame: every start (S, D) may lie in another basin."""
+        """A first frame: every start (S, D) may lie in another basin. Where nothing is known the first one does."""
+        if not bool(self.rows.any()):
+            nothing = torch.zeros_like(self.rows, dtype=starts.dtype)
+            return Refined(starts[0], 0.0, nothing, nothing[:, None] * starts[0], 0, "tolerance")
         return min((self.refined(x) for x in starts), key=lambda found: found.total)
 
     def flat(self, found: Refined) -> Tensor:

@@ -48,6 +48,11 @@ class WholeClip:
         """Which terms the reference has, (N, L) bool."""
         return self.stage.objective.defined(self.reference)
 
+    @cached_property
+    def placed(self) -> Tensor:
+        """Frames (N,) bool of which the reference tells where to stand; the others cost nothing wherever that is."""
+        return self.stage.objective.placed(self.reference)
+
     def cameras(self, x: Tensor) -> Camera:
         """N cameras of x (N, D)."""
         return self.search.cameras(x, self.home, self.stage.scene.subject)

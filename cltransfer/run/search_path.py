@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from ..config.options import RunConfig
 from ..driver.aside import FEW, MANY, as_a_whole, go_aside
@@ -12,7 +13,7 @@ from ..driver.joint import Effort
 from ..driver.path_order import LeastPath, refined
 from ..driver.stage import Stage
 from ..driver.starts import Starts
-from ..driver.whole_clip import views
+from ..driver.whole_clip import WholeClip, views
 from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
@@ -76,7 +77,7 @@ def _nearby(job: Job, config: RunConfig, take: Take) -> Take:
     whole = replace(take.clip, stage=job.stage)
     among = job.stage.path_residuals(whole.reference, take.cameras, whole.defined)  # not counted, as in _aside
     poor = whole.totals(among) > STANDS
-    if not bool(poor.all()):
+    if not _all_told(whole, poor):
         return take
     x, seen = go_aside(whole, path.x, among, poor, path.about, tries=as_a_whole(len(path.x), stands=True))
     left_out = take.left_out or LeftOut(0, take.total, whole.mean_total(among))
@@ -91,6 +92,11 @@ def _nearby(job: Job, config: RunConfig, take: Take) -> Take:
 def _told(stage: Stage) -> bool:
     """Whether the losses tell each frame's share of a total, without noise."""
     return stage.objective.groups is not None and not stage.plan.passes
+
+
+def _all_told(clip: WholeClip, frames: Tensor) -> bool:
+    """Whether all ``frames`` (N,) bool are, but for those whose reference tells nothing: they cost nothing."""
+    return bool((frames | ~clip.placed).all()) and bool(frames.any())
 
 
 def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
@@ -113,7 +119,7 @@ def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[
         wanted |= totals > max(STEP_FLOOR, STEP * float(totals.median()))
     tries = MANY if several else FEW
     if path.steady:  # it goes as a whole or not at all; of one that stands all frames are the same
-        if not bool(wanted.all()):
+        if not _all_told(whole, wanted):
             return take, left_out
         tries = as_a_whole(len(path.x) if path.knots == 1 else tries.every)
     x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, tries)
@@ -134,7 +140,8 @@ def _moved(job: Job, config: RunConfig, take: Take, left_out: LeftOut, aside: Le
     for there in tried:
         if there.x is path.x or there.residuals is None:
             continue
-        residuals = clip.residuals(there.x)
+        # without floaters it is the scene in which it was scored just now
+        residuals = there.residuals if clip.stage.scene is job.stage.scene else clip.residuals(there.x)
         moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
         found = LeftOut(left_out.count, moved.total, whole.mean_total(there.residuals))
         if found.better(left_out):

@@ -13,9 +13,10 @@ from torch import Tensor
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import occluder
 from cltransfer.config import load_config
-from cltransfer.driver.aside import BESIDE, FEW, MANY, go_aside, steadiest
+from cltransfer.driver.aside import BESIDE, FEW, MANY, as_a_whole, go_aside, steadiest
 from cltransfer.driver.stage import Stage
-from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.driver.whole_clip import WholeClip, views
+from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.run.readback import read_path
@@ -90,6 +91,26 @@ def test_a_camera_that_stands_is_tried_nearby_too_and_with_another_lens(behind: 
     six = clip.aside(6, stands=True)
     assert six is not None
     assert six.tolist() == [way[:6] for way in nearby.tolist() if way[6] == 0]  # no lens to change: none is no way
+
+
+def test_a_camera_that_stands_still_goes_as_a_whole_and_stands(behind: tuple[WholeClip, Tensor]) -> None:
+    """Its first frame was not read: that tells nothing, and does not keep the others from going."""
+    clip, true = behind
+    hidden = int((clip.totals(clip.residuals(true)) > 1.0).nonzero()[0, 0])
+    rest = clip.reference[hidden].having("flow", torch.zeros_like(clip.reference[hidden].require("flow")))
+    gone = {name: torch.full_like(rest.require(name), torch.nan) for name in ("keypoints", "orientation", "depth")}
+    unread = replace(rest, subject=torch.zeros_like(rest.require("subject")), **gone)
+    unread = replace(unread, layers=torch.zeros_like(rest.require("layers")))
+    still = replace(clip, reference=Features.concatenate([unread, *[rest] * 7]))
+    assert still.placed.tolist() == [False] + [True] * 7
+    before, start = still.stage.spent.evaluations, true[hidden].repeat(8, 1)
+    x, found = go_aside(still, start, still.residuals(start), still.placed, tries=as_a_whole(8, stands=True))
+    assert bool((x != start).any())
+    assert float(still.totals(found)[2]) < 0.8 * float(still.totals(still.residuals(start))[2])
+    assert bool((x == x[0]).all())
+    ways = still.aside(7, stands=True)
+    assert ways is not None
+    assert still.stage.spent.evaluations - before == len(ways) + 3 * views(x) == len(ways) + 6
 
 
 def test_where_nothing_is_in_the_way_the_path_stays(behind: tuple[WholeClip, Tensor]) -> None:

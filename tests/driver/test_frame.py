@@ -129,6 +129,24 @@ def test_a_first_frame_that_stands_for_all_is_polished_however_good_it_is() -> N
     assert solved(problem, lean, first=False).generations == 0
 
 
+def test_a_frame_after_those_that_show_nothing_stands_for_all_too() -> None:
+    problem, schedule = planted()
+    lean = replace(schedule, basin=math.inf, rescue=math.inf, polish=Budget(generations=24, patience=8, popsize=10))
+    memory = Memory(None, torch.zeros(3, 2, dtype=torch.float64), torch.zeros(3, dtype=torch.bool))
+    start = torch.zeros(1, 2, dtype=torch.float64)
+    second = replace(problem, before=problem.reference)
+    assert solve(second, start, memory, lean, np.random.default_rng(0)).total < 0.1 * DECOY
+
+
+def test_a_first_frame_of_which_nothing_is_known_is_not_searched() -> None:
+    problem, schedule = planted()
+    starts = torch.tensor([[0.5, 0.5], [0.0, 0.0]], dtype=torch.float64)
+    unknown = replace(problem, defined=torch.zeros_like(problem.defined))
+    found = solve(unknown, starts, Memory(), schedule, np.random.default_rng(0))
+    assert (found.total, found.x.tolist()) == (0, [0.5, 0.5])
+    assert problem.stage.spent.evaluations == 0
+
+
 @pytest.mark.parametrize("first", [True, False], ids=["first", "later"])
 def test_a_rescue_that_ends_in_a_worse_basin_is_thrown_away(first: bool) -> None:
     problem, schedule = planted(price=2 * DECOY)

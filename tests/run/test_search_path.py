@@ -16,6 +16,7 @@ from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import FEW
 from cltransfer.driver.frame import Solved
+from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.pipeline.scores import Scores
 from cltransfer.progress import silent
 from cltransfer.run.flags import run_flags
@@ -209,7 +210,7 @@ def test_what_floaters_cost_is_counted_where_another_path_is_kept(tmp_path: Path
     assert whole - search - beside == (len(take.x) if other else 0)
 
 
-def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too() -> None:
+def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too(monkeypatch: pytest.MonkeyPatch) -> None:
     least = ["preset=fast", "frames=8", "search_side=64", "output_side=96", "threads=1"]
     config = load_config(overrides=[*least, "joint=2", "floaters=keep", "losses.camera_angle.weight=20"])
     job = prepare(Inputs("builtin:plaza", "builtin:orbit"), config, Clock(), silent, None)
@@ -220,7 +221,16 @@ def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too() 
     x[5:, 0] += 0.15  # azimuth, as far as a way leads: a frame at 3
     off = clip.residuals(x)
     away = replace(take, path=replace(take.path, x=x, residuals=off, total=clip.mean_total(off)))
+    scored: list[bytes] = []
+    residuals = WholeClip.residuals
+
+    def heard(clip: WholeClip, x: torch.Tensor) -> torch.Tensor:
+        scored.append(x.numpy().tobytes())
+        return residuals(clip, x)
+
+    monkeypatch.setattr(WholeClip, "residuals", heard)
     found = _past_steps(job, config, away)
+    assert len(set(scored)) == len(scored)
     assert found.path is not None
     assert found.path.aside
     assert found.left_out is None
