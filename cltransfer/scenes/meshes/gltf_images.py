@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,12 @@ def shown_images(gltf: Gltf, files: Beside) -> tuple[Gltf, dict[str, bytes]]:
 
     Raises:
         InputError: an image that is shown is missing, too large or of another format.
-        ResourceError: there is too little memory to turn its materials into base colours.
+        ResourceError: there is too little memory to copy the images or to turn its materials into base colours.
     """
     materials = gltf.tree.get("materials", [])
     shown = [list(_sources(gltf, material)) for material in materials]
     indices = dict.fromkeys(index for sources in shown for index in sources)
-    data = {index: _bytes(gltf, gltf.entry("images", index), files) for index in indices}
+    data = _stored(gltf, indices, files)
     sizes = {index: image_size(gltf.path, one) for index, one in data.items()}
     glossy = [[sizes[i] for i in one] for one, about in zip(shown, materials) if GLOSSY in about.get("extensions", {})]
     _check_glossy(gltf.path, glossy)
@@ -63,7 +63,13 @@ def _sources(gltf: Gltf, material: dict[str, Any]) -> Iterator[int]:
             yield source
 
 
-def _bytes(gltf: Gltf, image: dict[str, Any], files: Beside) -> bytes:
-    if "bufferView" in image:
-        return bytes(gltf.view(image["bufferView"]))
-    return uri_bytes(gltf.path, "images", image["uri"], files)
+def _stored(gltf: Gltf, indices: Iterable[int], files: Beside) -> dict[int, bytes]:
+    """The files of images by index; of a buffer view that many images name there is one copy."""
+    about = {index: gltf.entry("images", index) for index in indices}
+    views = {one["bufferView"]: gltf.view(one["bufferView"]) for one in about.values() if "bufferView" in one}
+    require_free(sum(map(len, views.values())), gltf.path, f"{len(views)} images in its buffers", HINT)
+    copies = {index: bytes(view) for index, view in views.items()}
+    return {
+        index: copies[one["bufferView"]] if "bufferView" in one else uri_bytes(gltf.path, "images", one["uri"], files)
+        for index, one in about.items()
+    }

@@ -65,13 +65,15 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
         InputError: there are not as many colours or texture coordinates as vertices, the latter are integers that
             are no shares, or a texture is to be moved or wrapped in a way that is not known.
     """
+    for attributes in (one["attributes"] for mesh in gltf.tree["meshes"] for one in mesh["primitives"]):
+        _check_counts(gltf, attributes)
     gltf = _with_plain_places(gltf)
     materials = gltf.tree.get("materials", [])
     looks = {str(i): _look(gltf, about) for i, about in enumerate(materials)}
     looks[str(len(materials))] = Look(lit=False, textured=False)  # light is in the colours already
     renamed = [{**about, "name": name} for name, about in zip(looks, [*materials, {}])]
     meshes = [
-        {**mesh, "primitives": [_with_material(gltf, one, len(materials)) for one in mesh["primitives"]]}
+        {**mesh, "primitives": [_with_material(one, len(materials)) for one in mesh["primitives"]]}
         for mesh in gltf.tree["meshes"]
     ]
     return replace(gltf, tree={**gltf.tree, "materials": renamed, "meshes": meshes}), looks
@@ -111,13 +113,15 @@ def _cutoff(path: Path, about: dict[str, Any]) -> float:
     return float(cutoff)
 
 
-def _with_material(gltf: Gltf, primitive: dict[str, Any], material: int) -> dict[str, Any]:
-    attributes = primitive["attributes"]
+def _check_counts(gltf: Gltf, attributes: dict[str, Any]) -> None:
     for name in {"COLOR_0", "TEXCOORD_0"} & attributes.keys():
         expected, got = (gltf.entry("accessors", attributes[of])["count"] for of in ("POSITION", name))
         if expected != got:
             raise InputError(gltf.path, name, f"expected {expected}, one of each vertex, got {got}")
-    return {"material": material, **primitive} if "COLOR_0" in attributes else primitive
+
+
+def _with_material(primitive: dict[str, Any], material: int) -> dict[str, Any]:
+    return {"material": material, **primitive} if "COLOR_0" in primitive["attributes"] else primitive
 
 
 def _with_plain_places(gltf: Gltf) -> Gltf:

@@ -98,6 +98,11 @@ def test_places_of_only_some_vertices_are_refused(shown):
         shown({}, count=3)
 
 
+def test_places_that_are_shares_are_counted_before_they_are_written_out(shown):
+    with pytest.raises(InputError, match="TEXCOORD_0: expected 4, one of each vertex, got 5000"):
+        shown({}, componentType=5121, normalized=True, count=5000)  # more than there are in its buffer view
+
+
 @pytest.mark.parametrize("glossy", [False, True])
 @pytest.mark.parametrize(
     ("sampler", "wraps"),

@@ -11,6 +11,9 @@ from PIL import Image
 from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.meshes import textures
+from cltransfer.scenes.meshes.asset_files import Beside
+from cltransfer.scenes.meshes.gltf_file import read_gltf
+from cltransfer.scenes.meshes.gltf_images import shown_images
 from cltransfer.scenes.meshes.read_mesh import read_mesh
 from cltransfer.scenes.meshes.textures import PIXEL_BYTES
 
@@ -134,6 +137,34 @@ def test_an_alpha_that_is_no_share_is_refused(bar, with_texture, picture, write_
         tree["materials"][0].update({"alphaMode": "MASK", "alphaCutoff": cutoff})
         with pytest.raises(InputError, match=r"materials: expected an alphaCutoff in \[0, 1\], got"):
             read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
+def with_images(made, views):
+    """An image for each of ``views``, with a texture and a material that shows it, which no mesh has."""
+    tree, blob = made
+    tree["images"] = [{"bufferView": view, "mimeType": "image/png"} for view in views]
+    tree["textures"] = [{"source": i} for i in range(len(views))]
+    tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": i}}} for i in range(len(views))]
+    return tree, blob
+
+
+def test_many_images_in_one_place_of_a_file_are_copied_once(bar, with_texture, picture, write_glb, tmp_path):
+    tree, blob = with_texture(bar(), picture() + bytes(2**20))
+    path = write_glb(tmp_path / "bar.glb", *with_images((tree, blob), [len(tree["bufferViews"]) - 1] * 64))
+    _, images = shown_images(read_gltf(path, Beside(path)), Beside(path))
+    assert len(images) == 64
+    assert len({id(data) for data in images.values()}) == 1
+
+
+def test_images_that_overlap_in_a_file_are_held_against_the_memory(
+    bar, with_texture, picture, write_glb, tmp_path, monkeypatch
+):
+    tree, blob = with_texture(bar(), picture() + bytes(2**20))
+    tree["bufferViews"] += [tree["bufferViews"][-1]] * 63
+    path = write_glb(tmp_path / "bar.glb", *with_images((tree, blob), range(len(tree["bufferViews"]))[-64:]))
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**25)
+    with pytest.raises(ResourceError, match="memory: 64 images in its buffers need 64 MB, 32 MB are free"):
+        read_mesh(path)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
