@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
+from ...computer.memory import require_free
 from ...errors import InputError
 from ...storage.files import check_yaml, content_hash, named_twice, read_text
 from ...subject import Subject
 from .. import Scene
+from ..steps import check_steps
 from .asset_files import inside
 from .mesh import Mesh
 from .moment import Moment
@@ -31,6 +34,7 @@ from .read_mesh import UP, MeshFile, read_mesh
 VARIABLE = "CLTRANSFER_ASSETS"
 YAML_LIMIT = 2**20  # bytes
 MOST_PARTS = 256
+JOINED_BYTES = 100  # of a vertex or a face beside the files' own, while parts are placed and joined
 _HINT = f"files lie beside the YAML or below, or in the folder {VARIABLE} names"
 
 
@@ -99,19 +103,22 @@ def read_composed(path: Path, up: tuple[float, float, float] | None = None, root
         root: a folder whose files it may name beside its own folder's; None is what CLTRANSFER_ASSETS names.
 
     Raises:
-        InputError: the YAML is damaged, a part is, a file lies elsewhere, or two parts are the subject.
+        InputError: the YAML is damaged, a part is, a file lies elsewhere, two parts are the subject, or what they make
+            lies too far from its origin for float32.
+        ResourceError: a part, or all of them, take more memory than is free.
     """
     about = _read_yaml(path)
     parts = _parts(path, about)
     given_up = _unit(path, up or about.get("up", UP))
     read = [_read(path, part, i, root, given_up) for i, part in enumerate(parts)]
-    meshes = [_placed(part, file.mesh) for part, file in zip(parts, read)]
+    mesh = _joined(path, parts, [file.mesh for file in read])
+    check_steps(path, mesh.means)
     people = [_moved(part, file.subject) for part, file in zip(parts, read) if part.label == "subject"]
     digest = hashlib.sha256(path.read_bytes())
     for name in (name for file in read for name in file.files):
         digest.update(content_hash(name).encode())
     person = people[0] if people else None
-    return Scene(Mesh.concatenate(meshes), person, torch.tensor(given_up).double(), path.stem, digest.hexdigest())
+    return Scene(mesh, person, torch.tensor(given_up).double(), path.stem, digest.hexdigest())
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -178,9 +185,18 @@ def _read(path: Path, part: Part, index: int, root: Path | None, up: tuple[float
     return read_mesh(file, Moment(part.time, part.animation), (x, y, z))
 
 
-def _placed(part: Part, mesh: Mesh) -> Mesh:
-    label = torch.full((len(mesh),), float(part.label == "subject"))
-    return mesh.moved(part.transform).with_label(label)
+def _joined(path: Path, parts: Sequence[Part], meshes: Sequence[Mesh]) -> Mesh:
+    vertices, faces = sum(len(mesh.vertices) for mesh in meshes), sum(len(mesh) for mesh in meshes)
+    require_free(JOINED_BYTES * (vertices + faces), path, f"{faces} faces of its parts", "take fewer parts")
+    return Mesh.concatenate([_placed(path, i, part, mesh) for i, (part, mesh) in enumerate(zip(parts, meshes))])
+
+
+def _placed(path: Path, index: int, part: Part, mesh: Mesh) -> Mesh:
+    moved = mesh.moved(part.transform)
+    if not bool(moved.vertices.isfinite().all()):
+        reason = f"expected vertices that float32 can hold, got infinity at scale {part.scale:g}"
+        raise InputError(path, f"parts[{index}]", reason, "take a smaller scale or translate")
+    return moved.with_label(torch.full((len(mesh),), float(part.label == "subject")))
 
 
 def _moved(part: Part, person: Subject | None) -> Subject | None:

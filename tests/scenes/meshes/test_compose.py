@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from cltransfer.errors import InputError
+from cltransfer.computer import memory
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.meshes.compose import Part, read_composed
 
@@ -109,6 +110,25 @@ def test_files_come_from_the_yamls_folder_or_the_named_root_and_nowhere_else(fol
     (folder / "link.obj").symlink_to(tmp_path / "assets" / "other.obj")
     write(folder, "parts: [{file: link.obj}]\n")
     with pytest.raises(InputError, match="is a link out of the folder"):
+        read_composed(path)
+
+
+def test_what_a_yaml_moves_so_far_that_float32_tears_it_is_refused(folder):
+    rows = [f"v {x / 10} {y / 10} 0" for x in range(10) for y in range(10)]
+    rows += [f"f {i} {i + 1} {i + 11}" for i in range(1, 89)]
+    (folder / "man.obj").write_text("\n".join(rows))
+    assert len(read_composed(write(folder, "parts: [{file: man.obj, translate: [50, 0, 0]}]")).geometry) == 88
+    with pytest.raises(InputError, match=r"set.yaml: lies 5e\+06 units from its origin, .* too coarse for"):
+        read_composed(write(folder, "parts: [{file: man.obj, translate: [5000000, 0, 0]}]"))
+    with pytest.raises(InputError, match=r"parts\[1\]: expected vertices that float32 can hold, got infinity"):
+        read_composed(write(folder, "parts: [{file: tile.obj}, {file: tile.obj, scale: 1.0e+39}]"))
+
+
+def test_parts_that_fit_in_memory_only_one_by_one_are_refused(folder, monkeypatch):
+    monkeypatch.setattr(memory, "free_bytes", lambda: 5000)
+    assert len(read_composed(write(folder, "parts: [{file: tile.obj}]")).geometry) == 1
+    path = write(folder, f"parts: [{', '.join(['{file: tile.obj}'] * 20)}]")
+    with pytest.raises(ResourceError, match=r"set.yaml: memory: 20 faces of its parts need"):
         read_composed(path)
 
 
