@@ -92,7 +92,8 @@ class PosedImages:
         if lens.size == self.camera.size:
             image = straighten(frame.rgb(size, over_black=True), lens, self.camera.K[index].numpy())
         else:
-            image = image_at(frame.rgb(lens.size, over_black=True), lens, size)
+            least = min(width, frame.size[0]), min(height, frame.size[1])  # what a set says of its lens can be anything
+            image = image_at(frame.rgb(least, over_black=True), lens, size)
         return torch.from_numpy(image).permute(2, 0, 1).contiguous()
 
 

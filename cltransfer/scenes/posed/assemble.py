@@ -15,6 +15,7 @@ import torch
 
 from ...camera import Camera
 from ...clips.decoding import IMAGE_SUFFIXES, decode
+from ...computer.memory import require_free
 from ...errors import InputError
 from ...renderers.kernels import Array
 from . import PosedImages
@@ -23,6 +24,7 @@ from .lens import Lens, matrix_at
 IMAGE_LIMIT = 20_000
 POINT_LIMIT = 20_000_000
 SIDE_LIMIT = 65_536  # [px]
+POINT_BYTES = 60  # of a reconstructed point with its colour, while it is read
 ROTATION_SLACK = 1e-3
 VIDEOS = (".mp4", ".mkv", ".mov")
 
@@ -71,6 +73,15 @@ def posed_images(
         None if points is None else torch.from_numpy(points),
         None if colors is None else torch.from_numpy(colors),
     )
+
+
+def check_points(path: Path, count: int) -> None:
+    """Hold the points of a set against the memory there is.
+
+    Raises:
+        ResourceError: they take more than is free.
+    """
+    require_free(POINT_BYTES * count, path, f"{count} points", "leave out points")
 
 
 def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMAGE_SUFFIXES) -> Path | None:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...renderers.kernels import Array
-from .assemble import IMAGE_LIMIT, POINT_LIMIT
+from ..meshes.asset_files import read_limited
+from .assemble import IMAGE_LIMIT, POINT_LIMIT, check_points
 from .colmap_tables import MODELS, STRAIGHTEN, Calibration, Shot, Tables
 
 BYTE_LIMIT = 2**30
@@ -20,11 +21,7 @@ class _Reader:
     """Values one after the other from the bytes of a file; its end is an error, not a short value."""
 
     def __init__(self, path: Path) -> None:
-        if not path.is_file():
-            raise InputError(path, "", "no such file")
-        if path.stat().st_size > BYTE_LIMIT:
-            raise InputError(path, "", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
-        self.path, self.data, self.at = path, path.read_bytes(), 0
+        self.path, self.data, self.at = path, read_limited(path, BYTE_LIMIT), 0
 
     def take(self, form: str) -> tuple:
         """Values of ``form`` in the notation of struct."""
@@ -66,6 +63,7 @@ def read_tables(model: Path) -> Tables:
 
     Raises:
         InputError: a file is missing, too large or cut off, or a lens has an unknown number.
+        ResourceError: a file or its points take more memory than is free.
     """
     points = model / "points3D.bin"
     empty = np.empty((0, 3)), np.empty((0, 3), np.uint8)
@@ -102,6 +100,7 @@ def _points(file: _Reader) -> tuple[Array, Array]:
     count = file.count("points", POINT_LIMIT)
     if 51 * count > len(file.data):  # bytes of a point that no image sees
         raise file.cut_off()
+    check_points(file.path, count)
     points, colors = np.empty((count, 3)), np.empty((count, 3), np.uint8)
     for row in range(count):
         _, *values, _, seen = file.take("Q3d3BdQ")

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...renderers.kernels import Array
 from ...storage.files import read_lines
-from .assemble import IMAGE_LIMIT, POINT_LIMIT
+from .assemble import IMAGE_LIMIT, POINT_LIMIT, check_points
 from .colmap_tables import COUNTS, STRAIGHTEN, Calibration, Shot, Tables
 
 BYTE_LIMIT = 2**30
@@ -23,6 +23,7 @@ def read_tables(model: Path) -> Tables:
 
     Raises:
         InputError: a file is missing or too large, or a line is not what it should be.
+        ResourceError: its points take more memory than is free.
     """
     points = model / "points3D.txt"
     empty = np.empty((0, 3)), np.empty((0, 3), np.uint8)
@@ -91,5 +92,6 @@ def _points(path: Path) -> tuple[Array, Array]:
             values.extend(row)
             if len(values) > 6 * POINT_LIMIT:
                 raise InputError(path, "points", f"expected at most {POINT_LIMIT}")
+    check_points(path, len(values) // 6)
     table = np.array(values).reshape(-1, 6)
     return table[:, :3], table[:, 3:].astype(np.uint8)

@@ -84,10 +84,16 @@ def matrix_at(lens: Lens, size: tuple[int, int]) -> Array:
 
 
 def image_at(image: Array, lens: Lens, size: tuple[int, int]) -> Array:
-    """What a pinhole with :func:`matrix_at` would have seen, ``size`` (W, H), of an image (H, W, 3) at the lens's."""
-    left, top, width, height = crop(lens.size, size)
-    straight = straighten(image, lens, lens.straight_matrix())[top : top + height, left : left + width]
-    return cv2.resize(straight, size, interpolation=cv2.INTER_AREA)
+    """What a pinhole with :func:`matrix_at` would have seen, ``size`` (W, H), of an image (H, W, 3) of any size."""
+    straight = straighten(image, lens, lens.straight_matrix())
+    scale = np.array(image.shape[1::-1]) / lens.size
+    box = np.array(crop(lens.size, size)).reshape(2, 2) * scale  # corner and sides in pixels of the image, in parts too
+    whole = np.maximum(1, box[1].round())
+    step = box[1] / whole
+    cut = np.column_stack([np.diag(step), box[0] + (step - 1) / 2])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    middle = cv2.warpAffine(straight, cut, whole.astype(int).tolist(), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.resize(middle, size, interpolation=cv2.INTER_AREA)
 
 
 def _centred(K: Array) -> Array:

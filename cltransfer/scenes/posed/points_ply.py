@@ -12,6 +12,7 @@ from ...renderers.kernels import Array
 from ..meshes.asset_files import read_limited
 from ..meshes.mesh_need import check_ply
 from ..ply_header import HEADER_LIMIT, check_header
+from .assemble import check_points
 
 POSITION, COLOR = ("x", "y", "z"), ("red", "green", "blue")
 
@@ -21,7 +22,7 @@ def read_points(path: Path) -> tuple[Array, Array | None]:
 
     Raises:
         InputError: the file is no PLY of points, is damaged, or a point is not finite.
-        ResourceError: it is text, and takes more memory than is free.
+        ResourceError: it takes more memory than is free.
     """
     if _is_text(path):
         check_ply(path, read_limited(path))
@@ -35,6 +36,7 @@ def read_points(path: Path) -> tuple[Array, Array | None]:
     types = {name: rows.dtype[name] for name in rows.dtype.names or ()}
     if any(name not in types or types[name].kind not in "iuf" for name in POSITION):
         raise InputError(path, "property x, y, z", "is missing", "is it a PLY of points?")
+    check_points(path, len(rows))
     points = np.stack([rows[name] for name in POSITION], axis=1).astype(np.float64)
     if not np.isfinite(points).all():
         raise InputError(path, "property x, y, z", "expected finite numbers")

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltransfer.errors import InputError
+from cltransfer.clips.decoding import Frame
+from cltransfer.computer import memory
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.posed import colmap_text, read_posed
 from cltransfer.scenes.posed.llff import ROW
 from cltransfer.scenes.posed.opencv_yaml import read_opencv_yaml
@@ -113,6 +115,36 @@ def test_an_image_of_another_shape_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 12, 3), np.uint8))
     with pytest.raises(InputError, match=r"a.png: size: expected the shape of 8x6, got \(12, 6\)"):
         read_posed(write(tmp_path)).images([0], 8)
+
+
+def test_a_lens_of_any_size_does_not_enlarge_a_small_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import cv2
+
+    made: list[tuple[int, int]] = []
+    rgb = Frame.rgb
+
+    def spied(frame: Frame, size: tuple[int, int], over_black: bool = False) -> np.ndarray:
+        made.append(size)
+        return rgb(frame, size, over_black)
+
+    monkeypatch.setattr(Frame, "rgb", spied)
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / name), np.full((6, 8, 3), 200, np.uint8))
+    odd = {**FRAME, "file_path": "b.png", "w": 4096, "h": 3072}
+    _, images = read_posed(write(tmp_path, frames=[FRAME, FRAME, odd])).images([0, 1, 2], 8)
+    assert images.unique().tolist() == [200]
+    assert made == [(8, 6)] * 3
+
+
+def test_points_are_held_against_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    point = struct.pack("<Q3d3BdQ", 1, *[0.0] * 3, 1, 2, 3, 0.0, 0)
+    posed = model(tmp_path, points3D=struct.pack("<Q", 10_000) + 10_000 * point)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**19 + 2**14)
+    with pytest.raises(ResourceError, match=r"points3D.bin: memory: 10000 points need 1 MB"):
+        read_posed(posed)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**18)
+    with pytest.raises(ResourceError, match=r"points3D.bin: memory: its bytes need 0 MB"):
+        read_posed(posed)
 
 
 def test_what_is_no_set_says_what_would_be_one(tmp_path: Path) -> None:

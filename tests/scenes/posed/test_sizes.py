@@ -13,7 +13,7 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
 from cltransfer.camera import Camera
 from cltransfer.fit._views import views_of
-from cltransfer.scenes.posed import read_posed
+from cltransfer.scenes.posed import PosedImages, read_posed
 
 SIZES = ((640, 480), (640, 480), (320, 240), (480, 640), (900, 300))  # most, half of it, upright, a panorama
 FOCALS = (500.0, 500.0, 260.0, 520.0, 480.0)
@@ -68,6 +68,21 @@ def test_every_image_shows_the_points_where_its_camera_projects_them(tmp_path, b
     write_model(tmp_path, bend)
     posed = read_posed(tmp_path)
     assert posed.camera.size == (640, 480)
+    check(posed, side)
+
+
+@pytest.mark.parametrize("bend", [0.0, -0.1])
+def test_images_smaller_than_their_lenses_show_the_points_as_well(tmp_path, bend):
+    write_model(tmp_path, bend)
+    for i, (width, height) in enumerate(SIZES[2:], start=2):
+        path = str(tmp_path / "images" / f"{i}.png")
+        small = round(width / 3), round(height / 3)
+        cv2.imwrite(path, cv2.resize(cv2.imread(path), small, interpolation=cv2.INTER_AREA))
+    check(read_posed(tmp_path), 200)
+
+
+def check(posed: PosedImages, side: int) -> None:
+    """Every image has its dots where its camera projects the points."""
     camera, image = posed.images(range(len(posed)), side)
     assert image.shape == (5, 3, 3 * side // 4, side)
     wanted, _ = camera.project(POINTS)
