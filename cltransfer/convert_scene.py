@@ -100,6 +100,7 @@ def simplify_file(
 
     Raises:
         UsageError: the scene is not made of splats, or ``out`` is no .ply.
+        ResourceError: there is not enough memory to simplify it.
     """
     if out.suffix.lower() != ".ply":
         raise UsageError(out, "--out", "expected a .ply file")

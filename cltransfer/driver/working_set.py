@@ -31,6 +31,7 @@ class WorkingSet:
 
     Raises:
         UsageError: on building, the scene is not made of splats.
+        ResourceError: on building, there is not enough memory to merge it.
     """
 
     full: Scene

@@ -15,6 +15,7 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 
 from ..camera import Camera
+from ..computer.memory import require_free
 from ..errors import UsageError
 from ..near_plane import near_plane
 from ..renderers.kernels import Array
@@ -33,6 +34,7 @@ STACKED = 0.3  # 0: voxels' members lie side by side, holes open; 1: all in one 
 STEPS = 32  # of the integral of a stack's coverage
 WHOLE = (0.1, 0.001)  # of the median depth in a view: two distances from which on Gaussians are weighed whole
 SAMPLE = 10**5  # Gaussians that tell that depth
+MEMBER, PILE = 450, 700  # bytes that one of several Gaussians takes while they are merged, and what they become
 
 
 def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
@@ -54,6 +56,7 @@ def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
 
     Raises:
         ValueError: ``k`` is not positive.
+        ResourceError: there is not enough memory to merge them.
     """
     if not k > 0:
         raise ValueError(f"k must be positive, got {k}")
@@ -68,6 +71,8 @@ def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
     shared = order[np.repeat(counts > 1, counts)]
     if len(shared) == 0:
         return splats
+    need = sum(getattr(splats, name).nbytes for name in PARTS) + MEMBER * len(shared) + PILE * int((counts > 1).sum())
+    require_free(need, "", f"{len(shared)} Gaussians that are to be merged", "take a smaller k or lod")
     return joined(subset(splats, alone), _moments(subset(splats, torch.from_numpy(shared)), counts[counts > 1]))
 
 
@@ -102,8 +107,9 @@ def _moments(member: Splats, counts: Array) -> Splats:
     share = weight / np.repeat(np.add.reduceat(weight, starts), counts)
 
     def mean(values: Tensor) -> Tensor:
-        flat = values.double().numpy().reshape(len(share), -1)
-        return torch.from_numpy(np.add.reduceat(flat * share[:, None], starts)).reshape(-1, *values.shape[1:])
+        columns = values.reshape(len(share), -1).unbind(1)  # one by one: all harmonics as doubles take too much memory
+        means = [np.add.reduceat(column.double().numpy() * share, starts) for column in columns]
+        return torch.from_numpy(np.stack(means, axis=1)).reshape(-1, *values.shape[1:])
 
     center = mean(member.means)
     spread = member.means.double() - center.repeat_interleave(torch.from_numpy(counts), dim=0)
@@ -196,6 +202,7 @@ def working_set(scene: Scene, cameras: Camera, k: float) -> Scene:
 
     Raises:
         UsageError: the scene is not made of splats.
+        ResourceError: there is not enough memory to merge them.
     """
     if not isinstance(scene.geometry, Splats):
         kind = type(scene.geometry).__name__

@@ -8,7 +8,8 @@ import torch
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.camera import Camera
-from cltransfer.errors import UsageError
+from cltransfer.computer import memory
+from cltransfer.errors import ResourceError, UsageError
 from cltransfer.renderers._splats_torch import render_one
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.kernels.splats import make_view
@@ -80,6 +81,15 @@ def test_what_nobody_sees_is_left_out_and_what_is_hardly_there_stays_a_number() 
     half = replace(splats(pair), opacity=torch.tensor([0.5, 0.0]))
     torch.testing.assert_close(merged(half, camera(), 2).means, half.means[:1])
     assert len(merged(replace(half, opacity=torch.zeros(2)), camera(), 2)) == 0
+
+
+def test_a_merge_that_does_not_fit_in_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    pile = splats([[0.01, 0.02, 0.01], [0.03, 0.02, 0.01]] * 1000)
+    apart = splats([[0.1, 0.1, 0.1], [0.1, 0.6, 0.1]])
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**19)
+    with pytest.raises(ResourceError, match="memory: 2000 Gaussians that are to be merged need 1 MB, 0 MB are free"):
+        merged(pile, camera(), 2)
+    assert merged(apart, camera(), 2) is apart
 
 
 def test_what_is_farther_apart_than_a_voxel_is_left_alone() -> None:
