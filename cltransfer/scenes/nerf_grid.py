@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,9 @@ MOST_STEPS = 100_000  # of the smallest side of a voxel along the box's diagonal
 SH_DEGREES = {1: 0, 4: 1, 9: 2}  # coefficients per channel -> degree
 KEYS = ("density", "sh", "label", "aabb")
 _BYTES = {"F16": 2, "F32": 4, "F64": 8}  # of a stored number
-_LOOKED_AT = 3  # bytes beside the absolute value of each number that is looked at for being finite
+_KEPT = {"density": torch.float32, "sh": torch.float32, "label": torch.float32, "aabb": torch.float64}
+_LOOKED_AT = 3  # bytes that looking at a density or a label takes
+_BLOCK = 2**20  # numbers that are looked at together for being finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +122,12 @@ def read_grid(path: Path) -> NerfGrid:
     try:
         with safe_open(path, framework="pt") as stream:
             _check_header(path, stream)
-            tensors = {key: stream.get_tensor(key) for key in KEYS}
+            tensors = {key: stream.get_tensor(key).to(_KEPT[key]) for key in KEYS}
     except SafetensorError as error:
         raise InputError(path, "", f"not a grid in safetensors: {error}") from None
     _check_values(path, tensors)
-    single = {key: tensors[key].float() for key in KEYS[:3]}
     try:
-        grid = NerfGrid(**single, aabb=tensors["aabb"].double())
+        grid = NerfGrid(**tensors)
     except ValueError as error:
         key, _, reason = str(error).partition(" must be ")
         raise InputError(path, key, f"expected {reason}") from None
@@ -150,22 +151,22 @@ def _check_header(path: Path, stream: Any) -> None:
     vertices = sizes["density"][0]
     if vertices > MOST_VERTICES:
         raise InputError(path, "density", f"expected at most {MOST_VERTICES} vertices, got {vertices}")
-    require_free(_need(list(sizes.values())), path, "its tensors", "store it with fewer vertices")
+    require_free(_need(sizes), path, "its tensors", "store it with fewer vertices")
 
 
-def _need(sizes: Sequence[tuple[int, int]]) -> int:
+def _need(sizes: Mapping[str, tuple[int, int]]) -> int:
     """Bytes that tensors of so many numbers of so many bytes take at the peak.
 
-    First all are looked at, one after the other; then those that are not in single precision are copied to it.
+    Those that are of another precision are brought to the one in which they are kept; then all are looked at.
     """
-    looked_at = max(count * (size + _LOOKED_AT) for count, size in sizes)
-    copied = sum(4 * count for count, size in sizes if size != 4)
-    return sum(count * size for count, size in sizes) + max(looked_at, copied)
+    stored = sum(count * size for count, size in sizes.values())
+    kept = {key: count * _KEPT[key].itemsize for key, (count, size) in sizes.items() if size != _KEPT[key].itemsize}
+    return stored + sum(kept.values()) + _LOOKED_AT * max(sizes[key][0] for key in ("density", "label"))
 
 
 def _check_values(path: Path, tensors: dict[str, Tensor]) -> None:
     for key, value in tensors.items():
-        if not bool(value.isfinite().all()):
+        if not all(bool(part.isfinite().all()) for part in value.flatten().split(_BLOCK)):
             raise InputError(path, key, "expected finite values, got NaN or infinity")
     if bool((tensors["density"] < 0).any()):
         raise InputError(path, "density", f"expected no negative value, got {float(tensors['density'].min()):g}")

@@ -80,6 +80,8 @@ def test_labels_are_about_the_vertices_that_hold_anything():
         ({"density": torch.ones(1, 4, 5)}, "sides of at least 2"),
         ({"density": torch.ones(5, 4, 3)}, r"sh: expected \(5, 4, 3"),
         ({"density": torch.ones(3, 4, 5).int()}, "density: expected floating point, got I32"),
+        ({"density": torch.full((3, 4, 5), 1e39, dtype=torch.float64)}, "density: expected finite values"),
+        ({"density": torch.full((3, 4, 5), 1e-60, dtype=torch.float64)}, "density: holds nothing, all is 0"),
         ({"sh": torch.zeros(3, 4, 5, 16, 3)}, r"sh: expected .* got \(3, 4, 5, 16, 3\)"),
         ({"sh": torch.full((3, 4, 5, 1, 3), torch.inf)}, "sh: expected finite values"),
         ({"label": torch.full((3, 4, 5), 1.5)}, r"label: expected values in \[0, 1\]"),
@@ -149,7 +151,7 @@ def sparse_grid(path: Path, side: int, terms: int, kind: str) -> Path:
 def test_a_grid_is_held_against_the_memory_before_it_is_read(tmp_path, monkeypatch):
     path = sparse_grid(tmp_path / "sparse.safetensors", 300, 9, "F16")
     monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
-    with pytest.raises(ResourceError, match=r"sparse.safetensors: memory: its tensors need 4970 MB, 1024 MB are free"):
+    with pytest.raises(ResourceError, match=r"sparse.safetensors: memory: its tensors need 4558 MB, 1024 MB are free"):
         read_grid(path)
 
 
@@ -161,8 +163,8 @@ def test_what_may_be_baked_may_be_opened_and_no_more(tmp_path, monkeypatch):
         read_grid(sparse_grid(tmp_path / "more.safetensors", 519, 1, "F32"))
 
 
-@pytest.mark.parametrize(("dtype", "most"), [(torch.float16, 6), (torch.float32, 10), (torch.float64, 18)])
-def test_a_grid_takes_what_it_stores_and_what_looking_at_it_takes(tmp_path, monkeypatch, dtype, most):
+@pytest.mark.parametrize(("dtype", "most"), [(torch.float16, 6), (torch.float32, 4), (torch.float64, 12)])
+def test_a_grid_takes_what_it_keeps_and_what_bringing_it_to_that_takes(tmp_path, monkeypatch, dtype, most):
     path = tmp_path / "field.safetensors"
     parts = {key: value.to(dtype) for key, value in tensors(sh=torch.zeros(3, 4, 5, 9, 3)).items()}
     save_file(parts, path, metadata={"format": FORMAT})
