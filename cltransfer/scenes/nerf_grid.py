@@ -26,6 +26,7 @@ KEYS = ("density", "sh", "label", "aabb")
 _BYTES = {"F16": 2, "F32": 4, "F64": 8}  # of a stored number
 _KEPT = {"density": torch.float32, "sh": torch.float32, "label": torch.float32, "aabb": torch.float64}
 _LOOKED_AT = 3  # bytes that looking at a density or a label takes
+_PLACE = 60  # bytes that the place of a vertex takes while it is made of its index
 _BLOCK = 2**20  # numbers that are looked at together for being finite
 
 
@@ -86,7 +87,8 @@ class NerfGrid:
     @property
     def means(self) -> Tensor:
         """Places of the vertices that hold anything, (N, 3), scene units."""
-        return (self.aabb[0] + self.filled.flip(1) * self.voxel).float()
+        axes = zip(self.aabb[0], self.filled.unbind(1)[::-1], self.voxel)  # one by one: together they take much more
+        return torch.stack([(low + index * side).float() for low, index, side in axes], dim=1)
 
     def with_label(self, label: Tensor) -> NerfGrid:
         """The same field with another subject membership (N,) in [0, 1] of the vertices that hold anything."""
@@ -132,6 +134,8 @@ def read_grid(path: Path) -> NerfGrid:
         key, _, reason = str(error).partition(" must be ")
         raise InputError(path, key, f"expected {reason}") from None
     _check_voxel(path, grid)
+    filled = int(grid.density.count_nonzero())
+    require_free(_PLACE * filled, path, f"places of {filled} vertices", "store it with fewer vertices")
     return grid
 
 

@@ -174,3 +174,17 @@ def test_a_grid_takes_what_it_keeps_and_what_bringing_it_to_that_takes(tmp_path,
         read_grid(path)
     monkeypatch.setattr(memory, "free_bytes", lambda: (most + 1) * numbers)
     assert len(read_grid(path)) > 0
+
+
+def test_where_a_dense_grid_is_must_fit_in_memory_too(tmp_path, monkeypatch):
+    dense = torch.ones(16, 16, 16)
+    box = torch.tensor([[0.0, 0, 0], [1, 1, 1]], dtype=torch.float64)
+    path = tmp_path / "dense.safetensors"
+    for density, fits in ((dense, False), (dense * (torch.arange(16) == 7), True)):
+        write_grid(path, NerfGrid(density, torch.zeros(16, 16, 16, 1, 3), torch.zeros(16, 16, 16), box))
+        monkeypatch.setattr(memory, "free_bytes", lambda: 24 * 16**3)  # what reading takes
+        if fits:
+            assert len(load_scene(path).geometry) == 16 * 16
+            continue
+        with pytest.raises(ResourceError, match=r"dense.safetensors: memory: places of 4096 vertices need 0 MB"):
+            load_scene(path)
