@@ -44,7 +44,8 @@ def read_splats(path: Path) -> Splats:
     _check_elements(path, elements)
     vertex = elements["vertex"]
     compressed = "packed_position" in vertex.types
-    rest = _rest_names(elements["sh"].types if compressed and "sh" in elements else vertex.types)
+    holder = elements.get("sh") if compressed else vertex
+    rest = _rest_names(() if holder is None else holder.types)
     stored = sum(_size(elements[name], names) for name, names in _packed(elements, rest).items()) if compressed else 0
     degree = affordable_degree(path, vertex.count, SH_DEGREES[len(rest) // 3 + 1], stored)
     with np.errstate(all="ignore"):  # what is not finite is counted, not warned of

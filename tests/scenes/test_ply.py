@@ -198,6 +198,16 @@ def test_compressed_harmonics_are_decoded(tmp_path):
     assert got.sh[0, 1:].T.tolist()[2] == pytest.approx([4, 4, 4])
 
 
+@pytest.mark.parametrize("count", [1, 9])
+def test_columns_that_a_compressed_file_has_beyond_its_layout_are_no_harmonics(tmp_path, count):
+    stray = b"".join(b"property float f_rest_%d\n" % i for i in range(count))
+    data = compressed([(0, 0, 0, 255)])
+    color = b"property uint packed_color\n"
+    assert data.count(color) == 1
+    got = read(tmp_path, data.replace(color, color + stray) + bytes(4 * count))
+    assert (len(got), got.degree) == (1, 0)
+
+
 PACKED = compressed([(0, 0, 0, 255)] * 4)
 BAD_PACKED = {
     "packed without chunks": (PACKED.replace(b"element chunk", b"element chonk"), "element chunk"),
