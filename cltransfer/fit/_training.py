@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import signal
+import threading
 import time
 import traceback
 import warnings
@@ -189,7 +190,10 @@ def _quiet() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _signals() -> Iterator[None]:
-    """An interrupt stays one: Lightning turns it into exit code 1, and SIGTERM into 0."""
+    """An interrupt stays one: Lightning turns it into exit code 1, and SIGTERM into 0.
+
+    Only the main thread has handlers that it can change, and only those of Python can be put back.
+    """
     before = signal.getsignal(signal.SIGINT)
     try:
         yield
@@ -198,7 +202,8 @@ def _signals() -> Iterator[None]:
     except SystemExit:
         raise KeyboardInterrupt from None
     finally:
-        signal.signal(signal.SIGINT, before)
+        if before is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import json
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from itertools import pairwise
 
@@ -44,6 +45,13 @@ def fitted(views, tmp_path_factory):
 def test_an_analytic_scene_is_learnt_to_30_db_on_views_held_out(fitted):
     _, _, levels, _ = fitted
     assert max(level.psnr for level in levels if level.kept) >= 30
+
+
+def test_a_fit_runs_beside_the_main_thread_too(views, tmp_path):
+    with ThreadPoolExecutor(1) as pool:
+        levels = pool.submit(QUICK.fit, views, tmp_path, silent).result()
+    assert (tmp_path / "grid.safetensors").is_file()
+    assert len(levels) == 1
 
 
 def test_a_fit_that_leaves_nothing_is_refused(views, tmp_path):
