@@ -148,7 +148,7 @@ class TotalMetric(FrameMetric):
         self.objective = Objective({name: LOSSES.build(name, options) for name, options in losses.items()})
 
     def values(self, reference: Features, rendered: Features | None) -> Tensor:
-        """Totals (N,); NaN where the reference has no term at all.
+        """Totals (N,); NaN where the reference has none of the terms that weigh anything.
 
         Raises:
             ValueError: as of :meth:`LossMetric.values`.

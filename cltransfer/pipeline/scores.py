@@ -57,7 +57,7 @@ class Scores:
     Args:
         terms: in the order of the config, of N frames each.
         totals: weighted sum of Eq. 15 per frame, (N,), with what the objective charges for undefined terms; NaN where
-            the reference has no term at all.
+            the reference has none that weighs anything.
     """
 
     terms: tuple[Term, ...]
@@ -108,8 +108,12 @@ def tabulate(
 
 
 def frame_totals(objective: Objective, values: Tensor, defined: Tensor) -> Tensor:
-    """Totals (N,) of raw terms (N, L); NaN where the reference has none of them ``defined``, (N, L) or (1, L) bool."""
-    return objective.totals(values, defined).masked_fill(~defined.any(1), torch.nan)
+    """Totals (N,) of raw terms (N, L); NaN where the reference has none that counts.
+
+    ``defined`` says which it has, (N, L) or (1, L) bool. Those count that weigh something; all, where no loss does.
+    """
+    counts = objective.weighs | ~objective.weighs.any()
+    return objective.totals(values, defined).masked_fill(~(defined & counts).any(1), torch.nan)
 
 
 def _lacking(loss: object, side: Features, missing: Mapping[str, str], whose: str) -> str:

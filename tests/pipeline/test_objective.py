@@ -12,6 +12,7 @@ from torch import Tensor
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.objective import Objective
+from cltransfer.pipeline.scores import score
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,14 @@ class Distance:
 class Depth(Distance):
     requires: ClassVar[tuple[str, ...]] = ("depth",)
     weight: float = 7.0
+
+
+@dataclass(frozen=True)
+class Flat(Distance):
+    """Knows every frame."""
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        return torch.zeros(len(rendered))
 
 
 def boxes(*values: float) -> Features:
@@ -195,3 +204,20 @@ def test_a_metric_that_weighs_nothing_needs_no_residuals(weight: float, without:
     assert objective.residuals(reference, rendered, both).tolist() == [[0.0, 6.0], [0.0, -1.0]]
     assert objective.across(reference, rendered, both).beyond.tolist() == [[0.0, 6.0], [0.0, -1.0]]
     assert objective.lost_residuals(both).tolist() == [0.0, 100.0]
+
+
+@pytest.mark.parametrize(("weight", "expected"), [(0.0, [2.0, float("nan")]), (7.0, [2.0, 0.0])])
+def test_a_frame_of_which_only_terms_that_weigh_nothing_are_known_has_no_total(
+    weight: float, expected: list[float]
+) -> None:
+    reference, rendered = boxes(1.0, float("nan")), boxes(2.0, 2.0)
+    objective = Objective({"distance": Distance(), "metric": Flat(weight=weight)})
+    totals = score(objective, reference, rendered, {}).totals
+    torch.testing.assert_close(totals, torch.tensor(expected).double(), equal_nan=True)
+
+
+def test_where_no_loss_weighs_anything_totals_are_zero() -> None:
+    objective = Objective({"distance": Distance(weight=0.0)})
+    totals = score(objective, boxes(1.0, float("nan")), boxes(2.0, 2.0), {}).totals
+    assert totals.isnan().tolist() == [False, True]
+    assert totals[0] == 0.0
