@@ -17,7 +17,7 @@ from .losses.camera_movement import weight_note
 from .pipeline.components import Components
 from .pipeline.scores import Scores, score
 from .progress import Progress, silent
-from .reading.frames import check_maps, read_frames, require_person
+from .reading.frames import check_maps, person_known, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
 from .report.data import Flag, ReportData
 from .storage.run_files import kept_frames
@@ -65,13 +65,15 @@ def evaluate(
     require_person(reference, features)
     steps = both.original.diff(), times.diff()
     rendered, seen = read_frames(made, in_time(plan, *steps), who, progress, times, found.path)
-    alike = plan.hiding(features.reasons.keys() ^ rendered.reasons.keys())
-    if alike != plan:
-        features = read_frames(taught, alike, whom, progress, both.original, asked.path)[0]
-        rendered = read_frames(made, in_time(alike, *steps), who, progress, times, found.path)[0]
+    alike = (
+        read_alike(features, taught, plan, rendered, progress),
+        read_alike(rendered, made, in_time(plan, *steps), features, progress),
+    )
+    again = (alike[0] is not features) + (alike[1] is not rendered)
+    features, rendered = alike
     objective = parts.objective
     scores = score(objective, features, rendered, plan.missing)
-    passes = 2 * len(times) * plan.passes * (1 if alike == plan else 2)
+    passes = len(times) * (2 * plan.passes + again * person_known(plan).passes)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     notes += undefined(scores, objective.defined(features), features, rendered)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -13,19 +14,24 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.clips.clip import write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.clips.pairs import open_pairs
 from cltransfer.clips.source import ClipSource
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
+from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.evaluate import evaluate, undefined
 from cltransfer.features import Features
+from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.scores import score
+from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json, number
+from cltransfer.run.readback import read_back, read_held
 from cltransfer.testing import sample_features, without_person
 
 
@@ -283,6 +289,43 @@ def test_what_only_one_clip_has_helps_neither_to_read_the_rest(tmp_path: Path, w
         found.append(movement.mean)
     assert found[2] == 0.0
     assert max(found[:2]) < 0.002  # other stripes differ by more
+
+
+class Film:
+    """Draws the frames of a clip, one after the other, whatever is asked for."""
+
+    provides = frozenset({"image"})
+
+    def __init__(self, image: Tensor) -> None:
+        self.left = image.float() / 255
+
+    def render(self, scene: Any, cameras: Any, buffers: frozenset[str]) -> Features:
+        image, self.left = self.left[: len(cameras)], self.left[len(cameras) :]
+        return Features(cameras.size, image=image, camera=cameras)
+
+
+def test_a_result_is_read_back_by_the_rule_by_which_clips_are_scored(tmp_path: Path, with_depth: RunConfig) -> None:
+    dark = pan().float().mul(0.4).byte()
+    bright = 255 - dark
+    for name, image in (("dark", dark), ("bright", bright)):
+        write_video(tmp_path / f"{name}.mkv", image, torch.arange(10).double() / 24, lossless=True)
+    parts = replace(Components.build(with_depth), renderer=Film(dark))
+    reference = read_reference(str(tmp_path / "bright.mkv"), parts, Reading())
+    scene: Any = SimpleNamespace(subject=None)
+    stage = Stage(scene, parts.renderer, parts.plan("image"), parts.objective, (64, 48))
+    found = read_back(stage, parts, reference, room_cameras(10, (64, 48)), by_networks=True)
+    scored = evaluate(str(tmp_path / "bright.mkv"), str(tmp_path / "dark.mkv"), with_depth).scores
+    assert found.features.reasons == {"depth": "it is too dark"}
+    for name in ("camera_movement", "filmic_space"):
+        mine, theirs = found.scores.term(name), scored.term(name)
+        assert mine is not None
+        assert theirs is not None
+        torch.testing.assert_close(mine.values, theirs.values, rtol=0, atol=0, equal_nan=True)
+    held = read_held(stage, parts, reference, found, room_cameras(10, (64, 48)))
+    assert held is not None
+    assert held.term("camera_movement").mean > 0  # type: ignore[union-attr]
+    with_its_own = replace(found, features=reference.features)
+    assert read_held(stage, parts, reference, with_its_own, room_cameras(10, (64, 48))) is None
 
 
 def test_two_clips_of_which_nothing_can_be_measured_have_no_total(tmp_path: Path, with_depth: RunConfig) -> None:

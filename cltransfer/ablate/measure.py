@@ -21,7 +21,7 @@ from ..pipeline.plan import Family
 from ..pipeline.scores import Scores, score
 from ..reading.depth_alignment import align_parts, needs_scene
 from ..reading.frames import render_features
-from ..reading.reference import Reading, Reference, read_reference
+from ..reading.reference import Reading, Reference, beside, read_reference
 from ..renderers._request import renderer_of
 from ..run.readback import read_path, render_frames
 from ..run.result import Result
@@ -97,6 +97,7 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     if read.family == "image" and metrics.extract.verify:
         image = result.image if same else render_frames(scene, parts, cameras)
         features = render_features(image, cameras, scene.subject, parts.plan("image", read.features.names()))
+        read = beside(features, read, parts)
     else:
         if family == "scene":
             scene = lifted_scene(scene, parts.renderer, parts.extractors)

@@ -54,6 +54,9 @@ def require_person(source: str, features: Features, hint: str = ELSEWHERE) -> No
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times: Tensor | None = None) -> Features:
     """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's.
 
+    What a reader of whole clips cannot tell of them (``extractors.depth_sfm`` where nothing moves) is in ``reasons``;
+    of two clips that are compared, :func:`read_alike` has them read by one rule all the same.
+
     Args:
         image: the frames.
         plan: of image extractors.
@@ -124,6 +127,28 @@ def read_frames(
     return _read(image, plan, lambda boxes: join(boxes, shown).follow(who, clip), progress)
 
 
+def read_alike(features: Features, image: Tensor, plan: Plan, other: Features, progress: Progress = silent) -> Features:
+    """Features of frames (N, 3, H, W) uint8, by the rule by which those of the ``other`` side could be read.
+
+    They are ``features`` as ``plan`` gave them; but where those of the other side had to do without what a step uses,
+    as depth that its whole clip does not tell, the frames are read anew without that, of the same person.
+
+    Raises:
+        ResourceError: see :func:`check_maps`.
+    """
+    alike = plan.hiding(other.reasons.keys() - features.reasons.keys())
+    if alike == plan:
+        return features
+    check_maps(image)
+    return _of_person(image, alike, features.box, progress)
+
+
+def person_known(plan: Plan) -> Plan:
+    """``plan`` for frames of which the person's box is given: nobody is looked for."""
+    detector = _detector(plan)
+    return plan if detector is None else plan.without(detector.extractor)
+
+
 def _detector(plan: Plan) -> Step | None:
     """The extractor that sees all persons, None where there is none."""
     return next((step for step in plan.steps if hasattr(step.extractor, "persons")), None)
@@ -149,18 +174,22 @@ def _persons(detector: Step, frames: Features) -> list[np.ndarray]:
 def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
     check_maps(image)
     count, detector = len(image), _detector(plan)
-    load = partial(_loaded, image, None)
-    flags: tuple[str, ...] = ()
-    if detector is not None:
-        found = list[np.ndarray]()
-        for start in range(0, count, CHUNK):
-            found += _persons(detector, load(start, start + CHUNK))
-            progress("finding persons", min(start + CHUNK, count), count)
-        box, flags = follow(found)
-        load = partial(_loaded, image, torch.from_numpy(box).float())
-        plan = plan.without(detector.extractor)
-    features = run_clip(plan, load, count, lambda done: progress("reading frames", done, count))
-    return features, flags
+    if detector is None:
+        return _of_person(image, plan, None, progress), ()
+    found = list[np.ndarray]()
+    for start in range(0, count, CHUNK):
+        found += _persons(detector, _loaded(image, None, start, start + CHUNK))
+        progress("finding persons", min(start + CHUNK, count), count)
+    box, flags = follow(found)
+    return _of_person(image, plan, torch.from_numpy(box).float(), progress), flags
+
+
+def _of_person(image: Tensor, plan: Plan, box: Tensor | None, progress: Progress) -> Features:
+    """Features of frames, of the person in ``box`` (N, 5); None has the plan look for the main one in each frame."""
+    count = len(image)
+    steps = plan if box is None else person_known(plan)
+    load = partial(_loaded, image, box)
+    return run_clip(steps, load, count, lambda done: progress("reading frames", done, count))
 
 
 def _loaded(image: Tensor, box: Tensor | None, start: int, stop: int) -> Features:

@@ -26,7 +26,7 @@ from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import kept_frames
 from .feature_file import LIMIT, FeatureFile
-from .frames import ELSEWHERE, check_maps, read_frames, require_person
+from .frames import ELSEWHERE, check_maps, read_alike, read_frames, require_person
 from .scene_source import split_scene
 
 _log = logging.getLogger("cltransfer")
@@ -101,6 +101,19 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         reference = _from_clip(source, parts, reading.frames, progress)
     require_person(source, reference.features, ELSEWHERE if reference.family == "image" else "")
     return reference
+
+
+def beside(rendered: Features, reference: Reference, parts: Components, progress: Progress = silent) -> Reference:
+    """The ``reference`` by the rule by which networks could read what was ``rendered`` (:func:`read_alike`).
+
+    A feature file, which has no frames, stays as it is.
+    """
+    if reference.image is None:
+        return reference
+    return replace(
+        reference,
+        features=read_alike(reference.features, reference.image, parts.plan("image"), rendered, progress),
+    )
 
 
 def is_scene(source: str) -> bool:

@@ -18,7 +18,7 @@ from ..pipeline.components import Components
 from ..pipeline.scores import Scores, score
 from ..progress import Progress, silent
 from ..reading.frames import render_features
-from ..reading.reference import Reference, quantised
+from ..reading.reference import Reference, beside, quantised
 from ..renderers._request import drawn_by
 from ..scenes import Scene
 
@@ -97,6 +97,7 @@ def read_back(
         plan = parts.plan("image", reference.features.names())
         features = render_features(image, cameras, stage.scene.subject, plan)
         stage.spent.network_passes += len(image) * plan.passes
+        reference = beside(features, reference, parts, progress)
     else:
         features = read_path(replace(stage, size=cameras.size), cameras)
     return Readback(image, features, score(stage.objective, reference.features, features, reference.missing))
@@ -106,7 +107,8 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
     """Scores of the first view held still for the whole clip: what a transfer has to beat.
 
     Two frames of it are read; every later one is as the second, since the scene does not move. None where it lacks what
-    the result has, as depth that is read off the movement: it would pay the penalty, and anything would beat it.
+    the result has, as depth that is read off the movement: it would pay the penalty, or be read by another rule, and
+    anything would beat it.
     """
     twice = still(cameras, min(2, len(cameras)))
     if shown.features.has("camera"):
@@ -115,7 +117,8 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
         plan = parts.plan("image", reference.features.names())
         seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
         stage.spent.network_passes += len(twice) * plan.passes
-    asked = {name for loss in stage.objective.losses.values() for name in loss.requires}
+        reference = beside(shown.features, reference, parts)
+    asked = {name for loss in stage.objective.losses.values() for name in loss.requires} | seen.reasons.keys()
     if any(shown.features.has(name) and not seen.has(name) for name in asked):
         return None
     features = seen[[0] + [1] * (len(cameras) - 1)]
