@@ -1,12 +1,13 @@
-"""Which shape each feature has, and what is said of one that has another."""
+"""Which shape each feature has, what is said of one that has another, and maps of fewer pixels on another grid."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be anything
     "image": (3, None, None),
@@ -59,6 +60,15 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
             first, count = name, len(value)
         elif value is not None and len(value) != count:
             raise _unequal(first, count, name, len(value))
+
+
+def on_grid(maps: Tensor, grid: Sequence[int]) -> Tensor:
+    """``maps`` (B, h, w) or (B, K, h, w) of any type at ``grid`` (H, W): each pixel has what is nearest to it."""
+    if tuple(maps.shape[-2:]) == tuple(grid):
+        return maps
+    values = maps if maps.is_floating_point() else maps.float()
+    planes = values.flatten(0, -3)[:, None]
+    return interpolate(planes, tuple(grid), mode="nearest-exact")[:, 0].unflatten(0, maps.shape[:-2]).to(maps.dtype)
 
 
 def _misshapen(name: str, value: object) -> Exception:

@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from cltransfer import LOSSES
+from cltransfer.feature_shapes import on_grid
 from cltransfer.features import Features
 from cltransfer.testing.samples import sample_cameras, sample_features, sample_subject
 
@@ -239,3 +240,14 @@ def test_a_loss_says_what_it_expected_of_what_it_cannot_compare(name: str) -> No
         loss(features, features.require("keypoints"))
     with pytest.raises(ValueError, match=r"the reference has 2 and the render 4$"):
         loss(features[:2], features)
+
+
+@pytest.mark.parametrize("dtype", [torch.bool, torch.int32, torch.float32, torch.float64])
+@pytest.mark.parametrize("each", [1, 3])
+def test_maps_of_fewer_pixels_are_spread_and_keep_their_type(dtype: torch.dtype, each: int) -> None:
+    maps = torch.tensor([[[0, 1], [1, 0]]]).to(dtype)
+    stacked = maps if each == 1 else torch.stack([maps, 1 - maps.int(), maps], dim=1).to(dtype)
+    spread = on_grid(stacked, (4, 6))
+    assert spread.dtype == dtype
+    assert torch.equal(spread, stacked.repeat_interleave(2, -2).repeat_interleave(3, -1))
+    assert on_grid(stacked, (2, 2)) is stacked

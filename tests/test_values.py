@@ -223,8 +223,6 @@ def test_layers_that_are_checked_take_no_more_memory_than_they_have(tmp_path: Pa
         ("layers", {"layers": torch.ones(2, 3, 4, 8)}, "expected bool, or uint8 of 0 and 1, got float32"),
         ("subject", {"subject": torch.full((2, 4, 8), 255, dtype=torch.uint8)}, "got uint8"),
         ("keypoints", {"keypoints": torch.ones(2, 14, 3, dtype=torch.int32)}, "expected floats, got int32"),
-        ("depth", {"depth": torch.ones(2, 4, 8), "layers": torch.ones(2, 3, 2, 4, dtype=torch.bool)},
-         "expected the 4x2 pixels of layers, got 8x4"),
         ("flow_confidence", {"flow": torch.ones(2, 2, 4, 8), "flow_confidence": torch.ones(2, 2, 4)},
          "expected the 8x4 pixels of flow, got 4x2"),
         ("layers", {"layers": torch.ones(2, 3, 4, 8, dtype=torch.bool)},
@@ -241,6 +239,15 @@ def test_tensors_of_a_wrong_type_or_on_unlike_grids_are_refused_by_name(
     with pytest.raises(InputError, match=reason) as caught:
         kept(tmp_path / "a", **tensors)
     assert caught.value.field == field
+
+
+def test_maps_of_a_feature_file_may_have_fewer_pixels_than_one_another(tmp_path: Path) -> None:
+    layers = torch.eye(3, 4).bool().reshape(1, 3, 4, 1).expand(2, 3, 4, 8).contiguous()
+    maps = {"layers": layers, "subject": layers[:, 1, ::2, ::2].contiguous(), "depth": torch.ones(2, 1, 2)}
+    features = kept(tmp_path / "a", **maps, flow=torch.ones(2, 2, 2, 4))
+    assert {name: torch.equal(features.require(name), value) for name, value in maps.items()} == dict.fromkeys(
+        maps, True
+    )
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from ..feature_shapes import on_grid
 from ..features import Features
 from ..skeleton import VISIBLE
 from ..subject import Subject
@@ -40,11 +42,12 @@ class Guard:
         Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden; there, and where as much of it
         lies before the person as may not be near, a thing may come as near as the person.
         """
-        depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth").flatten(1)  # (B, H W)
-        wrong = {"the view is almost empty": torch.isfinite(depth).double().mean(1) < COVERAGE}
+        depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth")  # (B, H, W)
+        wrong = {"the view is almost empty": torch.isfinite(depth).double().flatten(1).mean(1) < COVERAGE}
         if self.height is not None:
-            nearest = torch.where(_person(features) | _filled(reference), NEAR_PERSON, NEAR) * self.height
-            wrong["the camera stands inside something"] = (depth < nearest).double().mean(1) > CLOSE
+            person = _person(features, depth.shape[1:]).flatten(1)
+            nearest = torch.where(person | _filled(reference), NEAR_PERSON, NEAR) * self.height
+            wrong["the camera stands inside something"] = (depth.flatten(1) < nearest).double().mean(1) > CLOSE
         if features.person is not None and features.camera is not None:
             inside = _from_body(features.camera.center, features.person) < BODY * features.person.height
             wrong["the camera stands inside the person"] = inside
@@ -59,9 +62,11 @@ class Guard:
         return torch.stack(list(self.reasons(features, reference).values())).any(0)
 
 
-def _person(features: Features) -> Tensor:
-    """Pixels that may show the person, bool that broadcasts to (B, H W); all of them where nobody told."""
-    return features.require("subject").flatten(1) if features.has("subject") else torch.ones(1, 1, dtype=torch.bool)
+def _person(features: Features, grid: Sequence[int]) -> Tensor:
+    """Pixels of ``grid`` (H, W) that may show the person, (B, H, W) or (1, 1, 1) bool; all where nobody told."""
+    if not features.has("subject"):
+        return torch.ones(1, 1, 1, dtype=torch.bool)
+    return on_grid(features.require("subject"), grid)  # a network's may have fewer pixels
 
 
 def _filled(reference: Features | None) -> Tensor:

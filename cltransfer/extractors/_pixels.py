@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from torch import Tensor
-from torch.nn.functional import interpolate
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of RGB in [0, 1]
 
@@ -21,14 +18,6 @@ def to_uint8(image: Tensor) -> np.ndarray:
     for frame, channels in zip(pixels, planes):  # 1 to 2 ms a frame of 480x908, against 15 ms by torch
         cv2.merge([cv2.convertScaleAbs(np.maximum(channel, 0), alpha=255) for channel in channels], frame)
     return pixels
-
-
-def on_grid(maps: Tensor, grid: Sequence[int]) -> Tensor:
-    """``maps`` (B, h, w) of any type at ``grid`` (H, W): each pixel has what is nearest to it."""
-    if tuple(maps.shape[1:]) == tuple(grid):
-        return maps
-    values = maps if maps.is_floating_point() else maps.float()
-    return interpolate(values[:, None], tuple(grid), mode="nearest-exact")[:, 0].to(maps.dtype)
 
 
 def normalised(rgb: np.ndarray, mean: Channels = IMAGENET_MEAN, std: Channels = IMAGENET_STD) -> np.ndarray:

@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
+from ..feature_shapes import on_grid
 from ..features import Features
 from ..registry import EXTRACTORS
-from ._pixels import on_grid
 
 
 def near_depth(depth: Tensor, subject: Tensor, quantile: float) -> Tensor:

@@ -11,12 +11,13 @@ import torch
 from torch import Tensor
 
 from ..errors import ModelError
+from ..feature_shapes import on_grid
 from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._crops import about_boxes
-from ._pixels import normalised, on_grid, to_uint8
+from ._pixels import normalised, to_uint8
 
 SIDE = 224  # of the square the network sees [px]
 MARGIN = SIDE / (256 * 0.85)  # the subject fills 0.85 of a square of 256 px, of which the middle is seen

@@ -12,6 +12,7 @@ from kornia.metrics import aepe
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ..feature_shapes import on_grid
 from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._affine_flow import AffineFlow, affine_flow_residuals, fit_affine_flow
@@ -168,10 +169,10 @@ class CameraMovement:
         return fit_affine_flow(features.require("flow"), layers, features.size[0], features.flow_confidence)
 
     def _layers(self, features: Features) -> Tensor:
-        """Layers compared, (B, 3, H, W) bool; the whole frame stands in the first place."""
-        if self.layered:
-            return features.require("layers")
+        """Layers compared, (B, 3, H, W) bool on the pixels of the flow; the whole frame stands in the first place."""
         flow = features.require("flow")
+        if self.layered:
+            return on_grid(features.require("layers"), flow.shape[-2:])
         whole = torch.zeros(len(flow), 3, *flow.shape[2:], dtype=torch.bool, device=flow.device)
         whole[:, 0] = True
         return whole

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
+from ..feature_shapes import on_grid
 from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._depth_mode import depth_mode, nearest_peak
@@ -60,9 +61,14 @@ def space_differences(reference: Tensor, rendered: Tensor, mismatch: float) -> T
     return differences.masked_fill((reference[:, 1:2] + rendered[:, 1:2]).isnan(), float("nan"))
 
 
+def _layers(features: Features) -> Tensor:
+    """Layers on the pixels of the depth, (B, 3, H, W) bool: either may have fewer."""
+    return on_grid(features.require("layers"), features.require("depth").shape[-2:])
+
+
 def layer_depths(features: Features, min_area: float) -> Tensor:
     """Representative depth of foreground, character, background, (B, 3); NaN below ``min_area``."""
-    layers = features.require("layers")
+    layers = _layers(features)
     small = layers.flatten(2).float().mean(-1) < min_area
     return depth_mode(features.require("depth"), layers).masked_fill(small, float("nan"))
 
@@ -133,7 +139,7 @@ class FilmicSpace:
         second = layer_depths(rendered, least)
         there = ~second[:, [2, 0]].isnan()
         wanted = (second[:, 1:2] * log_depth_ratios(first).exp()).masked_fill(~there, float("nan"))  # (B, 2)
-        outer = rendered.require("layers")[:, [2, 0]]
+        outer = _layers(rendered)[:, [2, 0]]
         peak, lead = nearest_peak(rendered.require("depth"), outer, wanted).unbind(-1)
         return torch.stack([(peak / wanted).log(), lead], dim=-1)
 

@@ -22,7 +22,6 @@ SHOWN = 40  # characters of what a file says, in an error
 STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confidence", "orientation")
 
 MASKS = ("subject", "layers")
-TOGETHER = (("layers", "subject", "depth"), ("layers", "flow", "flow_confidence"))  # maps on one grid each
 
 
 @dataclass(frozen=True)
@@ -157,14 +156,13 @@ def _type(value: Tensor) -> str:
 
 
 def _check_grids(path: Path, features: dict[str, Tensor]) -> None:
-    """Refuse maps that are looked at together and do not have the same pixels."""
-    for maps in TOGETHER:
-        there = [name for name in maps if name in features]
-        for name in there[1:]:
-            got, want = (tuple(features[n].shape[-2:]) for n in (name, there[0]))
-            if got != want:
-                reason = f"expected the {want[1]}x{want[0]} pixels of {there[0]}, got {got[1]}x{got[0]}"
-                raise InputError(path, name, reason, "extract or resize all maps on one grid")
+    """Refuse a confidence that has not the pixels of its flow; other maps may have fewer than one another."""
+    if not {"flow", "flow_confidence"} <= features.keys():
+        return
+    got, want = (tuple(features[name].shape[-2:]) for name in ("flow_confidence", "flow"))
+    if got != want:
+        reason = f"expected the {want[1]}x{want[0]} pixels of flow, got {got[1]}x{got[0]}"
+        raise InputError(path, "flow_confidence", reason, "extract or resize both on one grid")
 
 
 def _check_layers(path: Path, features: dict[str, Tensor]) -> None:

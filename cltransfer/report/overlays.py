@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..feature_shapes import on_grid
 from ..features import Features
 from ..skeleton import JOINTS, VISIBLE
 from .picture import DRAWABLE
@@ -43,7 +44,8 @@ def draw_reading(frame: Tensor, features: Features) -> np.ndarray:
     """
     picture = frame.permute(1, 2, 0).numpy().copy()
     if features.has("layers"):
-        for mask, tint, part in zip(features.require("layers")[0].numpy(), TINTS, STRENGTH):
+        layers = on_grid(features.require("layers"), frame.shape[1:])
+        for mask, tint, part in zip(layers[0].numpy(), TINTS, STRENGTH):
             picture[mask] = ((1 - part) * picture[mask] + part * tint).astype(np.uint8)
     thick = max(1, round(min(picture.shape[:2]) / 250))
     if features.has("box"):

@@ -171,3 +171,9 @@ def test_one_step_that_was_read_is_enough_to_stand_still() -> None:
     layers = features.layers.clone()
     layers[2:, 2] = False
     assert named(replace(features, layers=layers)) == "static"
+
+
+def test_layers_of_fewer_pixels_than_the_flow_tell_the_same_movement() -> None:
+    features = flowing(right=-0.02)
+    few = replace(features, layers=features.layers[..., ::2, ::2])
+    assert named(few) == named(features)

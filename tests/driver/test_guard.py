@@ -68,6 +68,16 @@ def test_a_person_may_fill_the_frame_from_nearer_than_a_thing() -> None:
     assert not bool(Guard(1.8).blocked(replace(view(depth=0.4), subject=None)))  # nobody tells: it may be the person
 
 
+def test_a_mask_of_fewer_pixels_than_the_view_tells_the_same() -> None:
+    near = view(depth=0.4)
+    assert near.subject is not None
+    near.subject[:, :, : W // 2] = True
+    few = replace(near, subject=near.subject[:, ::3, ::2])
+    for guarded in (near, few):
+        assert [bool(wrong) for wrong in Guard(1.8).reasons(guarded).values()] == [False, True, False]
+    assert not bool(Guard(1.8).blocked(replace(few, subject=torch.ones_like(few.subject))))
+
+
 @pytest.mark.parametrize(("before", "blocked"), [(0.3, True), (0.5, False)])
 def test_a_thing_may_come_nearer_where_one_fills_the_reference(before: float, blocked: bool) -> None:
     layers = torch.zeros(1, 3, H, W, dtype=torch.bool)

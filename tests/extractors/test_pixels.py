@@ -1,8 +1,7 @@
 import numpy as np
-import pytest
 import torch
 
-from cltransfer.extractors._pixels import normalised, on_grid, to_uint8
+from cltransfer.extractors._pixels import normalised, to_uint8
 
 
 def test_normalised_is_channels_first_and_of_each_channel():
@@ -29,12 +28,3 @@ def test_what_is_out_of_range_ends_at_black_and_white_and_all_else_is_rounded():
     assert to_uint8(image)[0, 0, :, 0].tolist() == [0, 0, 255, 255]
     several = torch.rand(2, 3, 5, 7, generator=torch.Generator().manual_seed(0))
     np.testing.assert_array_equal(to_uint8(several), (several * 255).round().byte().permute(0, 2, 3, 1).numpy())
-
-
-@pytest.mark.parametrize("dtype", [torch.bool, torch.int32, torch.float32, torch.float64])
-def test_maps_of_fewer_pixels_are_spread_and_keep_their_type(dtype):
-    maps = torch.tensor([[[0, 1], [1, 0]]]).to(dtype)
-    spread = on_grid(maps, (4, 6))
-    assert spread.dtype == dtype
-    assert torch.equal(spread, maps.repeat_interleave(2, 1).repeat_interleave(3, 2))
-    assert on_grid(maps, (2, 2)) is maps

@@ -24,6 +24,21 @@ def enlarge(features: Features, times: int) -> Features:
     return replace(features, size=size, keypoints=features.keypoints * scale, **maps)
 
 
+@pytest.mark.parametrize("name", ["filmic_space", "camera_movement", "faithful"])
+@pytest.mark.parametrize("coarse", ["depth", "layers", "flow"])
+def test_a_map_of_fewer_pixels_than_the_others_tells_the_same(name: str, coarse: str) -> None:
+    faithful = {"mode": "faithful"} if name == "faithful" else {}
+    loss = LOSSES.build("camera_movement" if faithful else name, faithful)
+    small, other = sample_features(0, 3), sample_features(1, 3)
+    fine = enlarge(small, 2)
+    given = small.require(coarse)
+    mixed = fine.having(coarse, given * 2 if coarse == "flow" else given)
+    close(loss(mixed, mixed), torch.zeros(3))
+    for rendered in (enlarge(other, 2), other):
+        close(loss(mixed, rendered), loss(fine, rendered))
+    close(loss(enlarge(other, 2), mixed), loss(enlarge(other, 2), fine))
+
+
 def mirror(features: Features) -> Features:
     """The same frames seen in a mirror."""
     maps = {n: features.require(n).flip(-1) for n in ("depth", "subject", "layers", "flow")}

@@ -39,6 +39,14 @@ def test_of_small_pictures_the_wheel_is_as_large_as_fits(size: tuple[int, int]) 
     assert draw_flow(Features(size, flow=flow), 5.0).shape == (size[1], size[0], 3)
 
 
+def test_layers_of_fewer_pixels_than_the_frame_are_drawn() -> None:
+    features = sample_features(0, 1)
+    frame, layers = (features.image[0] * 255).byte(), features.layers
+    few = replace(features, layers=layers[:, :, ::2, ::2])
+    spread = replace(features, layers=few.layers.repeat_interleave(2, -1).repeat_interleave(2, -2))
+    np.testing.assert_array_equal(draw_reading(frame, few), draw_reading(frame, spread))
+
+
 def test_a_person_is_drawn_and_nobody_leaves_the_background_alone() -> None:
     features = sample_features(0, 1)
     frame = (features.image[0] * 255).byte()
