@@ -193,6 +193,13 @@ def test_a_render_that_ends_early_is_told(tmp_path: Path, config: RunConfig) -> 
     assert note == "render: ends at 1.00 s, the reference at 2.00 s: what comes after is not scored"
 
 
+def test_a_last_frame_that_the_render_lacks_is_told(tmp_path: Path) -> None:
+    reference, short = steady(tmp_path / "reference.mkv", 24, 1), steady(tmp_path / "render.mkv", 24, 23 / 24)
+    assert open_pairs(ClipSource.parse(short), ClipSource.parse(short), None)[2] == ()
+    (note,) = open_pairs(ClipSource.parse(reference), ClipSource.parse(short), None)[2]
+    assert note == "ends at 0.96 s, the reference at 1.00 s: what comes after is not scored"
+
+
 def told(reference: Features, rendered: Features) -> list[str]:
     """The notes on what is undefined, by framing, filmic space and camera angle."""
     objective = Objective({name: LOSSES.build(name) for name in ("framing", "filmic_space", "camera_angle")})

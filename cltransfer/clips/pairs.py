@@ -130,10 +130,12 @@ def _not_scored(original: Tensor, shown: Tensor, first: Tensor, frames: int | No
     if count < len(shown):
         ends = f"which has {len(original)} up to {float(original[-1]):.2f} s"
         notes.append(f"{count} of its {len(shown)} frames are paired with frames of the reference, {ends}; {rest}")
-    if count <= int(first[-1] - first[0]):
+    gaps = count <= int(first[-1] - first[0])
+    if gaps:
         notes.append(f"{count} of {len(original)} frames of the reference are paired with frames of the render; {rest}")
     steps = [float(times.diff().median()) for times in (original, shown) if len(times) > 1]
-    if float(original[-1] - shown[-1]) > 1.5 * max(steps, default=math.inf):
+    early = float(original[-1] - shown[-1]) > 1.5 * max(steps, default=math.inf)
+    if int(first[-1]) < len(original) - 1 and (early or not gaps):  # of less a gap has told
         ends = f"{float(shown[-1]):.2f} s, the reference at {float(original[-1]):.2f} s"
         notes.append(f"ends at {ends}: what comes after is not scored")
     return tuple(notes)
