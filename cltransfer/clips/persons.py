@@ -24,12 +24,14 @@ class Spot:
         frame: index.
         x, y: from the top left in [0, 1] of the frame.
         size: of the frame (W, H) [px].
+        other: the frame on the other side of the moment that is meant; None where ``frame`` shows that moment.
     """
 
     frame: int
     x: float
     y: float
     size: tuple[int, int]
+    other: int | None = None
 
 
 Who = int | Spot | None  # id, where the person is seen, or the largest
@@ -71,6 +73,11 @@ class Persons:
             raise UsageError(clip, f"#person={who}", few.get(count, known))
         seen = np.isfinite(self.boxes[..., 0])
         flags = []
+        if isinstance(who, Spot) and who.other is not None:
+            frames_read = f"frames {min(who.frame, who.other)} and {max(who.frame, who.other)}"
+            flags.append(
+                f"the moment of the click lies between {frames_read}: who is there in frame {who.frame} is taken"
+            )
         if count > 1:
             rest = [f"{i} in {n} frames" for i, n in enumerate(seen.sum(1).tolist()) if i != chosen]
             others = ", ".join(rest[:FEW]) + f" and {len(rest) - FEW} more" * (len(rest) > FEW)
@@ -95,17 +102,30 @@ class Persons:
         """Who covers ``spot``; of several the one whose box is smallest, for a person before another hides less.
 
         Raises:
-            UsageError: nobody does.
+            UsageError: nobody does, or somebody else does in its other frame.
         """
-        x, y, width, height = (self.boxes[:, spot.frame, :4] / np.tile(spot.size, 2)).T
-        over = (x <= spot.x) & (spot.x <= x + width) & (y <= spot.y) & (spot.y <= y + height)  # NaN is not over
-        if not over.any():
+        found = self._over(spot, spot.frame)
+        if found is None:
+            x, y, width, height = (self.boxes[:, spot.frame, :4] / np.tile(spot.size, 2)).T
             corners = np.stack([x, x + width, y, y + height], axis=1)
             seen = [i for i in range(len(x)) if np.isfinite(x[i])]
             known = "; ".join("person {}, x {:.2f} to {:.2f}, y {:.2f} to {:.2f}".format(i, *corners[i]) for i in seen)
             where = f"nobody at {spot.x:g},{spot.y:g} of frame {spot.frame}"
             raise UsageError(clip, "#person", where, f"seen there: {known or 'nobody'}")
-        return int(np.where(over, width * height, np.inf).argmin())
+        other = None if spot.other is None else self._over(spot, spot.other)
+        if other is not None and other != found:
+            who = f"person {found} in frame {spot.frame} and person {other} in frame {spot.other}"
+            hint = f"#person={found} or #person={other} says who is meant"
+            raise UsageError(
+                clip, "#person", f"no frame is read at that moment, and {spot.x:g},{spot.y:g} shows {who}", hint
+            )
+        return found
+
+    def _over(self, spot: Spot, frame: int) -> int | None:
+        """Who covers a place in a ``frame``, None where nobody does."""
+        x, y, width, height = (self.boxes[:, frame, :4] / np.tile(spot.size, 2)).T
+        over = (x <= spot.x) & (spot.x <= x + width) & (y <= spot.y) & (spot.y <= y + height)  # NaN is not over
+        return int(np.where(over, width * height, np.inf).argmin()) if over.any() else None
 
     def _unclear(self, chosen: int) -> list[int]:
         """Frames without ``chosen`` but with one about as large who is seen briefly only; none where they are few."""

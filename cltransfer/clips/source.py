@@ -12,6 +12,7 @@ from ..errors import UsageError
 from .persons import Spot, Who
 
 _ROUNDED = 0.01  # [s]
+_STAYS = 0.1  # [s] in which nobody leaves the place where they are seen
 _RATES = (0.001, 1000.0)  # images a second: videos that are written keep milliseconds
 KEYS = ("t", "person", "letterbox", "cuts", "fps")
 
@@ -98,7 +99,11 @@ class ClipSource:
         if moment > float(times[-1]) + _ROUNDED:
             reason = f"expected up to {float(times[-1]):.3f} s, where the frames that are read end, got {moment:g}"
             raise UsageError(self.path, "#person", reason)
-        return Spot(int((times - moment).abs().argmin()), x, y, size)
+        nearest = int((times - moment).abs().argmin())
+        off = moment - float(times[nearest])
+        other = nearest + (1 if off > 0 else -1)
+        between = abs(off) > _STAYS and 0 <= other < len(times)
+        return Spot(nearest, x, y, size, other if between else None)
 
 
 def unnamed(source: str) -> tuple[str, str]:

@@ -278,6 +278,8 @@ def test_a_person_is_named_by_a_place_and_a_moment() -> None:
     times = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float64)
     assert ClipSource.parse("a.mp4#person=0.25,0.5").who(times, (200, 100)) == Spot(0, 0.25, 0.5, (200, 100))
     assert ClipSource.parse("a.mp4#person=0.25,0.5,0.6").who(times, (200, 100)) == Spot(1, 0.25, 0.5, (200, 100))
+    assert ClipSource.parse("a.mp4#person=0.25,0.5,0.7").who(times, (200, 100)) == Spot(1, 0.25, 0.5, (200, 100), 2)
+    assert ClipSource.parse("a.mp4#person=0.25,0.5,0.3").who(times, (200, 100)) == Spot(1, 0.25, 0.5, (200, 100), 0)
     assert ClipSource.parse("a.mp4#person=1").who(times, (200, 100)) == 1
     assert ClipSource.parse("a.mp4").who(times, (200, 100)) is None
     with pytest.raises(UsageError, match=r"expected up to 1\.000 s, where the frames that are read end, got 3"):

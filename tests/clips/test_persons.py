@@ -52,6 +52,23 @@ def test_a_click_follows_who_covers_it_and_of_two_the_smaller() -> None:
         persons.follow(Spot(2, 0.3, 0.02, (1000, 1000)))
 
 
+def test_a_click_between_two_frames_is_told_and_refused_where_they_show_others() -> None:
+    left, right = walk(0, 5, 12), walk(200, 5, 12, 10)
+    persons = join(frames_of(left, right))
+    size = (1000, 1000)
+    place = (left[4, 0] + 6) / 1000
+    box, flags = persons.follow(Spot(4, place, 0.02, size, other=5))
+    np.testing.assert_array_equal(box, left)
+    assert flags[0] == "the moment of the click lies between frames 4 and 5: who is there in frame 4 is taken"
+    assert not any("click" in flag for flag in persons.follow(Spot(4, place, 0.02, size))[1])
+    passed = join(frames_of(walk(0, 0, 12), walk(200, 0, 12, 10)))
+    passed.boxes[:, 5] = passed.boxes[::-1, 5]
+    with pytest.raises(
+        UsageError, match=r"0\.005,0\.02 shows person 0 in frame 4 and person 1 in frame 5 \(#person=0 or"
+    ):
+        passed.follow(Spot(4, 0.005, 0.02, size, other=5))
+
+
 def test_a_click_on_a_frame_without_anybody_says_so() -> None:
     lone = walk(0, 1, 6)
     lone[3] = np.nan
