@@ -23,6 +23,7 @@ SIDE = 256  # of the crop the network sees [px]
 MARGIN = 1.25  # side of the crop over the longer side of the person
 CUT = 0.04  # a box that ends this near the lower edge [frame heights] shows a body that goes on below
 STANDING = 3.0  # height over width of a standing body
+LYING = 2.0  # width over height of what no standing body shows, but where the upper edge cuts it too
 GIVES = ("keypoints", "subject", "orientation")
 HIPS, BODY = 33, 34  # auxiliary landmarks: middle of the hips, and a point of the circle about the whole body
 LEFT_SHOULDER, RIGHT_SHOULDER, LEFT_HIP, RIGHT_HIP = 11, 12, 23, 24
@@ -59,6 +60,7 @@ def whole_bodies(boxes: np.ndarray, height: int) -> np.ndarray:
     """
     grown = boxes.copy()
     cut = boxes[:, 1] + boxes[:, 3] >= (1 - CUT) * height
+    cut &= (boxes[:, 2] <= LYING * boxes[:, 3]) | (boxes[:, 1] <= CUT * height)  # a close-up ends at both edges
     grown[cut, 3] = np.maximum(boxes[cut, 3], STANDING * boxes[cut, 2])
     return grown
 

@@ -203,6 +203,18 @@ def test_a_box_cut_by_the_lower_edge_goes_on_to_the_feet():
     np.testing.assert_array_equal(whole_bodies(boxes, 100)[:, 3], [120, 60, 89])
 
 
+@pytest.mark.parametrize(
+    ("box", "height"),
+    [
+        ([0, 700, 1400, 300], 300),  # lies along the lower edge
+        ([300, 400, 900, 600], 2700),  # sits at a table that cuts it
+        ([0, 0, 2390, 1000], 7170),  # fills the frame
+    ],
+)
+def test_a_body_that_lies_at_the_lower_edge_is_not_taken_for_a_standing_one(box, height):
+    assert whole_bodies(np.array([box], float), 1000)[0, 3] == height
+
+
 def test_options_out_of_range_are_refused():
     with pytest.raises(ValueError, match="min_presence"):
         PoseBlazepose(min_presence=-0.1)
