@@ -17,7 +17,7 @@ from .losses.camera_movement import weight_note
 from .pipeline.components import Components
 from .pipeline.scores import Scores, score
 from .progress import Progress, silent
-from .reading.frames import check_maps, person_known, read_alike, read_frames, require_person
+from .reading.frames import check_maps, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
 from .report.data import Flag, ReportData
 from .storage.run_files import kept_frames
@@ -73,7 +73,7 @@ def evaluate(
     features, rendered = alike
     objective = parts.objective
     scores = score(objective, features, rendered, plan.missing)
-    passes = len(times) * (2 * plan.passes + again * person_known(plan).passes)
+    passes = len(times) * (2 * plan.clip_passes + again * plan.person_known.passes)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     notes += undefined(scores, objective.defined(features), features, rendered)

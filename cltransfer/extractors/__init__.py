@@ -26,7 +26,8 @@ class Extractor(Protocol):
     #   uses: features it takes where *both* sides of a comparison have them, so both are read by one rule
     #   needs_before: True if it compares with the frame before; frames without one get NaN
     #   passes: network passes one frame costs (0 where absent)
-    #   persons(now): boxes of all persons of each frame, for a detector of ``box``: along a clip one is then followed
+    #   persons(now): boxes of all persons of each frame, for a detector of ``box``: along a clip one is then followed;
+    #     a detector that provides more reads the person in the ``box`` that ``now`` then has, and leaves it
     #   network: what it runs, a cached_property, looked at before any frame is read so that it is loaded by then
     #   whole_clip: True if it reads whole clips only; it then has, instead of __call__,
     #     read_clip(found, load) -> found with what it provides, or with the reasons why not: ``found`` has the N frames

@@ -1,4 +1,4 @@
-"""The main person's box and pixels by YOLOv8-seg or YOLO11-seg (https://docs.ultralytics.com)."""
+"""A person's box and pixels by YOLOv8-seg or YOLO11-seg (https://docs.ultralytics.com)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from typing import ClassVar, Literal
 import cv2
 import numpy as np
 import torch
+from torch import Tensor
 
+from ..clips.persons import overlap
 from ..errors import ModelError
 from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._pixels import to_uint8
+from .detect_yolox import SAME_PERSON
 
 GREY = 114  # fills the square beyond the image
 PERSON = 0  # class of COCO
@@ -63,30 +66,38 @@ class Letterbox:
         return cv2.warpAffine(values, matrix, self.image, flags=flags, borderMode=cv2.BORDER_REPLICATE)
 
 
-def main_person(raw: np.ndarray, min_score: float, max_overlap: float) -> int | None:
-    """Column of ``raw`` (4 + classes + 32, P) that shows the main person, None if there is none.
+def all_persons(raw: np.ndarray, min_score: float, max_overlap: float) -> np.ndarray:
+    """Columns of ``raw`` (4 + classes + 32, P) that show a person each, the surest first.
 
     A column is a person where that is its best class. Of those that overlap by more than ``max_overlap`` (IoU)
-    the surest stays, and of those that stay the one of largest score times area is meant.
+    the surest stays.
     """
     classes = raw[4:-PROTOTYPES]
     columns = np.flatnonzero((classes.argmax(0) == PERSON) & (classes[PERSON] >= min_score))
-    if not len(columns):
-        return None
+    boxes = boxes_of(raw, columns)
+    kept = cv2.dnn.NMSBoxes(boxes[:, :4].tolist(), boxes[:, 4].tolist(), 0.0, max_overlap) if len(columns) else []
+    return columns[np.array(kept, dtype=int).reshape(-1)]  # of scores that are all 0 none is kept
+
+
+def boxes_of(raw: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Boxes (Q, 5) of ``columns`` (Q,) of ``raw`` as x, y, width, height [px of the square], score as a person."""
     center, size = raw[:2, columns].T, raw[2:4, columns].T
-    scores = classes[PERSON, columns]
-    boxes = np.concatenate([center - size / 2, size], axis=1)
-    kept = cv2.dnn.NMSBoxes(boxes.tolist(), scores.tolist(), 0.0, max_overlap)
-    if not len(kept):  # of scores that are all 0 none is
-        return None
-    weight = scores[kept] * size[kept].prod(axis=1)
-    return int(columns[kept[weight.argmax()]])
+    return np.concatenate([center - size / 2, size, raw[4 + PERSON, columns, None]], axis=1)
+
+
+def main_person(raw: np.ndarray, min_score: float, max_overlap: float) -> int | None:
+    """Of :func:`all_persons` the column of largest score times area, None if there is nobody."""
+    columns = all_persons(raw, min_score, max_overlap)
+    boxes = boxes_of(raw, columns)
+    return int(columns[(boxes[:, 4] * boxes[:, 2:4].prod(axis=1)).argmax()]) if len(columns) else None
 
 
 @EXTRACTORS.register("segment_yolo")
 @dataclass(frozen=True)
 class SegmentYolo:
-    """Box and pixels of the main person (the paper's character layer, Sec. 9); NaN and none without one.
+    """Box and pixels of one person (the paper's character layer, Sec. 9); NaN and none without one.
+
+    The main one of each frame, or the one in the box that is given: along a clip one is followed.
 
     Args:
         model: ONNX file, ``images`` (1 or B, 3, side, side) RGB in [0, 1], letterboxed -> ``output0``
@@ -119,29 +130,54 @@ class SegmentYolo:
         return Network(find_model(self.model), {"images": (None, 3, self.side, self.side)}, outputs)
 
     def __call__(self, now: Features, before: Features | None = None) -> Features:
-        """``now`` with ``box`` and ``subject``.
+        """``now`` with ``box``, which stays where it is given, and ``subject``.
 
         Raises:
             ModelError: the network is missing or refused.
         """
-        image = now.require("image")
+        image, given = now.require("image"), now.box
         count, _, height, width = image.shape
-        frame = Letterbox(self.side, (width, height))
+        frame, raws, prototypes = self._look(image)
+        box, subject = torch.full((count, 5), torch.nan), torch.zeros((count, height, width), dtype=torch.bool)
+        for i, raw in enumerate(raws):  # 2.5 ms a frame of 1280x720 and 8,400 boxes
+            if given is None:
+                column = main_person(raw, self.min_score, self.max_overlap)
+            else:
+                column = self._person_in(given[i].double().cpu().numpy(), raw, frame, now.size)
+            if column is None:
+                continue
+            own = boxes_of(raw, np.array([column]))
+            logits = np.tensordot(raw[-PROTOTYPES:, column], prototypes[i], 1)
+            inside = _inside(frame.to_image(own[0, :4]), (width, height))
+            subject[i] = torch.from_numpy((frame.spread(logits) > 0) & inside)
+            box[i] = torch.from_numpy(_placed(own, frame, now.size)[0])
+        return replace(now, box=box.to(image.device) if given is None else given, subject=subject.to(image.device))
+
+    def persons(self, now: Features) -> list[np.ndarray]:
+        """Boxes of all persons of each frame, (P, 5) as x, y, width, height [px], score, the surest first.
+
+        Raises:
+            ModelError: the network is missing or refused.
+        """
+        frame, raws, _ = self._look(now.require("image"))
+        found = [boxes_of(raw, all_persons(raw, self.min_score, self.max_overlap)) for raw in raws]
+        return [_placed(boxes, frame, now.size) for boxes in found]
+
+    def _look(self, image: Tensor) -> tuple[Letterbox, np.ndarray, np.ndarray]:
+        """Where frames (B, 3, H, W) lie in the square, boxes (B, 4 + classes + 32, P), prototypes (B, 32, h, w)."""
+        frame = Letterbox(self.side, (image.shape[3], image.shape[2]))
         squares = np.stack([frame.fit(one) for one in to_uint8(image)])
         got = self.network({"images": squares.transpose(0, 3, 1, 2).astype(np.float32) / 255})
         self._check_layout(got["output0"].shape)
-        box, subject = torch.full((count, 5), torch.nan), torch.zeros((count, height, width), dtype=torch.bool)
-        scale = np.array([now.size[0] / width, now.size[1] / height, 1.0])
-        for i, raw in enumerate(got["output0"]):  # 2.5 ms a frame of 1280x720 and 8,400 boxes
-            column = main_person(raw, self.min_score, self.max_overlap)
-            if column is None:
-                continue
-            center, extent = raw[:2, column], raw[2:4, column]
-            found = frame.to_image(np.concatenate([center - extent / 2, extent]))
-            logits = np.tensordot(raw[-PROTOTYPES:, column], got["output1"][i], 1)
-            subject[i] = torch.from_numpy((frame.spread(logits) > 0) & _inside(found, (width, height)))
-            box[i] = torch.from_numpy(np.append(found, raw[4 + PERSON, column]) * scale[[0, 1, 0, 1, 2]])
-        return replace(now, box=box.to(image.device), subject=subject.to(image.device))
+        return frame, got["output0"], got["output1"]
+
+    def _person_in(self, box: np.ndarray, raw: np.ndarray, frame: Letterbox, size: tuple[int, int]) -> int | None:
+        """Column of the person in a ``box`` (5,) [px of ``size``], None where there is none."""
+        columns = all_persons(raw, self.min_score, self.max_overlap)
+        if not len(columns) or not np.isfinite(box).all():
+            return None
+        shared = overlap(box[None], _placed(boxes_of(raw, columns), frame, size))[0]
+        return int(columns[shared.argmax()]) if shared.max() >= SAME_PERSON else None
 
     def _check_layout(self, shape: tuple[int, ...]) -> None:
         """Refuse what is no raw grid: detections after NMS, columns and rows swapped, no classes."""
@@ -149,6 +185,12 @@ class SegmentYolo:
         if shape[1] <= 4 + PROTOTYPES or shape[2] != cells:
             reason = f"expected (B, 4 + classes + {PROTOTYPES}, {cells}), got {shape}"
             raise ModelError(self.model, "output output0", reason, "export it with nms=False end2end=False")
+
+
+def _placed(boxes: np.ndarray, frame: Letterbox, size: tuple[int, int]) -> np.ndarray:
+    """Boxes (Q, 5) [px of the square] in pixels of ``size`` (W, H)."""
+    scale = np.array(size) / np.array(frame.image)
+    return np.concatenate([frame.to_image(boxes[:, :4]) * np.tile(scale, 2), boxes[:, 4:]], axis=1)
 
 
 def _inside(box: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -106,10 +106,25 @@ class Plan:
         """Network passes one frame costs."""
         return sum(getattr(step.extractor, "passes", 0) for step in self.steps)
 
-    def without(self, extractor: Any) -> Plan:
-        """The same where what ``extractor`` provides is given."""
-        steps = tuple(step for step in self.steps if step.extractor is not extractor)
-        return replace(self, steps=steps, wanted=self.wanted | set(extractor.provides))
+    @property
+    def detector(self) -> Step | None:
+        """The extractor that sees all persons, None where there is none."""
+        return next((step for step in self.steps if hasattr(step.extractor, "persons")), None)
+
+    @property
+    def person_known(self) -> Plan:
+        """The same where the person's box is given: one that tells more reads that person, a mere detector goes."""
+        if self.detector is None:
+            return self
+        only = set(self.detector.extractor.provides) == {"box"}
+        steps = tuple(step for step in self.steps if not (only and step is self.detector))
+        return replace(self, steps=steps, wanted=self.wanted | {"box"})
+
+    @property
+    def clip_passes(self) -> int:
+        """Network passes one frame of a clip costs: all persons are found there, then one is read."""
+        finding = 0 if self.detector is None else getattr(self.detector.extractor, "passes", 0)
+        return finding + self.person_known.passes
 
     def hiding(self, names: AbstractSet[str]) -> Plan:
         """The same where no step sees any of ``names`` that it can do without."""

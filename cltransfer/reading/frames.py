@@ -120,7 +120,7 @@ def read_frames(
         UsageError: there is no such person.
         ResourceError: see :func:`check_maps`.
     """
-    if _detector(plan) is None and who not in (None, 0):
+    if plan.detector is None and who not in (None, 0):
         hint = "add extractors.detect_yolox={}, and a loss that asks for what is read off a person"
         raise UsageError(clip, "#person", "no extractor in use tells persons apart", hint)
     shown = None if times is None else times.double().cpu().numpy()
@@ -143,17 +143,6 @@ def read_alike(features: Features, image: Tensor, plan: Plan, other: Features, p
     return _of_person(image, alike, features.box, progress)
 
 
-def person_known(plan: Plan) -> Plan:
-    """``plan`` for frames of which the person's box is given: nobody is looked for."""
-    detector = _detector(plan)
-    return plan if detector is None else plan.without(detector.extractor)
-
-
-def _detector(plan: Plan) -> Step | None:
-    """The extractor that sees all persons, None where there is none."""
-    return next((step for step in plan.steps if hasattr(step.extractor, "persons")), None)
-
-
 def _persons(detector: Step, frames: Features) -> list[np.ndarray]:
     """Boxes (P, 5) of all persons in each of the frames.
 
@@ -173,7 +162,7 @@ def _persons(detector: Step, frames: Features) -> list[np.ndarray]:
 
 def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
     check_maps(image)
-    count, detector = len(image), _detector(plan)
+    count, detector = len(image), plan.detector
     if detector is None:
         return _of_person(image, plan, None, progress), ()
     found = list[np.ndarray]()
@@ -187,7 +176,7 @@ def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tupl
 def _of_person(image: Tensor, plan: Plan, box: Tensor | None, progress: Progress) -> Features:
     """Features of frames, of the person in ``box`` (N, 5); None has the plan look for the main one in each frame."""
     count = len(image)
-    steps = plan if box is None else person_known(plan)
+    steps = plan if box is None else plan.person_known
     load = partial(_loaded, image, box)
     return run_clip(steps, load, count, lambda done: progress("reading frames", done, count))
 

@@ -96,7 +96,7 @@ def read_back(
     if by_networks:
         plan = parts.plan("image", reference.features.names())
         features = render_features(image, cameras, stage.scene.subject, plan)
-        stage.spent.network_passes += len(image) * plan.passes
+        stage.spent.network_passes += len(image) * plan.clip_passes
         reference = beside(features, reference, parts, progress)
     else:
         features = read_path(replace(stage, size=cameras.size), cameras)
@@ -116,7 +116,7 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
     else:
         plan = parts.plan("image", reference.features.names())
         seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
-        stage.spent.network_passes += len(twice) * plan.passes
+        stage.spent.network_passes += len(twice) * plan.clip_passes
         reference = beside(shown.features, reference, parts)
     asked = {name for loss in stage.objective.losses.values() for name in loss.requires} | seen.reasons.keys()
     if any(shown.features.has(name) and not seen.has(name) for name in asked):

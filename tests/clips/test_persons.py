@@ -176,7 +176,7 @@ def test_one_person_seen_by_several_cells_is_one_box() -> None:
 @pytest.mark.parametrize("who", [1, Spot(0, 0.5, 0.5, (32, 18))])
 def test_whom_to_follow_is_no_question_where_nobody_is_told_apart(who: int | Spot) -> None:
     parts = Components.build(load_config())
-    plan = parts.plan("image").without(parts.extractors["detect_yolox"])
+    plan = parts.plan("image").person_known
     with pytest.raises(UsageError, match=r"#person: no extractor in use tells persons apart .*and a loss that asks"):
         read_frames(torch.zeros(2, 3, 18, 32, dtype=torch.uint8), plan, who)
 

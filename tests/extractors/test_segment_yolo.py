@@ -5,7 +5,10 @@ import torch
 from cltransfer.errors import ModelError
 from cltransfer.extractors.segment_yolo import Letterbox, SegmentYolo, main_person
 from cltransfer.features import Features
+from cltransfer.pipeline.plan import make_plan
+from cltransfer.reading.frames import clip_features, read_frames, render_features
 from cltransfer.testing import ExtractorCase
+from cltransfer.testing.samples import sample_cameras, sample_subject
 
 SIDE, CLASSES = 128, 3
 
@@ -98,6 +101,50 @@ def test_frames_without_a_person_are_nan_and_empty_and_the_others_as_alone(plant
     alone = planted()(Features((400, 225), image=image))
     assert torch.equal(got.box[1:2], alone.box)
     assert torch.equal(got.subject[1:2], alone.subject)
+
+
+def two_people():
+    """A blue frame of one person in the upper left, and of another in the middle, who is less sure."""
+    image = torch.zeros(1, 3, SIDE, SIDE, dtype=torch.uint8)
+    image[:, 2] = 255
+    for cell, red in (((2, 3), 255), ((8, 8), 204)):
+        column, row = (slice(8 * i, 8 * i + 8) for i in cell)
+        image[:, :, row, column] = torch.tensor([red, 0, 0])[:, None, None]
+    return image, torch.tensor([[0, -4, 40, 64], [48, 36, 40, 64.0]])
+
+
+def plan_of(extractor):
+    return make_plan(frozenset({"box", "subject"}), {"segment_yolo": extractor}, frozenset({"image"}), "image")
+
+
+def test_all_persons_are_told_and_one_is_followed(planted):
+    image, boxes = two_people()
+    plan, frames = plan_of(planted()), image.expand(3, -1, -1, -1)
+    (found,) = planted().persons(Features((SIDE, SIDE), image=image.float() / 255))
+    np.testing.assert_allclose(found, [[*boxes[0], 1.0], [*boxes[1], 0.8]], atol=0.01)
+    for who in (0, 1):
+        features, _ = read_frames(frames, plan, who)
+        torch.testing.assert_close(features.box[:, :4], boxes[who].expand(3, 4), atol=0.01, rtol=0)
+        x, y = (features.subject[0].any(i).nonzero()[:, 0] for i in (0, 1))
+        low, high = boxes[who, :2].clamp_min(0), boxes[who, :2] + boxes[who, 2:]
+        assert [int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1] == [*low.int().tolist(), *high.int().tolist()]
+    assert (plan.passes, plan.clip_passes) == (1, 2)
+
+
+def test_of_a_render_the_filmed_person_is_read_though_another_is_surer(planted):
+    image, boxes = two_people()
+    camera, plan = sample_cameras(0, 1, (SIDE, SIDE)), plan_of(planted())
+    features = render_features(image, camera, sample_subject(), plan)
+    torch.testing.assert_close(features.box[0, :4], boxes[1], atol=0.01, rtol=0)
+    torch.testing.assert_close(clip_features(image, plan).box[0, :4], boxes[0], atol=0.01, rtol=0)
+
+
+def test_a_box_that_shows_nobody_has_no_pixels(planted):
+    image = two_people()[0]
+    for given in (torch.full((1, 5), torch.nan), torch.tensor([[90.0, 90, 30, 30, 1]])):
+        got = planted()(Features((SIDE, SIDE), image=image.float() / 255, box=given))
+        assert torch.equal(got.box.nan_to_num(), given.nan_to_num())
+        assert not got.subject.any()
 
 
 def columns(*people):

@@ -72,21 +72,17 @@ class _Eyes:
     plan: Plan
     progress: Callable[[str], None]
 
-    @property
-    def detector(self) -> Any:
-        """The extractor that tells all persons apart, None where there is none."""
-        return next((step.extractor for step in self.plan.steps if hasattr(step.extractor, "persons")), None)
-
     def look(self, cameras: Camera, box: Tensor | None) -> Features:
         """Features of V views, of the persons in the boxes (V, 5) if they are given and can be."""
-        if box is None or self.detector is None:
+        if box is None or self.plan.detector is None:
             return run(self.plan, self._drawn(cameras), None)
-        return run(self.plan.without(self.detector), replace(self._drawn(cameras), box=box), None)
+        return run(self.plan.person_known, replace(self._drawn(cameras), box=box), None)
 
     def see(self, cameras: Camera) -> Boxes:
         """Boxes of all persons, or of the main one where they are not told apart."""
-        if self.detector is not None:
-            return self.detector.persons(self._drawn(cameras))
+        if self.plan.detector is not None:
+            boxes: Boxes = self.plan.detector.extractor.persons(self._drawn(cameras))
+            return boxes
         box = run(self.plan, self._drawn(cameras), None).require("box")
         return [row[None][: int(torch.isfinite(row[0]))].numpy() for row in box]
 
