@@ -36,6 +36,7 @@ METHODS = {
     "paper": Method(
         ("preset=paper", *(f"losses.{name}.mode=robust" for name in _PRINTED), "losses.camera_movement.weight=40")
     ),
+    # CMA-ES in place of least squares for every frame; what becomes of its path is as in balanced, refined as a whole
     "cma": Method(("preset=balanced", "engine=cma", "generations=100", "patience=20", "popsize=10")),
     "five_adam": Method(("preset=five_adam",)),
     "jaws_clean": Method(("preset=jaws_clean",)),

@@ -59,8 +59,9 @@ class RunConfig:
             start from, one where nothing moves; 0 starts each frame from the ones before it alone.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart.
-        engine: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A loss without
-            residuals, or renders read by networks, turn refine into cma.
+        engine: of each frame: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A
+            loss without residuals, or renders read by networks, turn refine into cma. The path through what it found
+            is up to path and joint.
         steps: of refinement at most, each time that a frame is refined: from other starts, or by another Jacobian.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's; 0 carries one along the clip, and

@@ -27,7 +27,7 @@ class Schedule:
     """How frames are searched.
 
     Args:
-        engine: refine (least squares, rescued by CMA-ES), cma (alone) or adam.
+        engine: of each frame: refine (least squares, rescued by CMA-ES), cma (alone) or adam.
         budget: of CMA-ES, each frame.
         refinement: of least squares, each frame.
         adam: of gradient descent, each frame.

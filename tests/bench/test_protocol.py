@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -15,6 +15,12 @@ from cltransfer.shots import SHOTS
 
 FIRST = ["LS", "CU", "LS", "MS", "LS", "CU"]  # where a pan in room-0 begins, by seeds 0 to 5
 TRIAL = Trial("fast", "pan", "plaza-2000", "room-2001", 1000)
+
+
+def test_cma_is_balanced_but_for_the_search_of_its_frames_and_paper_leaves_its_path_as_found():
+    ours, cma, paper = (asdict(config_of(name, "room-0", 0)) for name in ("balanced", "cma", "paper"))
+    assert {key for key in ours if ours[key] != cma[key]} == {"engine", "generations", "patience", "popsize"}
+    assert (cma["path"], paper["path"]) == ("smooth", "exact")  # docs/protocol.md says so
 
 
 def test_starts_are_drawn_evenly_and_repeat():
