@@ -18,9 +18,9 @@ class AdamConfig:
         strokes: both moves pose by all losses, then the lens by the losses of the flow alone (JAWS); one moves all.
         weighting: fixed takes the losses' own weights; gradnorm balances their gradients while the pose moves.
         quirks: as the published code of JAWS has it: both strokes at one rate from the second iteration on, the totals
-            of both strokes compete for the frame's best, and gradnorm balances a loss that starts at 0, which silences
-            the others once it leaves 0; otherwise pose at 1.2 and lens at 0.5 of the rate, whole totals compete, and
-            such a loss is left out of the balance.
+            of both strokes compete for the frame's best, each by gradnorm's weights, and gradnorm balances a loss that
+            starts at 0, which silences the others once it leaves 0; otherwise pose at 1.2 and lens at 0.5 of the rate,
+            whole totals compete, and such a loss is left out of the balance.
         difference: step of the differences, in the units of x.
     """
 

@@ -86,8 +86,8 @@ def _descended(problem: Problem, x: Tensor, options: AdamConfig) -> Descent:
         for number, stroke in enumerate(strokes):
             values, slopes = central_differences(problem.weighted, x, stroke.moved, options.difference)
             own, slopes = values[stroke.terms], slopes[stroke.terms]
-            if balance is not None and number == 0:
-                weights = balance.update(own, slopes)
+            if balance is not None and (number == 0 or options.quirks):
+                weights = balance.update(own, slopes) if number == 0 else balance.weights[stroke.terms]
                 own, slopes = weights * own, weights[:, None] * slopes
             rivals = own if options.quirks else values
             if float(rivals.sum()) < recorded:

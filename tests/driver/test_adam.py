@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from cltransfer.config import load_config
-from cltransfer.driver.adam import CLIP, LEAST_WEIGHT, GradNorm, Moments, central_differences
+from cltransfer.config.adam import AdamConfig
+from cltransfer.driver.adam import CLIP, LEAST_WEIGHT, POSE_RATE, GradNorm, Moments, central_differences, descend
+from cltransfer.driver.problem import Problem
 from cltransfer.errors import UsageError
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot
@@ -124,6 +129,26 @@ def test_gradnorm_has_nothing_to_balance_where_all_terms_start_at_nothing() -> N
     for values in ([0.0, 0.0], [1.0, 0.5]):
         weights = balance.update(torch.tensor(values, dtype=torch.float64), slopes)
         assert torch.equal(weights, torch.ones(2, dtype=torch.float64))
+
+
+def test_the_published_code_weighs_a_frames_lens_stroke_too_before_it_competes() -> None:
+    """Weights (1.03, 0.97): 0.10 + 6.82 in the first stroke, 6.82 in the second, where 7 would have lost."""
+    terms = {"pose": lambda x: torch.full_like(x[:, 0], 0.1), "flow": lambda x: 7 - 1e-4 * x[:, 0]}
+    objective = SimpleNamespace(losses=terms, of_motion=torch.tensor([False, True]))
+    problem = SimpleNamespace(
+        stage=SimpleNamespace(objective=objective),
+        search=SimpleNamespace(dimensions=2),
+        dimensions=2,
+        before="a frame",
+        free_lens=True,
+        defined=torch.ones(2, dtype=torch.bool),
+        bounds=(-torch.ones(2).double(), torch.ones(2).double()),
+        weighted=lambda x: torch.stack([term(x) for term in terms.values()], dim=1),
+    )
+    options = AdamConfig(iterations=1, rate=0.1, strokes="two", weighting="gradnorm", quirks=True)
+    start = torch.zeros(2, dtype=torch.float64)
+    found = descend(cast(Problem, problem), start, options, np.random.default_rng(0))
+    assert float(found.x[0]) > 0.5 * POSE_RATE * options.rate  # the pose that the first stroke led to
 
 
 @pytest.mark.parametrize(
