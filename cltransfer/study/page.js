@@ -72,8 +72,14 @@
     return shuffled(items.map((item, i) => ({ ...item, clips: swaps[i] ? [...item.clips].reverse() : item.clips })), random);
   }
 
+  // Of the answers that there are: with another one it is not true any more.
+  function tellSaved(text) {
+    for (const place of ["saved", "partly"]) at(place).textContent = text;
+  }
+
   function render() {
     const done = state.answers.length;
+    tellSaved("");
     at("start").hidden = Boolean(state.participant);
     at("ask").hidden = !state.participant || done >= total;
     at("done").hidden = !state.participant || done < total;
@@ -87,7 +93,7 @@
     at("bar").style.width = `${(100 * done) / total}%`;
     at("count").textContent = `Question ${question + 1} of ${questions.length}`;
     at("text").textContent = questions[question].text;
-    at("back").disabled = done === 0;
+    for (const name of ["back", "stop"]) at(name).disabled = done === 0;
     if (shown !== comparison) load(comparison);
     since = performance.now();
   }
@@ -141,11 +147,14 @@
     render();
   }
 
-  function finish() {
+  function rest() {
     videos.forEach((video) => video.pause());
     shown = -1;
+  }
+
+  function finish() {
+    rest();
     at("summary").textContent = `All ${total} questions are answered (${state.participant}).`;
-    at("saved").textContent = "";
     at("download").focus();
   }
 
@@ -158,7 +167,17 @@
     link.download = `answers-${study}-${state.participant}.csv`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    at("saved").textContent = `Saved as ${link.download}, where your browser keeps downloads.`;
+    tellSaved(`Saved as ${link.download}, where your browser keeps downloads.`);
+  }
+
+  function another() {
+    if (state.answers.length && !at("saved").textContent && !confirm("The answers were not downloaded. Throw them away?")) return;
+    state = { participant: "", answers: [] };
+    keep();
+    at("participant").value = "";
+    plan = [];
+    rest();
+    render();
   }
 
   at("join").addEventListener("submit", (event) => {
@@ -173,15 +192,8 @@
   at("back").addEventListener("click", takeBack);
   at("undo").addEventListener("click", takeBack);
   at("again").addEventListener("click", replay);
-  at("download").addEventListener("click", download);
-  at("next").addEventListener("click", () => {
-    if (!at("saved").textContent && !confirm("The answers were not downloaded. Throw them away?")) return;
-    state = { participant: "", answers: [] };
-    keep();
-    at("participant").value = "";
-    plan = [];
-    render();
-  });
+  for (const name of ["download", "stop"]) at(name).addEventListener("click", download);
+  for (const name of ["next", "another"]) at(name).addEventListener("click", another);
   for (const video of videos) {
     video.addEventListener("ended", () => {
       seen.add(video);

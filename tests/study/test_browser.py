@@ -94,6 +94,38 @@ def test_a_participant_answers_reloads_downloads_and_is_analysed(
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
 
 
+def test_who_stops_early_downloads_what_there_is_and_makes_room_for_another(
+    browser: Any, page: tuple[Path, Path], tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    folder, key = page
+    join(browser, folder, "a")
+    press(browser, Keys.ARROW_LEFT)
+    browser.refresh()
+    until(lambda: text(browser, "where"))
+    browser.find_element(By.ID, "another").click()
+    browser.switch_to.alert.dismiss()  # not downloaded yet
+    assert text(browser, "who") == "a"
+    browser.find_element(By.ID, "stop").click()
+    saved = tmp_path / "downloads" / f"answers-{Study.load(key).name}-a.csv"
+    until(saved.is_file)
+    assert saved.name in text(browser, "partly")
+    press(browser, Keys.ARROW_LEFT)
+    assert text(browser, "partly") == ""  # of the second answer that is not true
+    press(browser, Keys.BACKSPACE)
+    assert json.loads(command("study", "--analyse", saved, "--key", key, "--json").out)["participants"] == {"a": 1}
+    browser.find_element(By.ID, "another").click()
+    browser.switch_to.alert.accept()
+    until(lambda: browser.find_element(By.ID, "participant").is_displayed())
+    shown = {}
+    for other in ("b", "c", "d", "e"):  # each sees the pair of the own plan, though it is the first one again
+        browser.find_element(By.ID, "participant").send_keys(other + Keys.ENTER)
+        until(lambda: text(browser, "where"))
+        assert (text(browser, "who"), text(browser, "count")) == (other, "Question 1 of 3")
+        shown[other] = pair(browser)
+        browser.find_element(By.ID, "another").click()  # nothing to throw away, nothing asked
+    assert len({tuple(tokens) for tokens in shown.values()}) > 1
+
+
 DAMAGE = (
     "answers[0] = null",
     "answers[0] = 1",
