@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError
 from typing import Any
 
 from ..computer.threads import thread_count
-from ..errors import ResourceError, UsageError
+from ..errors import ModelError, ResourceError, UsageError
 from .outcome import Outcome
 from .sweep import EngineConfig
 from .trial import Job, Trial, run_trial
@@ -26,6 +26,7 @@ def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterato
     Raises:
         ResourceError: the cluster cannot be reached, or is lost.
         UsageError: dask is not installed.
+        ModelError: a worker has other code, plugins or networks, see :func:`run_trial`.
     """
     if engine.backend == "dask":
         return _on_cluster(trials, job, engine.address or "")
@@ -92,6 +93,8 @@ def _on_cluster(trials: Sequence[Trial], job: Job, address: str) -> Iterator[Out
                 yield outcome
             elif isinstance(lost, KilledWorker):
                 yield _killed(trial)
+            elif isinstance(lost, ModelError):
+                raise lost
             else:  # the worker could not even begin, or could not answer
                 yield Outcome(trial.key, trial.row, trial.case, failed=f"{type(lost).__name__}: {lost}")
 

@@ -17,7 +17,7 @@ from ..report.tables import escape, to_latex, to_markdown
 from ..storage.alone import alone
 from ..storage.files import check_out, refuse_outside, write_json, write_text
 from ..storage.run_files import DONE
-from .content import Digest, digests, plugin_codes
+from .content import Digest, digests, own_code, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .outcome import Outcome
@@ -90,6 +90,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
         ResourceError: another process runs one in that folder, or the cluster cannot be reached, or is lost.
+        ModelError: a worker has other code, plugins or networks.
     """
     _check_folder(options.out)
     for row in sweep.rows:
@@ -110,7 +111,8 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     runs = options.out.resolve() / "runs"
-    job = Job(tuple(settle(options.plugins)), str(runs) if options.keep_runs else None, plugin_codes())
+    kept_in = str(runs) if options.keep_runs else None
+    job = Job(tuple(settle(options.plugins)), kept_in, plugin_codes(), own_code())
     before = [t.key for t in asked if t not in missing and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0
     old = sum(bool(known[t.key].failed) for t in asked if t not in missing)

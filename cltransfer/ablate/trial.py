@@ -18,7 +18,7 @@ from .. import __version__
 from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
 from ..reading.scene_source import split_scene
-from .content import Digest, codes_of, digests, parts_content
+from .content import Digest, codes_of, digests, own_code, parts_content
 from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep
 
@@ -36,6 +36,7 @@ class Trial:
         config: of the run, with its seed.
         metrics: config by which the result is measured.
         codes: of the plugins that both name, which ``key`` is made of too.
+        parts: digest of these and of the networks and files that both name, which ``key`` is made of too.
     """
 
     key: str
@@ -45,7 +46,8 @@ class Trial:
     reference: str
     config: RunConfig
     metrics: RunConfig
-    codes: tuple[str, ...] = ()
+    codes: tuple[str, ...]
+    parts: str
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,13 @@ class Job:
         plugins: to import, as :func:`cltransfer.plugins.settle` tells them.
         runs: folder for whole runs, None keeps none.
         codes: of the plugins that the trials were told apart by, see :func:`cltransfer.ablate.content.plugin_codes`.
+        code: of cltransfer, see :func:`cltransfer.ablate.content.own_code`; empty lets any worker run them.
     """
 
     plugins: tuple[str, ...] = ()
     runs: str | None = None
     codes: tuple[str, ...] = ()
+    code: str = ""
 
 
 def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | None = None) -> list[Trial]:
@@ -85,13 +89,18 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
             config = replace(row.config, seed=case.seed)
             content = [digest(used.scene), digest(used.init), digest(used.subject), used.up, digest(source)]
             answers = [__version__, asdict(config), asdict(sweep.metrics), content, [own, measures]]
-            key = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:24]
+            key = _digest(answers)[:24]
             twin = cases.setdefault((row.name, key), case)
             if twin != case:  # as one more value it would make an interval narrow
                 told = f"{case.reference} in {case.scene} is the same as {twin.reference} in {twin.scene}"
                 raise UsageError("", "references", told, "name each scene and reference once")
-            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics, codes))
+            told_apart = _digest([own, measures])
+            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics, codes, told_apart))
     return found
+
+
+def _digest(told: object) -> str:
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def _cases(sweep: Sweep) -> Iterator[tuple[SceneConfig, str, Case]]:
@@ -126,21 +135,37 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
     """Run and measure ``trial``; a failure is an outcome too, so that the sweep goes on.
 
     Raises:
-        ModelError: a plugin's code is not what the trials were told apart by, so that the outcome would be another's.
+        ModelError: the code, a plugin's, a network or a file is not what the trials were told apart by, so that the
+            outcome would be another's.
     """
     start = time.perf_counter()
+    other: ModelError | None = None
     try:
         _allow(job.plugins, job.codes)
-        outcome = _run(trial, job) if codes_of(trial.config, trial.metrics) == trial.codes else None
+        other = _other(trial, job)
+        outcome = _run(trial, job) if other is None else Outcome(trial.key, trial.row, trial.case, failed=str(other))
     except CltransferError as error:
         outcome = Outcome(trial.key, trial.row, trial.case, failed=str(error))
     except (Exception, SystemExit) as error:
         outcome = Outcome(trial.key, trial.row, trial.case, failed=f"{type(error).__name__}: {error}")
-    if outcome is None:
+    if other is not None:
         _allow.cache_clear()  # a worker that lives on imports them anew
-        told = "the code of a plugin is not what it was when the ablation began"
-        raise ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
+        raise other
     return replace(outcome, seconds=round(time.perf_counter() - start, 3))
+
+
+def _other(trial: Trial, job: Job) -> ModelError | None:
+    """What is not here as it was where the ablation began."""
+    if job.code and job.code != own_code():
+        told = "a worker has other code of cltransfer than the command"
+        return ModelError("", "engine", told, "give every worker the command's; what is done is kept")
+    if trial.codes != codes_of(trial.config, trial.metrics):
+        told = "the code of a plugin is not what it was when the ablation began"
+        return ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
+    if trial.parts != _digest([parts_content(trial.config), parts_content(trial.metrics)]):
+        told = "a worker has other networks or files of a plugin than the command had when the ablation began"
+        return ModelError("", "engine", told, "give every worker the same, and run it again: what is done is kept")
+    return None
 
 
 def _run(trial: Trial, job: Job) -> Outcome:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cltransfer.ablate import run
+from cltransfer.ablate.content import own_code
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.outcome import Case, Metric, Outcome
+from cltransfer.ablate.pool import outcomes
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Options, ablate, markdown
 from cltransfer.ablate.sources import check_sources
-from cltransfer.ablate.sweep import Sweep
+from cltransfer.ablate.sweep import EngineConfig, Sweep
 from cltransfer.ablate.tables import failure_lines
 from cltransfer.ablate.trial import Job, Trial, run_trial, trials
 from cltransfer.errors import ModelError, UsageError
@@ -163,6 +165,28 @@ def test_a_plugin_that_was_edited_since_the_ablation_began_ends_it(
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # it is raised in a worker
     file.write_text(PLUGIN.read_text())
     assert "none.mp4" in run_trial(trial, Job((str(file),), codes=("in another worker",))).failed  # taken back
+
+
+def test_a_worker_of_other_code_or_with_other_networks_ends_the_ablation(tmp_path: Path) -> None:
+    """By its key the outcome would be that of the command's."""
+    (tmp_path / "sweep.yaml").write_text("references: [none.mp4]\nscenes: ['builtin:courtyard']\nrows: {full: {}}\n")
+    (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml")), {}, str)
+    assert "none.mp4" in run_trial(trial, Job(code=own_code())).failed
+    with pytest.raises(ModelError, match="other code of cltransfer than the command"):
+        run_trial(trial, Job(code="that of another commit"))
+    with pytest.raises(ModelError, match="other networks or files"):
+        run_trial(replace(trial, parts="with another network"), Job(code=own_code()))
+
+
+def test_what_ends_an_ablation_on_a_worker_of_a_cluster_ends_it(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="needs the extra cltransfer[cluster]")
+    (tmp_path / "sweep.yaml").write_text("references: [none.mp4]\nscenes: ['builtin:courtyard']\nrows: {full: {}}\n")
+    found = trials(read_sweep(str(tmp_path / "sweep.yaml")), {}, str)
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None, silence_logs=50) as cluster:
+        engine = EngineConfig(backend="dask", address=cluster.scheduler.address)
+        run_all = outcomes(found, Job(code="that of another commit"), engine)
+        with pytest.raises(ModelError, match="other code of cltransfer than the command"):
+            next(run_all)
 
 
 def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
