@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +45,11 @@ def folder(path: Path | None) -> Path | None:
     if path is not None:
         check_out(path)
     return path
+
+
+def command_line() -> str:
+    """The command that runs, for the page that it makes."""
+    return shlex.join(["cltransfer", *sys.argv[1:]])
 
 
 Out = Annotated[

@@ -106,10 +106,10 @@ def _psnr(scene: Scene, cameras: Camera) -> float:
     return float((-10 * ((drawn - plain) ** 2).flatten(1).mean(1).log10()).min())
 
 
-def write_cuda(rows: Sequence[CudaRow], path: Path) -> None:
+def write_cuda(rows: Sequence[CudaRow], path: Path, command: str) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
     lines = [
-        "Made by `cltransfer bench cuda SCENE.ply --out docs/benchmarks.md`. 160x90, wall time until all is back on",
+        f"Made by `{command}`. 160x90, wall time until all is back on",
         f"the CPU; a {torch.cuda.get_device_name()}; numba on the same computer's processor, in the same run.",
         *machine(),
         "",

@@ -148,10 +148,10 @@ def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> Gr
     return GridRow(scene.name, cameras.size, setting, threads, filled, quartiles(times))
 
 
-def write_benchmarks(rows: Sequence[GridRow], path: Path) -> None:
+def write_benchmarks(rows: Sequence[GridRow], path: Path, command: str) -> None:
     """Put the rows into the Markdown file ``path``, in the section of voxel grids."""
     lines = [
-        "Made by `cltransfer bench grid --out docs/benchmarks.md`. Wall time, four cameras a call, quartiles over",
+        f"Made by `{command}`. Wall time, four cameras a call, quartiles over",
         "seeds and repeats, half a voxel a step; torch (which skips nothing) and kernels in turn on one thread each",
         "where they are compared.",
         *machine(),

@@ -24,12 +24,12 @@ HEADER = (
 )
 
 
-def write_lod(rows: Sequence[LodRow], folder: Path) -> None:
+def write_lod(rows: Sequence[LodRow], folder: Path, command: str) -> None:
     """Write lod.csv and lod.svg into ``folder``, and the table into its benchmarks.md."""
     write_csv(rows, folder / "lod.csv")
     write_chart(rows, folder / "lod.svg")
     lines = [
-        "Made by `cltransfer bench lod SCENE.ply --members N --out docs`. 160x90, all buffers, processor time on one",
+        f"Made by `{command}`. 160x90, all buffers, processor time on one",
         "thread, full and merged scene in turn. Rank: Spearman's correlation with the full scene's order of 32",
         "candidates by composition (subject's centroid and log area), spread over 0.15, 0.03 and 0.006 subject",
         "heights, two steps from what they are after; by image and by depth: the least of the three.",

@@ -170,10 +170,10 @@ def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> Me
     return MeshRow(scene.name, cameras.size, setting, threads, len(scene.geometry), quartiles(times))
 
 
-def write_benchmarks(rows: Sequence[MeshRow], path: Path) -> None:
+def write_benchmarks(rows: Sequence[MeshRow], path: Path, command: str) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
     lines = [
-        "Made by `cltransfer bench mesh SCENE.glb --out docs/benchmarks.md`. Wall time, four cameras a call,",
+        f"Made by `{command}`. Wall time, four cameras a call,",
         "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
         *machine(),
         "",

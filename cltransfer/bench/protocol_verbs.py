@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from .arguments import Jobs, Out
+from .arguments import Jobs, Out, command_line
 
 TierName = Literal["smoke", "standard", "full"]
 Tier = Annotated[
@@ -52,7 +51,7 @@ def bench_table1(
     trials = TIERS[tier].trials([*baselines, ours], seed or (), form)
     measured = run_trials(trials, Bench(rows, jobs, networks), _told)
     found = duels(measured, baselines, ours)
-    write_table1(measured, found, rows, out, _command())
+    write_table1(measured, found, rows, out, command_line())
     print("\n".join(markdown(found)))
 
 
@@ -72,13 +71,9 @@ def bench_chart(
     check_out(rows)
     settings = SMOKE_SETTINGS if tier == "smoke" else SETTINGS
     measured = run_trials(chart_trials(settings, CHART_TIERS[tier], seed or ()), Bench(rows, jobs), _told)
-    write_chart(measured, settings, rows, out, _command())
+    write_chart(measured, settings, rows, out, command_line())
     print(points_csv(points(settings, measured)), end="")
 
 
 def _told(line: str) -> None:
     print(line, file=sys.stderr)
-
-
-def _command() -> str:
-    return shlex.join(["cltransfer", *sys.argv[1:]])

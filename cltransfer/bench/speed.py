@@ -197,10 +197,10 @@ def _second_process(repeats: int) -> SpeedRow:
     return SpeedRow("second process", SIZES[0], "numba, import and first frame", 1, 10_000, visible, times)
 
 
-def write_benchmarks(rows: Sequence[SpeedRow], path: Path) -> None:
+def write_benchmarks(rows: Sequence[SpeedRow], path: Path, command: str) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
     lines = [
-        "Made by `cltransfer bench speed SCENE.ply --out docs/benchmarks.md`. Wall time, four cameras a call",
+        f"Made by `{command}`. Wall time, four cameras a call",
         "where not said otherwise, quartiles over seeds and repeats; torch and kernels in turn on one thread",
         "each where they are compared.",
         "Two threads gain only where a second core is free, which the load average tells.",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .arguments import LAST_SEED, Jobs, Out, folder, page_folder
+from .arguments import LAST_SEED, Jobs, Out, command_line, folder, page_folder
 from .protocol_verbs import bench_chart, bench_table1
 from .stress.verb import bench_stress
 
@@ -35,7 +35,7 @@ def bench_speed(
     for row in rows:
         print(row)
     if out is not None:
-        write_benchmarks(rows, out)
+        write_benchmarks(rows, out, command_line())
 
 
 @app.command("cuda")
@@ -51,7 +51,7 @@ def bench_cuda(
         print(row)
         rows.append(row)
     if out is not None:
-        write_cuda(rows, out)
+        write_cuda(rows, out, command_line())
 
 
 @app.command("mesh")
@@ -68,7 +68,7 @@ def bench_mesh(
     for row in rows:
         print(row)
     if out is not None:
-        write_benchmarks(rows, out)
+        write_benchmarks(rows, out, command_line())
 
 
 @app.command("grid")
@@ -84,7 +84,7 @@ def bench_grid(
     for row in rows:
         print(row)
     if out is not None:
-        write_benchmarks(rows, out)
+        write_benchmarks(rows, out, command_line())
 
 
 @app.command("lod")
@@ -113,7 +113,7 @@ def bench_lod(
         print(row)
         rows.append(row)
     if out is not None:
-        write_lod(rows, out)
+        write_lod(rows, out, command_line())
 
 
 @app.command("driver")
@@ -141,7 +141,6 @@ def bench_driver(
     out: Out = None,
 ) -> None:
     """The driver on canonical shots: loss, pose error, jerk, evaluations and seconds by preset, and their chart."""
-    import shlex
     import sys
 
     from ..shots import SHOTS
@@ -155,7 +154,7 @@ def bench_driver(
     measured = run_driver(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
     print("\n".join(table(HEADER, summary(clips_of(measured)))))
     if out is not None:
-        write_driver(measured, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+        write_driver(measured, out, command_line())
 
 
 @app.command("flow")
@@ -172,7 +171,6 @@ def bench_flow(
     out: Out = None,
 ) -> None:
     """Optical flow on rendered pairs whose flow is known: error by length, with and without the confidence, time."""
-    import shlex
     import sys
 
     from ..computer.threads import set_threads
@@ -185,7 +183,7 @@ def bench_flow(
     scores = run_flow(named_methods(method), pairs, lambda done: print(f"{done} pairs", file=sys.stderr))
     print("\n".join(table(HEADER, summary(scores))))
     if out is not None:
-        write_flow(scores, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+        write_flow(scores, out, command_line())
 
 
 @app.command("describe")
@@ -197,7 +195,6 @@ def bench_describe(
     out: Out = None,
 ) -> None:
     """Descriptions against the known labels of canonical shots and shot sizes: confusion matrices."""
-    import shlex
     import sys
 
     from ..config import load_config
@@ -209,4 +206,4 @@ def bench_describe(
     answers = run_describe(seed or [1, 2, 3], readers, parts, lambda step: print(step, file=sys.stderr))
     print("\n".join(report_lines(answers)))
     if out is not None:
-        write_describe(answers, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+        write_describe(answers, out, command_line())

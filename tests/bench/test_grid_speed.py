@@ -51,7 +51,7 @@ def test_the_room_has_matter_on_its_walls_and_a_labelled_figure():
 
 @pytest.mark.slow  # tests/bench/test_speed.py has rows of splats
 def test_the_section_is_written(rows, tmp_path):
-    write_benchmarks(rows, tmp_path / "benchmarks.md")
+    write_benchmarks(rows, tmp_path / "benchmarks.md", "bench grid")
     text = (tmp_path / "benchmarks.md").read_text()
     assert "## Voxel grid rendering" in text
     assert text.count("| room 32^3, degree 0 | 160x90 |") == len(rows)

@@ -54,7 +54,7 @@ def test_candidates_see_the_subject_and_the_first_is_what_they_are_after() -> No
 
 
 def test_rows_are_written_as_csv_and_drawn(rows: list[LodRow], tmp_path: Path) -> None:
-    write_lod(rows, tmp_path)
+    write_lod(rows, tmp_path, "bench lod")
     with (tmp_path / "lod.csv").open(newline="") as stream:
         read = list(csv.DictReader(stream))
     assert [float(row["k"]) for row in read] == [0, 8]
@@ -65,6 +65,7 @@ def test_rows_are_written_as_csv_and_drawn(rows: list[LodRow], tmp_path: Path) -
     assert b">8<" in first
     page = (tmp_path / "benchmarks.md").read_text()
     assert "## Level of detail" in page
+    assert "Made by `bench lod`." in page
     assert f"| room 5k | 8 | {rows[1].gaussians:,} |" in page
 
 

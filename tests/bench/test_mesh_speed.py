@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import shlex
+
 import pytest
 import torch
 
@@ -40,11 +42,18 @@ def test_the_room_has_about_as_many_faces_as_asked_for():
     assert 0 < synthetic_mesh(2_000).label.mean() < 0.5
 
 
+def test_a_page_names_the_command_that_made_it(tmp_path, command):
+    words = ("bench", "mesh", "--quick", "--seed", 7, "--out", tmp_path / "page.md")
+    said = command(*words)
+    assert (said.code, said.err) == (0, "")
+    assert f"Made by `cltransfer {shlex.join(map(str, words))}`." in (tmp_path / "page.md").read_text()
+
+
 def test_the_section_is_rewritten_beside_others(tmp_path):
     page = tmp_path / "benchmarks.md"
     page.write_text("# Benchmarks\n\n## Losses\n\ntable\n")
-    write_benchmarks([ROW, ROW], page)
-    write_benchmarks([ROW], page)
+    write_benchmarks([ROW, ROW], page, "bench mesh")
+    write_benchmarks([ROW], page, "bench mesh")
     text = page.read_text()
     begin, end = markers(SECTIONS["mesh"])
     assert text.startswith("# Benchmarks\n\n## Losses\n\ntable\n\n## Mesh rendering\n\n" + begin)

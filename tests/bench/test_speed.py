@@ -62,11 +62,11 @@ def test_depth_and_label_alone_cost_less_than_all_buffers():
 def test_the_section_is_replaced_and_the_rest_of_the_page_kept(tmp_path):
     page = tmp_path / "benchmarks.md"
     page.write_text("# Benchmarks\n\n## Losses\n\ntable\n")
-    write_benchmarks([ROW, ROW], page)
+    write_benchmarks([ROW, ROW], page, "bench speed")
     first = page.read_text()
     assert first.startswith("# Benchmarks\n\n## Losses\n\ntable\n\n## Splat rendering\n\n" + BEGIN)
     page.write_text(first + "\n## After\n")
-    write_benchmarks([replace(ROW, scene="lawn")], page)
+    write_benchmarks([replace(ROW, scene="lawn")], page, "bench speed")
     second = page.read_text()
     assert second.count(BEGIN) == second.count(END) == second.count("## Splat rendering") == 1
     assert second.startswith("# Benchmarks\n\n## Losses\n\ntable\n")
@@ -76,7 +76,7 @@ def test_the_section_is_replaced_and_the_rest_of_the_page_kept(tmp_path):
 
 
 def test_a_new_page_gets_a_title(tmp_path):
-    write_benchmarks([ROW], tmp_path / "docs" / "benchmarks.md")
+    write_benchmarks([ROW], tmp_path / "docs" / "benchmarks.md", "bench speed")
     text = Path(tmp_path / "docs" / "benchmarks.md").read_text()
     assert text.startswith("# Benchmarks\n\n## Splat rendering\n")
     assert "commit " in text

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from ..arguments import Jobs, Out, folder
+from ..arguments import Jobs, Out, command_line, folder
 
 FIXED = {  # what no override may say: expected, and what to do
     "frames": ("the tier and the stressor say how many frames a clip has", "leave it out"),
@@ -39,7 +39,6 @@ def bench_stress(
     out: Out = None,
 ) -> None:
     """Where methods fail: what they are given is made worse, step by step; success, breakdown, tail, spread, cause."""
-    import shlex
     import sys
     from dataclasses import replace
 
@@ -63,4 +62,4 @@ def bench_stress(
     check_page(out, SECTIONS["stress"])
     measured = run_bench(bench, rows, jobs, lambda line: print(line, file=sys.stderr))
     print("\n".join(table(HEADER, summary(verdicts(measured)))))
-    write_stress(measured, out, shlex.join(["cltransfer", *sys.argv[1:]]))
+    write_stress(measured, out, command_line())
