@@ -60,4 +60,5 @@ def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
 
 def middle(values: Tensor) -> float:
     """Median of N values, of an even number the mean of the two in the middle (``Tensor.median`` takes the lower)."""
-    return float(values.double().quantile(0.5))
+    low, high = (values.double().quantile(0.5, interpolation=side) for side in ("lower", "higher"))
+    return float((low + high) / 2)  # of two that are infinite too, as the PSNR of equal images
