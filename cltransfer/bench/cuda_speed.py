@@ -15,10 +15,10 @@ from ..computer.cuda import require_gsplat
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene
-from .pages import SECTIONS
-from .section import machine, quartiles, table, write_section
-from .speed import ALL, GEOMETRY, cameras_around
+from .section import quartiles
+from .speed import ALL, cameras_around
 from .synthetic_room import room_cameras, synthetic_room
+from .timing import GEOMETRY, write_rows
 
 SIZE = (160, 90)
 CANDIDATES = (10, 64)
@@ -108,11 +108,8 @@ def _psnr(scene: Scene, cameras: Camera) -> float:
 
 def write_cuda(rows: Sequence[CudaRow], path: Path, command: str) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
-    lines = [
+    told = [
         f"Made by `{command}`. 160x90, wall time until all is back on",
         f"the CPU; a {torch.cuda.get_device_name()}; numba on the same computer's processor, in the same run.",
-        *machine(),
-        "",
-        *table(CudaRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTIONS["cuda"], lines)
+    write_rows(rows, path, "cuda", told)

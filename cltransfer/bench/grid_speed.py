@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,20 +9,16 @@ from typing import Any
 
 import torch
 
-from ..camera import Camera
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
-from .pages import SECTIONS
-from .section import machine, quartiles, table, write_section
+from .section import quartiles
 from .synthetic_room import ROOM, room_cameras, synthetic_room
+from .timing import FRAMES, GEOMETRY, Posed, call_time, in_turn, size_cell, speedup_cell, time_cell, write_rows
 
 ALL = NerfGridRenderer.provides
-GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180))
-FRAMES = 4  # cameras a call
 THICKNESS = 3.0  # optical, of a voxel that holds a surface
-Posed = tuple[Scene, Camera]
 
 
 @dataclass(frozen=True)
@@ -55,11 +49,10 @@ class GridRow:
 
     def cells(self) -> list[str]:
         """What a table shows, in the order of ``HEADER``."""
-        low, median, high = self.milliseconds
-        speedup = "" if self.speedup is None else f"{self.speedup:.0f}x"
+        counts = [str(self.threads), f"{self.filled:.1%}"]
+        timing, speedup = time_cell(self.milliseconds), speedup_cell(self.speedup)
         difference = "" if self.difference is None else f"{self.difference:.0e}"
-        timing, size = f"{median:.1f} ({low:.1f}-{high:.1f})", f"{self.size[0]}x{self.size[1]}"
-        return [self.scene, size, self.setting, str(self.threads), f"{self.filled:.1%}", timing, speedup, difference]
+        return [self.scene, size_cell(self.size), self.setting, *counts, timing, speedup, difference]
 
     def __str__(self) -> str:
         return " | ".join(self.cells())
@@ -104,29 +97,12 @@ def _room(side: int, degree: int, seed: int) -> Posed:
     return scene, room_cameras(FRAMES, SIZES[0], seed)
 
 
-def _time(renderer: NerfGridRenderer, posed: Posed, buffers: frozenset[str]) -> float:
-    """Wall time of one call [ms a frame]."""
-    start = time.perf_counter()
-    renderer.render(*posed, buffers)
-    return (time.perf_counter() - start) / len(posed[1]) * 1e3
-
-
 def _against_oracle(posed: list[Posed], repeats: int) -> list[GridRow]:
     """Kernels and oracle in turn on one thread each, and how far their images are apart."""
-    fast, plain = NerfGridRenderer(threads=1), NerfGridRenderer(backend="torch")
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    oracle, kernels, difference = [], [], []
-    for pair in posed:
-        images = [renderer.render(*pair, ALL).require("image") for renderer in (fast, plain)]
-        difference.append(float((images[0] - images[1]).abs().mean()))
-        for _ in range(repeats):
-            kernels.append(_time(fast, pair, ALL))
-            oracle.append(_time(plain, pair, ALL))
-    torch.set_num_threads(threads)
-    speedup = statistics.median(oracle) / statistics.median(kernels)
-    row = _row(posed[0], "numba, all", 1, kernels)
-    return [_row(posed[0], "torch, all", 1, oracle), replace(row, speedup=speedup, difference=max(difference))]
+    kernels, oracle = NerfGridRenderer(threads=1), NerfGridRenderer(backend="torch")
+    found = in_turn(kernels, oracle, posed, repeats, "image", lambda one, other: float((one - other).abs().mean()))
+    row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, difference=max(found.apart))
+    return [_row(posed[0], "torch, all", 1, found.oracle), row]
 
 
 def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: int) -> list[GridRow]:
@@ -136,7 +112,7 @@ def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: i
         resized = [(scene, cameras.at_size(size)) for scene, cameras in posed]
         for setting, buffers, threads in (("all", ALL, 1), ("depth + label", GEOMETRY, 1), ("all", ALL, 2)):
             renderer = NerfGridRenderer(threads=threads)
-            times = [_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
+            times = [call_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
             rows.append(_row(resized[0], f"numba, {setting}", threads, times))
     return rows
 
@@ -150,12 +126,9 @@ def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> Gr
 
 def write_benchmarks(rows: Sequence[GridRow], path: Path, command: str) -> None:
     """Put the rows into the Markdown file ``path``, in the section of voxel grids."""
-    lines = [
+    told = [
         f"Made by `{command}`. Wall time, four cameras a call, quartiles over",
         "seeds and repeats, half a voxel a step; torch (which skips nothing) and kernels in turn on one thread each",
         "where they are compared.",
-        *machine(),
-        "",
-        *table(GridRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTIONS["grid"], lines)
+    write_rows(rows, path, "grid", told)

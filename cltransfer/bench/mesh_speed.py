@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,22 +9,20 @@ from typing import cast
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..camera import Camera
 from ..renderers.mesh import Mesh as Renderer
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.meshes.mesh import Mesh
-from .pages import SECTIONS
-from .section import machine, quartiles, table, write_section
+from .section import quartiles
 from .synthetic_room import PERSON, ROOM, room_cameras
+from .timing import FRAMES, GEOMETRY, Posed, call_time, in_turn, size_cell, speedup_cell, time_cell, write_rows
 
 ALL = Renderer.provides
-GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180), (640, 360))
-FRAMES = 4  # cameras a call
 CLOSE = 1e-3  # relative difference of depth that still agrees
-Posed = tuple[Scene, Camera]
 
 
 @dataclass(frozen=True)
@@ -57,12 +53,10 @@ class MeshRow:
 
     def cells(self) -> list[str]:
         """What a table shows, in the order of ``HEADER``."""
-        low, median, high = self.milliseconds
-        timing = f"{median:.1f} ({low:.1f}-{high:.1f})"
-        speedup = "" if self.speedup is None else f"{self.speedup:.0f}x"
+        counts = [str(self.threads), f"{self.faces:,}"]
+        timing, speedup = time_cell(self.milliseconds), speedup_cell(self.speedup)
         agreement = "" if self.agreement is None else f"{100 * self.agreement:.2f} %"
-        size = f"{self.size[0]}x{self.size[1]}"
-        return [self.scene, size, self.setting, str(self.threads), f"{self.faces:,}", timing, speedup, agreement]
+        return [self.scene, size_cell(self.size), self.setting, *counts, timing, speedup, agreement]
 
     def __str__(self) -> str:
         return " | ".join(self.cells())
@@ -126,29 +120,15 @@ def _posed(scene: Scene) -> Posed:
     return scene, Camera.look_at(middle + reach * (around + 0.2 * scene.up), middle[None], scene.up, 0.7, SIZES[0])
 
 
-def _time(renderer: Renderer, posed: Posed, buffers: frozenset[str]) -> float:
-    """Wall time of one call [ms a frame]."""
-    start = time.perf_counter()
-    renderer.render(*posed, buffers)
-    return (time.perf_counter() - start) / len(posed[1]) * 1e3
-
-
 def _against_oracle(posed: list[Posed], repeats: int) -> list[MeshRow]:
     """Kernels and oracle in turn on one thread each, and the share of pixels whose depths agree."""
-    fast, plain = Renderer(threads=1), Renderer(backend="torch")
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    oracle, kernels, agreement = [], [], []
-    for pair in posed:
-        a, b = (renderer.render(*pair, ALL).require("depth") for renderer in (fast, plain))
-        agreement.append(float((((a - b).abs() <= CLOSE * b) | (a.isnan() & b.isnan())).float().mean()))
-        for _ in range(repeats):
-            kernels.append(_time(fast, pair, ALL))
-            oracle.append(_time(plain, pair, ALL))
-    torch.set_num_threads(threads)
-    row = _row(posed[0], "torch, all", 1, oracle)
-    speedup = statistics.median(oracle) / statistics.median(kernels)
-    return [row, replace(_row(posed[0], "numba, all", 1, kernels), speedup=speedup, agreement=min(agreement))]
+    found = in_turn(Renderer(threads=1), Renderer(backend="torch"), posed, repeats, "depth", _agreement)
+    row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, agreement=min(found.apart))
+    return [_row(posed[0], "torch, all", 1, found.oracle), row]
+
+
+def _agreement(one: Tensor, other: Tensor) -> float:
+    return float((((one - other).abs() <= CLOSE * other) | (one.isnan() & other.isnan())).float().mean())
 
 
 def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: int) -> list[MeshRow]:
@@ -160,7 +140,7 @@ def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: i
             renderer = Renderer(threads=1, samples=samples)
             for pair in resized:
                 renderer.render(*pair, buffers)  # packs, and loads compiled code
-            times = [_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
+            times = [call_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
             rows.append(_row(resized[0], f"numba, {setting}", 1, times))
     return rows
 
@@ -172,11 +152,8 @@ def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> Me
 
 def write_benchmarks(rows: Sequence[MeshRow], path: Path, command: str) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
-    lines = [
+    told = [
         f"Made by `{command}`. Wall time, four cameras a call,",
         "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
-        *machine(),
-        "",
-        *table(MeshRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTIONS["mesh"], lines)
+    write_rows(rows, path, "mesh", told)

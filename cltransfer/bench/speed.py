@@ -6,28 +6,25 @@ import itertools
 import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..camera import Camera
 from ..renderers.gaussian_splats import GaussianSplats
 from ..renderers.kernels.splats import count_visible, make_view
 from ..scenes import Scene
 from ..scenes.load import load_scene
-from .pages import SECTIONS
-from .section import machine, quartiles, table, write_section
+from .section import quartiles
 from .synthetic_room import room_cameras, synthetic_room
+from .timing import FRAMES, GEOMETRY, Posed, call_time, in_turn, size_cell, speedup_cell, time_cell, write_rows
 
 ALL = GaussianSplats.provides
-GEOMETRY = frozenset({"depth", "label"})
 SIZES = ((160, 90), (320, 180), (640, 360))
-FRAMES = 4  # cameras a call
-Posed = tuple[Scene, Camera]
 
 _FIRST_FRAME = """
 import time
@@ -76,13 +73,10 @@ class SpeedRow:
 
     def cells(self) -> list[str]:
         """What a table shows, in the order of ``HEADER``."""
-        low, median, high = self.milliseconds
-        counts = [f"{self.gaussians:,}", f"{self.visible:,}"]
-        size = f"{self.size[0]}x{self.size[1]}"
-        speedup = "" if self.speedup is None else f"{self.speedup:.0f}x"
+        counts = [str(self.threads), f"{self.gaussians:,}", f"{self.visible:,}"]
+        timing, speedup = time_cell(self.milliseconds), speedup_cell(self.speedup)
         psnr = "" if self.psnr is None else f"{self.psnr:.0f} dB"
-        timing = f"{median:.1f} ({low:.1f}-{high:.1f})"
-        return [self.scene, size, self.setting, str(self.threads), *counts, timing, speedup, psnr]
+        return [self.scene, size_cell(self.size), self.setting, *counts, timing, speedup, psnr]
 
     def __str__(self) -> str:
         return " | ".join(self.cells())
@@ -127,29 +121,16 @@ def cameras_around(scene: Scene, count: int) -> Camera:
     return Camera.look_at(eyes, middle, scene.up, 0.7, SIZES[0])
 
 
-def _time(renderer: GaussianSplats, posed: Posed, buffers: frozenset[str]) -> float:
-    """Wall time of one call [ms a frame]."""
-    start = time.perf_counter()
-    renderer.render(*posed, buffers)
-    return (time.perf_counter() - start) / len(posed[1]) * 1e3
-
-
 def _against_oracle(posed: list[Posed], repeats: int) -> list[SpeedRow]:
     """Kernels and oracle in turn on one thread each, and how far their images are apart."""
-    fast, plain = GaussianSplats(threads=1), GaussianSplats(backend="torch")
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    oracle, kernels, psnr = [], [], []
-    for pair in posed:
-        images = [renderer.render(*pair, ALL).require("image") for renderer in (fast, plain)]
-        psnr.append(-10 * float(((images[0] - images[1]) ** 2).mean().log10()))
-        for _ in range(max(2, repeats // 3)):
-            kernels.append(_time(fast, pair, ALL))
-            oracle.append(_time(plain, pair, ALL))
-    torch.set_num_threads(threads)
-    row = _row(posed[0], "torch, all", 1, oracle)
-    speedup = statistics.median(oracle) / statistics.median(kernels)
-    return [row, replace(_row(posed[0], "numba, all", 1, kernels), speedup=speedup, psnr=min(psnr))]
+    kernels, oracle = GaussianSplats(threads=1), GaussianSplats(backend="torch")
+    found = in_turn(kernels, oracle, posed, max(2, repeats // 3), "image", _psnr)
+    row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, psnr=min(found.apart))
+    return [_row(posed[0], "torch, all", 1, found.oracle), row]
+
+
+def _psnr(one: Tensor, other: Tensor) -> float:
+    return -10 * float(((one - other) ** 2).mean().log10())
 
 
 def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: int) -> list[SpeedRow]:
@@ -161,7 +142,7 @@ def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: i
             renderer = GaussianSplats(threads=threads)
             for pair in resized:
                 renderer.render(*pair, buffers)  # packs, and loads compiled code
-            times = [_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
+            times = [call_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
             rows.append(_row(resized[0], f"numba, {setting}", threads, times))
         rows += _one_camera(resized, repeats)
     return rows
@@ -173,7 +154,7 @@ def _one_camera(posed: list[Posed], repeats: int) -> list[SpeedRow]:
     times: dict[int, list[float]] = {1: [], 2: []}
     for pair in alone:
         for threads, _ in itertools.product(times, range(max(2, repeats // 2))):
-            times[threads].append(_time(GaussianSplats(threads=threads), pair, GEOMETRY))
+            times[threads].append(call_time(GaussianSplats(threads=threads), pair, GEOMETRY))
     return [_row(posed[0], "numba, depth + label, one camera", threads, times[threads]) for threads in times]
 
 
@@ -199,13 +180,10 @@ def _second_process(repeats: int) -> SpeedRow:
 
 def write_benchmarks(rows: Sequence[SpeedRow], path: Path, command: str) -> None:
     """Put the rows into the section of the Markdown file ``path`` that is theirs."""
-    lines = [
+    told = [
         f"Made by `{command}`. Wall time, four cameras a call",
         "where not said otherwise, quartiles over seeds and repeats; torch and kernels in turn on one thread",
         "each where they are compared.",
         "Two threads gain only where a second core is free, which the load average tells.",
-        *machine(),
-        "",
-        *table(SpeedRow.HEADER.split(" | "), [row.cells() for row in rows]),
     ]
-    write_section(path, SECTIONS["speed"], lines)
+    write_rows(rows, path, "speed", told)
