@@ -28,7 +28,7 @@ from ..subject import Subject
 from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .judge import Reader, judge
-from .methods import judge_config
+from .methods import ON_ROBUST_LOSSES, judge_config
 from .rows import kept_rows
 from .trial import Row
 from .truth import path_errors
@@ -40,9 +40,6 @@ TEACHER = "builtin:plaza"
 TARGETS = {"self": TEACHER, "cross": "builtin:courtyard"}
 PAPER = "paper"
 ON_GEOMETRY = ["extract.inner=geometric", "output_side=160", "search_side=160"]
-ROBUST = [
-    f"losses.{n}.mode=robust" for n in ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
-]
 
 
 @dataclass(frozen=True)
@@ -216,7 +213,7 @@ def drawn(name: str, seed: int) -> Setup:
 
 def settings(preset: str, seed: int) -> RunConfig:
     """A preset on geometric features and the robust losses, so that only the search differs."""
-    same = [*ROBUST, "losses.camera_movement.weight=40"] if preset == PAPER else []
+    same = ON_ROBUST_LOSSES if preset == PAPER else ()
     return load_config(overrides=[f"preset={preset}", f"seed={seed}", "threads=1", *ON_GEOMETRY, *same])
 
 

@@ -23,10 +23,6 @@ from .truth import middle
 SIDE = 240  # longer side of the judged frames [px]; no method searches at it
 NETWORK_SIDE = 640
 RANDOM_VIEWS = 48
-FAITHFUL = tuple(
-    f"losses.{name}.mode=faithful"
-    for name in ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
-)
 # readings by extractors that no method's objective has: pixels instead of the scene's geometry
 HELD_OUT = {
     "dis_flow": ("extractors.scene_flow=null", "losses.shot_size=null", "losses.framing=null",

@@ -9,7 +9,6 @@ from statistics import fmean
 from .judge import SIDE
 from .trial import Row
 
-TERMS = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
 PRINTED = {  # units of the terms as the paper prints them
     **{"shot_size": "frame", "framing": "frame", "filmic_space": "log ratio"},
     **{"camera_movement": f"px of {SIDE}", "camera_angle": "rad"},

@@ -11,7 +11,10 @@ from ..errors import UsageError
 
 # for all: geometric features on both sides, 160 px in the search, one thread, nothing verified by networks
 COMMON = ("extract.inner=geometric", "extract.verify=false", "search_side=160", "output_side=160", "threads=1")
-_PRINTED = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+TERMS = ("shot_size", "framing", "filmic_space", "camera_movement", "camera_angle")
+ROBUST, FAITHFUL = (tuple(f"losses.{name}.mode={mode}" for name in TERMS) for mode in ("robust", "faithful"))
+# over the paper's preset: the losses that everybody has here; 40 is the weight of the robust movement
+ON_ROBUST_LOSSES = (*ROBUST, "losses.camera_movement.weight=40")
 _RENDERERS = {"mesh": "renderer.mesh={}", "grid": "renderer.nerf_grid={}"}  # by the form of a built-in scene
 
 
@@ -32,10 +35,7 @@ class Method:
 METHODS = {
     "balanced": Method(("preset=balanced",)),
     "fast": Method(("preset=fast",)),
-    # the paper's search on the features and losses that everybody has here; 40 is the weight of the robust movement
-    "paper": Method(
-        ("preset=paper", *(f"losses.{name}.mode=robust" for name in _PRINTED), "losses.camera_movement.weight=40")
-    ),
+    "paper": Method(("preset=paper", *ON_ROBUST_LOSSES)),
     # CMA-ES in place of least squares for every frame; what becomes of its path is as in balanced, refined as a whole
     "cma": Method(("preset=balanced", "engine=cma", "generations=100", "patience=20", "popsize=10")),
     "five_adam": Method(("preset=five_adam",)),

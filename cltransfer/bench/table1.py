@@ -15,7 +15,8 @@ from ..report.metrics import number as written
 from ..report.tables import Table, to_latex, to_markdown
 from ..storage.files import write_text
 from .compare import Comparison, compared, together
-from .measures import SIDE_MEASURES, TERMS, failed_frames, is_self, paired, term
+from .measures import SIDE_MEASURES, failed_frames, is_self, paired, term
+from .methods import TERMS
 from .pages import SECTIONS
 from .rows import measured_at
 from .section import machine, write_section

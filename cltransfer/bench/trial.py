@@ -21,8 +21,8 @@ from ..subject import Subject
 from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .failure import failed_clip, failed_frames, pinned_frames
-from .judge import FAITHFUL, HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, random_total
-from .methods import config_of, method
+from .judge import HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, random_total
+from .methods import FAITHFUL, config_of, method
 from .protocol import FPS, SIZE, Trial, drawn_start
 from .replay import replayed
 from .truth import path_errors

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from cltransfer.bench.judge import FAITHFUL, HELD_OUT, Reader, judge, random_total
+from cltransfer.bench.judge import HELD_OUT, Reader, judge, random_total
+from cltransfer.bench.methods import FAITHFUL
 from cltransfer.camera import Camera
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot

@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cltransfer.bench.compare import compared
-from cltransfer.bench.measures import SIDE_MEASURES, TERMS, failed_frames, paired, term
+from cltransfer.bench.measures import SIDE_MEASURES, failed_frames, paired, term
+from cltransfer.bench.methods import TERMS
 from cltransfer.bench.protocol import TIERS
 from cltransfer.bench.rows import read_rows
 from cltransfer.bench.table1 import comparison_table, duel, latex, markdown, write_table1
