@@ -177,7 +177,8 @@ def markdown(ablation: Ablation) -> list[str]:
         lines += [
             "",
             f"Paired with {escape(first)}, case by case (n pairs); bold: the interval excludes zero and the",
-            f"signed-rank test has p at most {LEVEL}, of {FEWEST} pairs or more that differ.",
+            f"signed-rank test has p at most {LEVEL}, of {FEWEST} pairs or more that differ. The p are not corrected",
+            "for their number.",
             "",
         ]
         lines += to_markdown(differences_table(ablation.rows))
