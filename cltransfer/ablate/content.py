@@ -14,7 +14,7 @@ from ..errors import InputError, UsageError
 from ..models.content import files_content, model_content, own_model
 from ..reading.scene_source import split_scene
 from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
-from ..registry.plugin_code import code_in, code_of
+from ..registry.plugin_code import code_of
 from ..scenes.builtin import read_name
 from ..scenes.foreign import reader_code
 from ..scenes.load import load_scene
@@ -37,12 +37,6 @@ def codes_of(*configs: RunConfig) -> tuple[str, ...]:
     """Code of the plugins that configs name, as it was imported here."""
     parts = [part for config in configs for section in SECTIONS for part in config.build(section).values()]
     return tuple(sorted({code_of(part) for part in parts} - {""}))
-
-
-@functools.cache
-def own_code() -> str:
-    """SHA-256 of the code of cltransfer itself, as it lies here when a process first asks."""
-    return code_in(Path(__file__).parents[1])
 
 
 def plugin_codes() -> tuple[str, ...]:

@@ -13,11 +13,12 @@ from ..errors import UsageError
 from ..pipeline.components import Components
 from ..plugins import settle
 from ..progress import Progress, silent
+from ..registry.plugin_code import own_code
 from ..report.tables import escape, to_latex, to_markdown
 from ..storage.alone import alone
 from ..storage.files import check_out, refuse_outside, write_json, write_text
 from ..storage.run_files import DONE
-from .content import Digest, digests, own_code, plugin_codes
+from .content import Digest, digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .outcome import Outcome

@@ -18,7 +18,8 @@ from .. import __version__
 from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
 from ..reading.scene_source import split_scene
-from .content import Digest, codes_of, digests, own_code, parts_content
+from ..registry.plugin_code import own_code
+from .content import Digest, codes_of, digests, parts_content
 from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep
 
@@ -58,7 +59,7 @@ class Job:
         plugins: to import, as :func:`cltransfer.plugins.settle` tells them.
         runs: folder for whole runs, None keeps none.
         codes: of the plugins that the trials were told apart by, see :func:`cltransfer.ablate.content.plugin_codes`.
-        code: of cltransfer, see :func:`cltransfer.ablate.content.own_code`; empty lets any worker run them.
+        code: of cltransfer, see :func:`cltransfer.registry.plugin_code.own_code`; empty lets any worker run them.
     """
 
     plugins: tuple[str, ...] = ()

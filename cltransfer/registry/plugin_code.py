@@ -1,11 +1,12 @@
 """What a plugin's code is known again by, so that nothing is kept of other code than gave it.
 
 A result is cached, a run taken up and a trial left out where what it depends on is the same; a plugin's code is part of
-that. What comes with cltransfer is known by its version instead. No torch, and nothing is imported here.
+that. What comes with cltransfer is known by its version, or by :func:`own_code`. No torch, nothing is imported here.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import sys
 from collections.abc import Iterator
@@ -57,6 +58,12 @@ def code_in(package: Path) -> str:
             continue
         digest.update(f"{part.relative_to(package)}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode())
     return digest.hexdigest()
+
+
+@functools.cache
+def own_code() -> str:
+    """SHA-256 of the code of cltransfer itself, as it lies here when a process first asks."""
+    return code_in(Path(__file__).parents[1])
 
 
 def _ours(cls: type[Any]) -> bool:

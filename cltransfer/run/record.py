@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from ..computer.packages import versions
-from ..computer.revision import commit
 from ..computer.threads import thread_count
 from ..config.options import RunConfig
 from ..driver.journal import Journal
@@ -19,7 +18,7 @@ from ..models.content import files_content, model_content, own_model
 from ..models.onnx import VARIABLE
 from ..pipeline.components import Components
 from ..reading.reference import Reference
-from ..registry.plugin_code import code_of
+from ..registry.plugin_code import code_of, own_code
 from ..scenes import Scene
 from ..storage.run_files import DONE
 from .inputs import Inputs
@@ -76,7 +75,7 @@ def run_header(
         **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
         **{f"code of {name}": content for name, content in code.items() if content},
         "versions": {**{name: metadata.version(name) for name in ("cltransfer", "numpy")}, **versions()},
-        "code of cltransfer": commit(),
+        "code of cltransfer": own_code(),
         "networks run on": os.environ.get(VARIABLE) or "auto",
         "threads": thread_count(),
     }

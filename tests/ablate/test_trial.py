@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from cltransfer.ablate import run
-from cltransfer.ablate.content import own_code
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.outcome import Case, Metric, Outcome
 from cltransfer.ablate.pool import outcomes
@@ -25,6 +24,7 @@ from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
+from cltransfer.registry.plugin_code import own_code
 from cltransfer.scenes.person.lifted import SUBJECT
 from cltransfer.storage.files import content_hash
 
