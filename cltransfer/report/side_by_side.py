@@ -7,12 +7,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..clips.decoding import PIXEL_LIMIT
+
 GAP = 4  # [px] between two frames
 _INK, PAPER = (235, 235, 235), 18  # RGB of text, grey of the ground
 
 
 def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
     """Frames of both beside each other, equally high, under a line with their names and the time.
+
+    Both are smaller where together they would be larger than a clip may be.
 
     Args:
         reference: RGB (N, 3, H, W) uint8.
@@ -27,11 +31,11 @@ def side_by_side(reference: Tensor, render: Tensor, times: Tensor) -> Tensor:
     """
     if not len(reference) == len(render) == len(times):
         raise ValueError(f"expected equally many, got {len(reference)}, {len(render)}, {len(times)} frames and times")
-    height = max(reference.shape[2], render.shape[2])
+    height = _height(reference, render)
     left, right = _to_height(reference, height), _to_height(render, height)
     band = _band(height)
     width = left.shape[2] + GAP + right.shape[2]
-    sheet = np.full((len(left), (band + height + 1) // 2 * 2, (width + 1) // 2 * 2, 3), PAPER, np.uint8)
+    sheet = np.full((len(left), *_sheet(height, width), 3), PAPER, np.uint8)
     sheet[:, :band] = _captions(band, sheet.shape[2], left.shape[2] + GAP)
     sheet[:, band : band + height, : left.shape[2]] = left
     sheet[:, band : band + height, left.shape[2] + GAP : width] = right
@@ -53,11 +57,26 @@ def reference_side(sheet: Tensor) -> Tensor:
         ValueError: no two frames have that height together.
     """
     total, width = sheet.shape[2:]
-    height = next((h for h in range(total, 0, -1) if (_band(h) + h + 1) // 2 * 2 == total), None)
+    height = next((h for h in range(total, 0, -1) if _sheet(h, width)[0] == total), None)
     if height is None or width <= GAP:
         raise ValueError(f"expected two clips side by side, got {width}x{total} px")
     top = _band(height)
     return sheet[:, :, top : top + height, : (width - GAP) // 2]
+
+
+def _height(reference: Tensor, render: Tensor) -> int:
+    """Height of the higher one, or as much of it as makes a sheet that can be read again as a clip."""
+    highest = max(reference.shape[2], render.shape[2])
+    for height in range(highest, 1, -1):
+        rows, columns = _sheet(height, _width(reference, height) + GAP + _width(render, height))
+        if rows * columns <= PIXEL_LIMIT:
+            return height
+    return 1
+
+
+def _sheet(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns, both even, of a sheet of frames of ``height`` that are ``width`` wide together [px]."""
+    return (_band(height) + height + 1) // 2 * 2, (width + 1) // 2 * 2
 
 
 def _band(height: int) -> int:
@@ -65,13 +84,18 @@ def _band(height: int) -> int:
     return max(18, height // 16)
 
 
+def _width(clip: Tensor, height: int) -> int:
+    """Width of frames (N, 3, H, W) at ``height``, their shape kept."""
+    return max(1, round(clip.shape[3] * height / clip.shape[2]))
+
+
 def _to_height(clip: Tensor, height: int) -> np.ndarray:
     """(N, height, W', 3), resized with its shape kept."""
     frames = np.ascontiguousarray(clip.permute(0, 2, 3, 1).numpy())
     if frames.shape[1] == height:
         return frames
-    size = (max(1, round(frames.shape[2] * height / frames.shape[1])), height)
-    return np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC) for frame in frames])
+    size, how = (_width(clip, height), height), cv2.INTER_CUBIC if height > frames.shape[1] else cv2.INTER_AREA
+    return np.stack([cv2.resize(frame, size, interpolation=how) for frame in frames])
 
 
 def _captions(band: int, width: int, second: int) -> np.ndarray:

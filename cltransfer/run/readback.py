@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..clips.decoding import PIXEL_LIMIT
 from ..clips.part import BYTE_LIMIT
 from ..computer.memory import require_free
 from ..driver.follow import still
@@ -43,11 +44,15 @@ class Readback:
 
 
 def check_frames(count: int, size: tuple[int, int]) -> None:
-    """Refuse a video of ``count`` frames of (W, H) [px] that cannot be kept in memory.
+    """Refuse a video of ``count`` frames of (W, H) [px] that cannot be kept in memory, or not be read again.
 
     Raises:
-        ResourceError: it takes more than the limit, or than is free.
+        ResourceError: it takes more than the limit, or than is free, or its frames are larger than those of any clip.
     """
+    written = [side + side % 2 for side in size]  # as .mp4 has it
+    if written[0] * written[1] > PIXEL_LIMIT:
+        reason = f"expected at most {PIXEL_LIMIT} pixels each, got {size[0]}x{size[1]}"
+        raise ResourceError("", "frames", reason, "lower output_side")
     need = 3 * count * size[0] * size[1]
     if need > BYTE_LIMIT:
         reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
