@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .computer.threads import threads_restored
 from .config.options import RunConfig
 from .pipeline.scores import tabulate
 from .progress import Progress, silent
@@ -16,8 +17,11 @@ from .trajectory import Trajectory
 __all__ = ["Inputs", "Record", "Result", "transfer"]
 
 
+@threads_restored()
 def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, record: Record | None = None) -> Result:
     """Find the cameras that reproduce the reference's camera language in the scene.
+
+    Meanwhile the threads of the whole process are as the config says.
 
     Args:
         inputs: scene, reference and initial view.

@@ -170,6 +170,7 @@ def _other(trial: Trial, job: Job) -> ModelError | None:
 
 
 def _run(trial: Trial, job: Job) -> Outcome:
+    from ..computer.threads import default_count, set_threads
     from ..losses.camera_movement import weight_note
     from ..transfer import Inputs, transfer
     from .measure import measured
@@ -178,6 +179,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
     up = None if scene.up is None else (scene.up[0], scene.up[1], scene.up[2])
     subject = None if scene.subject is None else Path(scene.subject)
     inputs = Inputs(scene.scene, trial.reference, scene.init, subject, up)
+    set_threads(trial.config.threads or default_count())  # of what is measured too
     result = transfer(inputs, trial.config)
     found = measured(result, trial.reference, trial.config, trial.metrics)
     scores = found.scores

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ..camera import resized
+from ..computer.threads import set_threads
 from ..config import load_config, to_yaml
 from ..config.options import RunConfig
 from ..errors import UsageError
@@ -169,6 +170,7 @@ def run_driver(bench: Bench, folder: Path, jobs: int = 1, told: Callable[[str], 
 
 
 def _measured(key: str, run: Run) -> Row:
+    set_threads(1)
     subject = load_scene(TEACHER).subject
     assert subject is not None
     true = shot(run.shot, subject, SIZE, run.frames, setup=drawn(run.shot, run.seed))

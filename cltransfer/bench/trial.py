@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ..camera import resized
+from ..computer.threads import set_threads
 from ..describe.shot_scale import shot_scale
 from ..features import Features
 from ..scenes import Scene
@@ -85,6 +86,7 @@ def run_trial(trial: Trial, key: str, folder: Path, networks: bool = False) -> R
         UsageError: there is no such method, shot or scene.
         ModelError: ``networks`` was asked for and one is missing.
     """
+    set_threads(1)
     clip = Clip.drawn(trial)
     shots = folder / "shots" / f"{trial.shot}-{trial.teacher}-{trial.seed}-{trial.frames}.json"
     clip.reference.save(shots)

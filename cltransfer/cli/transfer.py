@@ -99,6 +99,7 @@ def _run_into(
     folder: Path, inputs: Inputs, settings: RunConfig, plugins: list[str], resumed: bool, quiet: bool
 ) -> ReportData:
     """Run a transfer, or go on with it, and write all that it leaves into ``folder``."""
+    from ..computer.threads import default_count, set_threads
     from ..progress import progress
     from ..run.folder import write_run
     from ..storage.run_files import DONE, JOURNAL, open_run
@@ -112,6 +113,7 @@ def _run_into(
         way = f"its own command with --resume {shlex.quote(str(folder))} goes on with it"
         print(f"note: the unfinished run in {folder} will be replaced by another ({way})", file=sys.stderr)
     try:
+        set_threads(settings.threads or default_count())  # of what is written too
         with progress(quiet) as report:
             result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))
             return write_run(folder, result, inputs, settings, plugins)

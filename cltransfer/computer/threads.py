@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from ..errors import UsageError
 
@@ -56,3 +58,22 @@ def set_threads(count: int, tensors: int = 1) -> None:
     os.environ[VARIABLE] = str(count)
     torch.set_num_threads(tensors)
     cv2.setNumThreads(count)
+
+
+@contextmanager
+def threads_restored() -> Iterator[None]:
+    """Afterwards threads are as they were before the block, which sets them: they are those of the whole process."""
+    import cv2
+    import torch
+
+    global _set
+    before, named, tensors, views = _set, os.environ.get(VARIABLE), torch.get_num_threads(), cv2.getNumThreads()
+    try:
+        yield
+    finally:
+        _set = before
+        os.environ.pop(VARIABLE, None)
+        if named is not None:
+            os.environ[VARIABLE] = named
+        torch.set_num_threads(tensors)
+        cv2.setNumThreads(views)

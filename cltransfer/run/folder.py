@@ -16,7 +16,7 @@ from typing import Any
 from .. import __version__
 from ..clips.clip import write_video
 from ..computer.packages import versions
-from ..computer.threads import thread_count
+from ..computer.threads import default_count
 from ..config import to_yaml
 from ..config.options import RunConfig
 from ..export.nerfstudio import write_camera_path
@@ -137,7 +137,7 @@ def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequen
         "python": platform.python_version(),
         "machine": platform.machine(),
         "seed": config.seed,
-        "threads": thread_count(),
+        "threads": config.threads or default_count(),
         "plugins": list(plugins),
     }
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..camera import Camera, fitted_size, resized
 from ..clips.clip import write_video
-from ..computer.threads import default_count, set_threads
+from ..computer.threads import default_count, set_threads, threads_restored
 from ..config import load_config
 from ..driver.guard import Guard
 from ..errors import InputError, UsageError
@@ -47,6 +47,7 @@ class Film:
     notes: tuple[str, ...] = ()
 
 
+@threads_restored()
 def render_run(
     run: Path, overrides: Sequence[str], fps: float | None, scene: str | None, out: Path | None, progress: Progress
 ) -> Film:

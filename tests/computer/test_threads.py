@@ -1,12 +1,16 @@
 import os
 from pathlib import Path
 
+import cv2
 import pytest
 import torch
 
+from cltransfer import Inputs, load_config, transfer
 from cltransfer.computer import threads
 from cltransfer.computer.threads import default_count, set_threads, thread_count
-from cltransfer.errors import UsageError
+from cltransfer.errors import InputError, UsageError
+from cltransfer.progress import silent
+from cltransfer.run.render import render_run
 
 
 def test_the_variable_decides(monkeypatch):
@@ -29,9 +33,6 @@ def test_without_the_variable_the_affinity_counts(monkeypatch):
 
 
 def test_set_threads_reaches_every_library(monkeypatch):
-    import cv2
-    import torch
-
     monkeypatch.setenv("CLTRANSFER_THREADS", "1")
     before = torch.get_num_threads(), cv2.getNumThreads()
     set_threads(1)
@@ -57,11 +58,30 @@ def test_the_count_of_one_run_is_not_that_of_the_next(monkeypatch):
     assert default_count() == 1
 
 
+def test_who_calls_a_transfer_keeps_its_own_threads(
+    tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(threads.VARIABLE, raising=False)
+    torch.set_num_threads(2)
+    cv2.setNumThreads(3)
+    during = list[tuple[int, ...]]()
+
+    def note(step: str, done: int, of: int) -> None:
+        during.append((torch.get_num_threads(), cv2.getNumThreads(), thread_count()))
+
+    small = ["preset=fast", "frames=1", "search_side=48", "output_side=64", "threads=1"]
+    transfer(Inputs("builtin:plaza", "builtin:static"), load_config(overrides=small), note)
+    assert set(during) == {(1, 1, 1)}
+    with pytest.raises(InputError, match="no such file"):
+        transfer(Inputs("missing.ply", "builtin:static"), load_config(overrides=small))
+    render_run(tiny_run, ["threads=1"], None, None, tmp_path / "again.mp4", silent)
+    assert (torch.get_num_threads(), cv2.getNumThreads(), os.environ.get(threads.VARIABLE)) == (2, 3, None)
+    assert threads._set == ("", 0)
+
+
 @pytest.mark.parametrize("turn", ["first", "second"])
 def test_what_a_test_leaves_behind_is_gone_for_the_next(turn: str, cache: Path) -> None:
     """Either turn finds nothing of the other; pytest runs them one after the other."""
-    import cv2
-
     assert os.environ["CLTRANSFER_CACHE"] == str(cache)
     assert "CLTRANSFER_MODELS" not in os.environ
     assert threads._set != ("7", 7)
