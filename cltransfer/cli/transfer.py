@@ -102,24 +102,34 @@ def _run_into(
     from ..computer.threads import default_count, set_threads
     from ..progress import progress
     from ..run.folder import write_run
+    from ..storage.alone import alone
     from ..storage.run_files import DONE, JOURNAL, open_run
     from ..transfer import Record
     from ..transfer import transfer as run
 
     open_run(folder, resumed)
-    if not (resumed or quiet) and (folder / DONE).is_file():
-        print(f"note: the run in {folder} will be replaced (--out FOLDER keeps it)", file=sys.stderr)
-    elif not (resumed or quiet) and (folder / JOURNAL).is_file():  # this very run is refused, once its header is known
-        way = f"its own command with --resume {shlex.quote(str(folder))} goes on with it"
-        print(f"note: the unfinished run in {folder} will be replaced by another ({way})", file=sys.stderr)
     try:
-        set_threads(settings.threads or default_count())  # of what is written too
-        with progress(quiet) as report:
-            result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))
-            return write_run(folder, result, inputs, settings, plugins)
+        with alone(folder, "writes a run"):
+            if not (resumed or quiet):
+                _tell_replaced(folder)
+            set_threads(settings.threads or default_count())  # of what is written too
+            with progress(quiet) as report:
+                result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))
+                return write_run(folder, result, inputs, settings, plugins)
     except STOPS as stop:
         begun = (folder / JOURNAL).is_file() and not (folder / DONE).is_file()
         stopped(stop, f"the same command with --resume {shlex.quote(str(folder))} goes on from here" * begun)
+
+
+def _tell_replaced(folder: Path) -> None:
+    """Say what becomes of the run in ``folder``, if there is one."""
+    from ..storage.run_files import DONE, JOURNAL
+
+    if (folder / DONE).is_file():
+        print(f"note: the run in {folder} will be replaced (--out FOLDER keeps it)", file=sys.stderr)
+    elif (folder / JOURNAL).is_file():  # this very run is refused, once its header is known
+        way = f"its own command with --resume {shlex.quote(str(folder))} goes on with it"
+        print(f"note: the unfinished run in {folder} will be replaced by another ({way})", file=sys.stderr)
 
 
 def render(

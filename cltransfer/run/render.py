@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from ..renderers._request import drawn_by
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import SUBJECT
+from ..storage.alone import alone
 from ..storage.files import read_json
 from ..storage.run_files import CONFIG, MANIFEST, VIDEO, is_run, require_done
 from ..subject import Subject
@@ -67,6 +69,7 @@ def render_run(
         UsageError: ``out`` is no .mp4, the run's config cannot be meant, a key changes nothing here, or ``fps`` makes
             too many frames.
         InputError: the folder is no run or one that was not finished, or the scene is another one.
+        ResourceError: the frames cannot be kept in memory, or another process writes into the folder.
     """
     if out is not None and out.suffix.lower() != ".mp4":
         raise UsageError(out, "--out", "expected a name that ends in .mp4")
@@ -74,6 +77,13 @@ def render_run(
     if not is_run(run):  # a folder that only looks like one may hold links, and is written into
         reason = "is no run's" if (run / MANIFEST).is_file() else "no such file"
         raise InputError(run, MANIFEST, reason, "expected the folder of a run")
+    with alone(run, "writes a run") if out is None else nullcontext():
+        return _filmed_run(run, overrides, fps, scene, out or run / VIDEO, progress)
+
+
+def _filmed_run(
+    run: Path, overrides: Sequence[str], fps: float | None, scene: str | None, target: Path, progress: Progress
+) -> Film:
     require_done(run)
     digest, up = _scene_of(run)
     config = load_config(run / CONFIG, overrides, whole=True)
@@ -88,7 +98,6 @@ def render_run(
         raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
     cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
     image = render_frames(loaded, parts, cameras, progress)
-    target = out or run / VIDEO
     write_video(target, image, trajectory.times)
     if fps is None:
         return Film(target)

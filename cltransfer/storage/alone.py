@@ -15,6 +15,8 @@ from ..errors import ResourceError
 def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
     """Keep other processes out of ``folder``, which is made, while the block works; where the system has no locks, no.
 
+    A folder that was made and that the block leaves empty is taken away again.
+
     Args:
         folder: what is locked is the folder itself: no file is left in it, and none that is closed drops the lock.
         what: is being done in it.
@@ -23,7 +25,19 @@ def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
     Raises:
         ResourceError: another process is in such a block.
     """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
+    with _locked(folder, what, option):
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # it holds something, and so do those around it
+                for path in made:
+                    path.rmdir()
+
+
+@contextmanager
+def _locked(folder: Path, what: str, option: str) -> Iterator[None]:
     if find_spec("fcntl") is None:
         yield
         return

@@ -98,7 +98,7 @@ def test_of_two_commands_in_one_folder_the_second_is_refused(
         answer = command("ablate", sweep_file(ROWS), "--out", out, "--quiet")
     assert (answer.code, answer.err.count("\n")) == (5, 1), answer.err
     assert f"{out}: --out: another process runs an ablation there (wait until it ends" in answer.err
-    assert not list(out.iterdir())
+    assert not out.exists()
 
 
 def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.errors import ResourceError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.storage.alone import alone
 
 HOLD = """
@@ -39,3 +39,13 @@ def test_another_process_is_refused_until_the_first_was_killed(tmp_path: Path) -
     with alone(folder, "works"):
         pass
     assert [path.name for path in folder.iterdir()] == ["closed"]
+
+
+def test_a_folder_that_was_made_for_nothing_is_gone_again_and_no_other(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    with alone(tmp_path / "there", "works"):
+        pass
+    with pytest.raises(InputError), alone(tmp_path / "there" / "a" / "b", "works"):
+        raise InputError("", "clip", "is damaged")
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert list((tmp_path / "there").iterdir()) == []

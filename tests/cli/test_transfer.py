@@ -1,0 +1,42 @@
+"""A run's folder is one command's from the first look into it to the last file that is written."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.storage.alone import alone
+
+TINY = ("preset=fast", "frames=1", "search_side=48", "output_side=64")
+
+
+def test_a_folder_that_another_command_writes_into_is_refused(command: Any, tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+    told = f"{run}: --out: another process writes a run there (wait until it ends, or name another --out)\n"
+    with alone(run, "works"):
+        for words in (("transfer", *TINY, "--out", run), ("transfer", *TINY, "--resume", run), ("render", run)):
+            said = command(*words)
+            assert (said.code, said.err) == (5, f"error: {told}")
+        assert command("render", run, "--out", tmp_path / "film.mp4", "-q").code == 0
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
+
+
+def test_a_run_is_locked_until_it_is_written(command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def second(folder: Path, *_: Any) -> None:
+        with alone(folder, "works"):
+            pass
+
+    monkeypatch.setattr("cltransfer.run.folder.write_run", second)
+    said = command("transfer", *TINY, "-q", "--out", tmp_path / "run")
+    assert (said.code, "another process works there" in said.err) == (5, True)
+    with alone(tmp_path / "run", "works"):
+        pass
+
+
+def test_a_command_that_cannot_begin_leaves_no_folder(command: Any, tmp_path: Path) -> None:
+    assert command("transfer", "missing.ply", *TINY, "--out", tmp_path / "runs" / "first").code == 3
+    assert list(tmp_path.iterdir()) == []
