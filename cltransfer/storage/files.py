@@ -27,7 +27,7 @@ _log = logging.getLogger("cltransfer")
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Temporary name beside ``path`` that becomes ``path`` only if the block ends well.
+    """Temporary name beside ``path`` that becomes ``path`` only if the block ends well, and once it is on the disk.
 
     The suffix stays last, so that encoders which choose a format by suffix still can. Who may read it is as of any
     other new file there, whatever the writer has set: safetensors leaves its files to their owner alone.
@@ -45,9 +45,21 @@ def atomic(path: Path) -> Iterator[Path]:
         yield temporary
         if stat.S_IMODE(temporary.stat().st_mode) != usual:
             temporary.chmod(usual)
+        _sync(temporary)
         os.replace(temporary, path)
+        with contextlib.suppress(OSError):  # a folder that may be written but not read, a drive that syncs none
+            _sync(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, would outlast a loss of power."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def temporaries(path: Path) -> list[Path]:

@@ -29,7 +29,7 @@ from cltransfer.run.record import run_header
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.storage.files import content_hash
-from cltransfer.storage.run_files import DONE, JOURNAL
+from cltransfer.storage.run_files import DONE, JOURNAL, RESULTS
 
 ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
 ARGS += ("threads=1", "-q")
@@ -97,6 +97,10 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bits_and_computes_only_what_w
     assert resumed.code == 0, resumed.err
     computed = synced.count((run / JOURNAL).stat().st_ino)
     assert computed == answers(whole / JOURNAL) - kept > 0
+    written = [(run / name).stat().st_ino for name in RESULTS if (run / name).exists()]
+    assert len(written) == len(RESULTS)
+    assert {*written} <= {*synced}
+    assert max(map(synced.index, written)) == synced.index((run / DONE).stat().st_ino)  # DONE is the last
     for name in ("trajectory.json", "metrics.csv", JOURNAL):
         assert (run / name).read_bytes() == (whole / name).read_bytes()
     assert spent(run) == spent(whole)
