@@ -127,11 +127,13 @@ def command_again(folder: Path, inputs: Inputs, plugins: Sequence[str]) -> str:
 
 def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> dict[str, Any]:
     reference = {"name": result.reference.name, "sha256": result.reference.digest, "part": inputs.part}
+    scene = result.scene
+    about = {"name": scene.name, "sha256": scene.digest, "up": scene.up.tolist(), "harmonics": scene.harmonics}
     return {
         "format": FORMAT,
         "version": 1,
         "cltransfer": __version__,
-        "scene": {"name": result.scene.name, "sha256": result.scene.digest, "up": result.scene.up.tolist()},
+        "scene": about,
         "reference": reference,
         "packages": versions(),
         "python": platform.python_version(),

@@ -66,6 +66,7 @@ def run_header(
         **{f"config.{key}": value for key, value in asdict(config).items()},
         "order of losses and extractors": [list(config.losses), list(config.extractors)],  # that of the terms recorded
         "scene": scene.digest,
+        "harmonics of the scene": scene.harmonics,
         "person": scene.person_digest,
         "reference": reference.digest,
         "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun

@@ -43,6 +43,13 @@ class Scene:
         return self.read_by or code_of(self.geometry)
 
     @property
+    def harmonics(self) -> int | None:
+        """Degree of the harmonics that splats were read with: free memory decides of it too. None of other geometry."""
+        from .splats import Splats
+
+        return self.geometry.degree if isinstance(self.geometry, Splats) else None
+
+    @property
     def person_digest(self) -> str:
         """SHA-256 of the person and of the labels that mark it."""
         person = None if self.subject is None else self.subject.to_json()

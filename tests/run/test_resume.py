@@ -17,22 +17,29 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.config import load_config
 from cltransfer.driver.journal import VIEW, Journal, _begun_so, _record
 from cltransfer.errors import InputError
 from cltransfer.features import OfThisRun
 from cltransfer.pipeline.components import Components
-from cltransfer.reading.reference import Reading, read_reference
+from cltransfer.progress import silent
+from cltransfer.reading.reference import Reading, _from_scene, read_reference
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.record import run_header
+from cltransfer.scenes import columns
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import cached_lift, with_person
+from cltransfer.scenes.ply import write_splats
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.storage.files import content_hash
 from cltransfer.storage.run_files import DONE, JOURNAL, RESULTS
+from cltransfer.trajectory import Trajectory
 
 ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
 ARGS += ("threads=1", "-q")
+NO_READERS = Components(GaussianSplats(), {}, {})
 SHARES = {"refine": (0.3, 0.7), "cma": (0.5,)}  # of the whole run's journal, at which a run is killed
 
 
@@ -239,6 +246,29 @@ def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_pa
         told.append(run_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert told[0] == told[1]
     assert told[0]["code of the scene"] == content_hash(Path(__file__))
+
+
+def test_a_journal_is_of_the_harmonics_that_there_was_memory_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_splats(tmp_path / "room.ply", synthetic_room(500))
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, told, lifts, references = Components.build(config), [], set[Path](), set[str]()
+    Trajectory(room_cameras(2, (32, 18)), torch.arange(2.0)).save(tmp_path / "path.json")
+    person, label = load_scene("builtin:plaza").subject, torch.ones(500)
+    assert person is not None
+    for degree in (0, 3):
+        monkeypatch.setattr(columns, "free_bytes", lambda degree=degree: columns.needed_bytes(500, degree))
+        scene = load_scene(tmp_path / "room.ply")
+        lifts.add(cached_lift(scene, parts.renderer, {}))
+        scene = with_person(scene, person, label)
+        source = f"{tmp_path / 'room.ply'}@{tmp_path / 'path.json'}"
+        reference = _from_scene(source, NO_READERS, Reading(2, 64, "image"), silent)
+        references.add(reference.digest)
+        told.append(run_header(given, config, parts, SubjectOrbit(), scene, replace(reference, digest="")))
+    assert [header.pop("harmonics of the scene") for header in told] == [0, 3]
+    assert told[0] == told[1]
+    assert (len(lifts), len(references)) == (2, 2)
 
 
 def test_a_journal_is_of_what_could_be_read_of_the_reference_this_time() -> None:

@@ -171,6 +171,7 @@ def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any]) -> P
     steps = make_plan(WANTED, extractors, CLIP_SOURCE, "image").steps
     used = [[step.name, reading(step.extractor), step.hidden] for step in steps]
     drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
-    known = [__version__, scene.digest, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
+    shown = [scene.digest, scene.harmonics]
+    known = [__version__, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
     text = json.dumps(known, default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT
