@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from importlib.resources import files as package_files
-from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 from urllib.parse import urlsplit
 
 from ..config.layers import read_yaml
 from ..errors import CltransferError, InputError, ModelError, UsageError
+from ..storage.alone import in_turn
 from ..storage.files import atomic, cache_dir, check_size, content_hash, read_json, write_json
 
 Kind = Literal["model", "asset"]
@@ -181,7 +180,7 @@ def pinned(entry: Entry) -> Entry:
 def pin(entry: Entry, sha256: str) -> Entry:
     """``entry`` with the hash and size of its file, which the user's own ``pins.json`` remembers."""
     size = entry.path.stat().st_size
-    with alone(_pins_file().with_suffix(".lock")):  # another command may be pinning what it has pulled
+    with in_turn(_pins_file().with_suffix(".lock")):  # another command may be pinning what it has pulled
         pins = _pins() if _pins_file().is_file() else {}
         pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
         write_json(_pins_file(), pins)
@@ -222,21 +221,6 @@ def _pins() -> dict[str, dict[str, Any]]:
 
 def _is_pin(sha256: object, size: object) -> bool:
     return isinstance(sha256, str) and bool(_HASH.fullmatch(sha256)) and type(size) is int and 0 <= size <= LARGEST
-
-
-@contextlib.contextmanager
-def alone(lock: Path) -> Iterator[None]:
-    """Wait until nobody else holds ``lock``; where the system or the folder has no locks, nobody is waited for."""
-    if find_spec("fcntl") is None:
-        yield
-        return
-    import fcntl
-
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    with lock.open("a") as stream:
-        with contextlib.suppress(OSError):
-            fcntl.flock(stream, fcntl.LOCK_EX)
-        yield
 
 
 def _pins_file() -> Path:

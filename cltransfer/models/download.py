@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import urljoin, urlsplit
 
+from ..storage.alone import in_turn
 from ..storage.files import atomic, cache_dir, content_hash
-from .catalogue import LARGEST, Entry, alone, pin, pinned
+from .catalogue import LARGEST, Entry, pin, pinned
 
 if TYPE_CHECKING:
     from requests import Response, Session
@@ -196,7 +197,7 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
         raise entry.error("folder", f"{entry.path.parent} is a link out of {entry.folder}, from {entry.address}")
     pooch.get_logger().setLevel("ERROR")
     entry.path.parent.mkdir(parents=True, exist_ok=True)
-    with alone(cache_dir() / f"{entry.path.name}.part.lock"):  # another command may be pulling the same file
+    with in_turn(cache_dir() / f"{entry.path.name}.part.lock"):  # another command may be pulling the same file
         entry = pinned(entry)  # and have pinned it meanwhile
         getter = Resuming(entry, report, timeout)
         about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"

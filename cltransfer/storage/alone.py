@@ -1,4 +1,4 @@
-"""A folder that one process at a time works in."""
+"""What one process at a time works in: a folder, where a second is refused, or a file, where it waits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
     """
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder, what, option):
+    hint = f"wait until it ends, or name another {option}"
+    with _locked(folder, os.O_RDONLY, ResourceError(folder, option, f"another process {what} there", hint)):
         try:
             yield
         finally:
@@ -37,20 +38,28 @@ def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
 
 
 @contextmanager
-def _locked(folder: Path, what: str, option: str) -> Iterator[None]:
+def in_turn(lock: Path) -> Iterator[None]:
+    """Wait until nobody else holds the file ``lock``, which is made and left; nobody is waited for without locks."""
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with _locked(lock, os.O_WRONLY | os.O_CREAT):
+        yield
+
+
+@contextmanager
+def _locked(path: Path, flags: int, busy: ResourceError | None = None) -> Iterator[None]:
+    """Hold ``path``, opened with ``flags``; where another does, ``busy`` is raised, or waited where that is None."""
     if find_spec("fcntl") is None:
         yield
         return
     import fcntl
 
-    handle = os.open(folder, os.O_RDONLY)
+    handle = os.open(path, flags, 0o666)
     try:
-        with suppress(OSError):  # a network drive without locks
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                hint = f"wait until it ends, or name another {option}"
-                raise ResourceError(folder, option, f"another process {what} there", hint) from None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if busy is None else fcntl.LOCK_NB))
+        except OSError as error:
+            if busy is not None and isinstance(error, BlockingIOError):
+                raise busy from None  # any other is that of a network drive without locks
         yield
     finally:
         os.close(handle)

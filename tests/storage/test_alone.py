@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.storage.alone import alone
+from cltransfer.storage.alone import alone, in_turn
 
 HOLD = """
 import sys
@@ -49,3 +50,20 @@ def test_a_folder_that_was_made_for_nothing_is_gone_again_and_no_other(tmp_path:
         raise InputError("", "clip", "is damaged")
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
     assert list((tmp_path / "there").iterdir()) == []
+
+
+def test_who_takes_its_turn_waits_for_the_first(tmp_path: Path) -> None:
+    lock, order = tmp_path / "cache" / "pins.lock", list[str]()
+
+    def second() -> None:
+        with in_turn(lock):
+            order.append("second")
+
+    with in_turn(lock):
+        other = Thread(target=second)
+        other.start()
+        other.join(0.1)
+        order.append("first")
+    other.join()
+    assert order == ["first", "second"]
+    assert [path.name for path in lock.parent.iterdir()] == ["pins.lock"]
