@@ -22,7 +22,7 @@ from ..progress import Progress
 from ..reading.named_scenes import recall
 from ..renderers._request import drawn_by
 from ..scenes import Scene
-from ..scenes.load import load_scene
+from ..scenes.load import BUILTIN, load_scene
 from ..scenes.person.lifted import SUBJECT
 from ..storage.alone import alone
 from ..storage.files import read_json
@@ -93,7 +93,8 @@ def _filmed_run(
     set_threads(config.threads or default_count())
     parts = Components.build(config)
     source = scene or recall(digest)
-    loaded = load_scene(source, up) if scene else _recalled(source, up)
+    asked = None if source.startswith(BUILTIN) else up  # a built-in scene has its own
+    loaded = load_scene(source, asked) if scene else _recalled(source, asked)
     if loaded.digest != digest:
         raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
     cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
@@ -123,7 +124,7 @@ def _scene_of(run: Path) -> tuple[str, tuple[float, float, float]]:
         raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
 
 
-def _recalled(source: str, up: tuple[float, float, float]) -> Scene:
+def _recalled(source: str, up: tuple[float, float, float] | None) -> Scene:
     """The scene from where this computer has last seen it."""
     try:
         return load_scene(source, up)

@@ -219,8 +219,9 @@ def test_a_name_with_an_equals_sign_is_a_path_where_there_is_such_a_file_or_it_c
     monkeypatch.chdir(tmp_path)
     (tmp_path / "room-side=96.ply").write_text("no scene")
     refused(command("transfer", "room-side=96.ply"), 3, "room-side=96.ply: magic")
-    for name in ("scenes/room-side=96.ply", "#=1.ply", "builtin:room=3"):
-        assert "no such key" not in command("transfer", name).err
+    refused(command("transfer", "scenes/room-side=96.ply"), 3, "scenes/room-side=96.ply: no such file")
+    refused(command("transfer", "#=1.ply"), 2, "#=1.ply: is no moment (expected FILE#t=SECONDS")
+    refused(command("transfer", "builtin:room=3"), 2, "scene 'room=3': no such built-in scene")
 
 
 def test_a_clip_before_the_scene_is_told(command: Callable[..., Any], tmp_path: Path) -> None:
@@ -435,7 +436,7 @@ def test_render_refuses_what_is_no_run_and_what_is_another_scene(
 ) -> None:
     refused(command("render", tmp_path), 3, "manifest.json")
     refused(command("render", tiny_run, "--scene", "missing.ply"), 3, "missing.ply")
-    assert command("render", tiny_run, "--scene", "builtin:plaza").code in (2, 3)
+    refused(command("render", tiny_run, "--scene", "builtin:plaza"), 3, "is not the scene of this run")
     refused(command("render", tiny_run, "--out", tmp_path / "x.avi"), 2, "x.avi", ".mp4")
     manifest = json.loads((tiny_run / "manifest.json").read_text())
     manifest["scene"]["sha256"] = "../" * 8
