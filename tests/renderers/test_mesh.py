@@ -95,6 +95,7 @@ def both(mesh: Mesh, cameras: Camera, **options: object) -> tuple[Features, Feat
 @pytest.mark.parametrize(("size", "samples"), [((80, 45), 1), ((33, 17), 2), ((1, 1), 1)])
 def test_numba_matches_the_oracle(size, samples):
     fast, plain = both(furnished_room(2, seed=1), room_cameras(3, size), samples=samples)
+    assert torch.equal(fast.depth.isnan(), plain.depth.isnan())
     differs = (fast.depth - plain.depth).abs() > 1e-5 * plain.depth
     assert differs.float().mean() < 1e-3
     assert ((fast.image - plain.image).abs() > 1e-4).float().mean() < 1e-3
@@ -113,6 +114,7 @@ def test_depth_is_where_rays_meet_the_triangles():
     )
     mesh = Mesh.plain(torch.tensor(solid.vertices), torch.tensor(solid.faces))
     depth = Renderer().render(scene_of(mesh), cameras, frozenset({"depth"})).depth.flatten(1)
+    assert depth.isfinite().all()  # the room is closed
     y, x = torch.meshgrid(torch.arange(36) + 0.5, torch.arange(64) + 0.5, indexing="ij")
     pixels = torch.stack([x, y], -1).reshape(1, -1, 2).expand(2, -1, 2)
     ends = cameras.unproject(pixels, torch.ones(2, 64 * 36))

@@ -109,7 +109,8 @@ def errors_of() -> Callable[[Result, Trajectory], tuple[float, float, float]]:
 
 @pytest.fixture
 def sound() -> Callable[[Result], None]:
-    """Whatever the reference was: finite rigid cameras, finite totals where anything is measured, every frame there."""
+    """Whatever the reference was: finite rigid cameras, every frame there, finite totals where anything is measured,
+    and that somewhere."""
 
     def check(found: Result) -> None:
         camera = found.trajectory.camera
@@ -120,6 +121,7 @@ def sound() -> Callable[[Result], None]:
         assert bool((camera.focal > 0).all())
         for scores in (found.searched, found.verified, found.held):
             measured = torch.stack([term.values.isfinite() for term in scores.terms]).any(0)
+            assert bool(measured.any())
             assert bool(scores.totals[measured].isfinite().all())
 
     return check

@@ -58,8 +58,12 @@ def test_one_percent_that_is_not_finite_is_dropped_and_counted(
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_scene_of_one_gaussian_is_rendered(courtyard: Scene, count: int) -> None:
+    assert courtyard.subject is not None
     some = take(courtyard.geometry, torch.arange(len(courtyard.geometry)) < count)
-    assert bool(torch.isfinite(rendered(courtyard, some).image).all())
+    some = replace(some, means=courtyard.subject.anchor.float().expand(count, 3))  # where the camera looks
+    shown = rendered(courtyard, some)
+    assert bool(torch.isfinite(shown.image).all())
+    assert float(shown.alpha.max()) > 0
 
 
 @pytest.mark.parametrize(

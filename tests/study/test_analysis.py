@@ -130,6 +130,7 @@ def test_why_a_strength_has_no_interval_is_told(people: int, reason: str) -> Non
         Choice(f"p{i}", "item1", "smoothness", *(pair if i else pair[::-1])) for i in range(people) for pair in pairs
     ]
     found = [s for s in strengths(choices, THREE) if s.question == "smoothness"]
+    assert len(found) == 3
     assert all(s.value is not None and reason in s.reason for s in found)
     assert all((s.by_participant is None) == bool(reason) == bool(s.reason) for s in found)
 

@@ -84,7 +84,9 @@ def test_a_box_in_one_view_is_nobody() -> None:
 def test_everyone_gets_their_own_boxes() -> None:
     cameras = wide()
     boxes = seen(cameras, TALL, SMALL)
-    for person in people_of(cameras, boxes):
+    people = people_of(cameras, boxes)
+    assert len(people) == 2
+    for person in people:
         middle = TALL if person.height > 1.5 else SMALL
         expected = torch.stack([torch.from_numpy(view[0]) for view in seen(cameras, middle)]).float()
         torch.testing.assert_close(boxes_of(person, standing(person, UP), cameras, boxes), expected)
