@@ -324,6 +324,24 @@ def test_an_old_failure_is_told_as_one(sweep, tmp_path: Path, monkeypatch: pytes
     assert "Failed: 2 of 2 trials. 2 of them in an earlier run: --retry runs them again." in again
 
 
+def test_what_failed_is_run_again_only_when_it_is_asked_for(
+    sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[str]] = []
+
+    def outcomes(missing: Sequence[Trial], *rest: Any) -> Iterator[Outcome]:
+        asked.append([t.key for t in missing])
+        return (outcome(t, "out of memory" if len(asked) == 1 and t.row == "none" else "") for t in missing)
+
+    monkeypatch.setattr(run, "outcomes", outcomes)
+    plain, retry = Options(tmp_path / "out"), Options(tmp_path / "out", retry=True)
+    found = [ablate(sweep("frames=2"), options) for options in (plain, plain, retry, retry)]
+    (failed,) = (o.key for o in found[0].outcomes if o.failed)
+    assert len(asked[0]) == 2
+    assert asked[1:] == [[], [failed], []]
+    assert [(one.failed, one.old) for one in found] == [(1, 0), (1, 1), (0, 0), (0, 0)]
+
+
 def test_tables_of_the_sweep_before_are_gone_when_another_is_killed(
     sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
