@@ -246,8 +246,8 @@ def blue_network(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def slowness() -> float:
-    """How many times slower than usual a process starts here just now, at least 1: what seconds are held against."""
+def within() -> Callable[[float, float], bool]:
+    """Whether seconds are fewer than a limit, or than as much more as a process takes to start here just now."""
 
     def seconds() -> float:
         begun = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -255,4 +255,7 @@ def slowness() -> float:
         ended = resource.getrusage(resource.RUSAGE_CHILDREN)
         return ended.ru_utime + ended.ru_stime - begun.ru_utime - begun.ru_stime
 
-    return max(1.0, max(seconds() for _ in range(3)) / USUAL)
+    def check(took: float, limit: float) -> bool:
+        return took < limit or took < limit * max(seconds() for _ in range(3)) / USUAL
+
+    return check

@@ -1,6 +1,7 @@
 """Camera movement (Eq. 11-12): layer-wise flow, fields instead of pixels in robust mode."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -255,7 +256,7 @@ def test_options_out_of_range_are_refused() -> None:
         CameraMovement(min_share=2)
 
 
-def test_fit_takes_less_than_a_millisecond_a_frame(slowness: float) -> None:
+def test_fit_takes_less_than_a_millisecond_a_frame(within: Callable[[float, float], bool]) -> None:
     flow = torch.randn(10, 2, 90, 160, generator=torch.Generator().manual_seed(0))
     layers = torch.stack([flow[:, 0] < -0.5, flow[:, 0].abs() <= 0.5, flow[:, 0] > 0.5], dim=1)
     fit_affine_flow(flow, layers, 160)
@@ -264,7 +265,7 @@ def test_fit_takes_less_than_a_millisecond_a_frame(slowness: float) -> None:
         start = time.thread_time()
         fit_affine_flow(flow, layers, 160)
         seconds.append(time.thread_time() - start)
-    assert min(seconds) / 10 < 1e-3 * slowness
+    assert within(min(seconds) / 10, 1e-3)
 
 
 @pytest.mark.parametrize("mode", ["robust", "faithful"])

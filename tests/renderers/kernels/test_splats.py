@@ -49,7 +49,7 @@ def random_gaussians(n: int) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("color", [True, False])
-def test_a_second_process_draws_its_first_frame_within_a_second_and_without_torch(color, slowness, tmp_path):
+def test_a_second_process_draws_its_first_frame_within_a_second_and_without_torch(color, within, tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     code = FIRST_FRAME.replace("COLOR", str(color))
 
@@ -63,7 +63,7 @@ def test_a_second_process_draws_its_first_frame_within_a_second_and_without_torc
     seconds()  # compiles
     compiled = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
     assert compiled
-    assert min(seconds() for _ in range(3)) < slowness  # of processor time: the machine may be busy
+    assert within(min(seconds() for _ in range(3)), 1.0)  # of processor time: the machine may be busy
     assert compiled == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}  # nothing anew
 
 
