@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cltransfer.ablate import pool
+from cltransfer.ablate.trial import run_trial
+
 TINY = "{preset: fast, frames: 2, search_side: 32, output_side: 48, steps: 1}"
 PLUGIN = """
 import os, signal
@@ -36,6 +39,12 @@ def sweep_file(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials of a sweep are run here, one after the other: processes of their own take longer to start than they do."""
+    monkeypatch.setattr(pool, "_by_processes", lambda trials, job, workers: (run_trial(t, job) for t in trials))
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from cltransfer.ablate.trial import Job, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.features import Features
+from cltransfer.plugins import _forget, _module
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
@@ -101,6 +102,7 @@ def test_of_two_commands_in_one_folder_the_second_is_refused(
     assert not out.exists()
 
 
+@pytest.mark.usefixtures("in_process")  # where it is not killed
 def test_a_sweep_killed_in_the_middle_goes_on_to_the_same_table(
     command: Callable[..., Any], sweep_file: SweepFile, cache: Path, tmp_path: Path
 ) -> None:
@@ -225,7 +227,12 @@ def test_no_row_is_measured_in_what_its_own_renderer_draws(
 
 
 def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
-    fresh: Callable[..., Any], sweep_file: SweepFile, fatal: Path, tmp_path: Path
+    fresh: Callable[..., Any],
+    command: Callable[..., Any],
+    sweep_file: SweepFile,
+    fatal: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """By a plugin that is a file, and one that is installed: a folder of its name is not imported in its place."""
     info, name = tmp_path / "site" / "cl_deadly-1.2.dist-info", "deadly"
@@ -239,8 +246,8 @@ def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
     path = os.pathsep.join(filter(None, (str(tmp_path / "site"), os.environ.get("PYTHONPATH"))))
     file = sweep_file("{full: {}, kills: {losses: {fatal: {how: kill}}}, raises: {losses: {deadly: {}}}}")
     plugins = ("--allow-plugin", fatal, "--allow-plugin", name)
-    command = ("ablate", file, "--out", tmp_path / "out", *plugins, "--quiet", "engine.workers=2")
-    answer = fresh(*command, PYTHONPATH=path)
+    words = ("ablate", file, "--out", tmp_path / "out", *plugins, "--quiet", "engine.workers=2")
+    answer = fresh(*words, PYTHONPATH=path)
     assert answer.code == 1, answer.err
     assert "Failed: 2 of 3 trials." in answer.out
     assert (
@@ -250,12 +257,17 @@ def test_trials_that_raise_or_kill_their_process_are_rows_with_a_reason(
     assert "- kills, builtin:static in builtin:courtyard, seed 0: its process was killed (out of memory?)" in answer.out
     assert not (tmp_path / "ran").exists()
     assert len(set(keys(tmp_path / "out"))) == len(keys(tmp_path / "out")) == 3
-    again = fresh(*command, PYTHONPATH=path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    again = command(*words)
+    for module in ("cl_deadly", _module(fatal)):
+        _forget(module)
     told = "2 of 3 trials. 2 of them in an earlier run: --retry runs them again."
     assert (again.code, again.out) == (1, answer.out.replace("2 of 3 trials.", told))  # all from the ledger
     assert len(keys(tmp_path / "out")) == 3
 
 
+@pytest.mark.usefixtures("in_process")
 def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
 ) -> None:
@@ -275,6 +287,7 @@ def test_runs_are_kept_when_asked_and_references_are_drawn_by_the_seed(
         assert values_of(line["metrics"]) == values_of(told)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_runs_that_are_to_be_kept_too_late_are_told(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
 ) -> None:
@@ -285,6 +298,7 @@ def test_runs_that_are_to_be_kept_too_late_are_told(
     assert "Over every row, from the command line: `frames=1`, `search_side=32`, `output_side=32`." in again.out
 
 
+@pytest.mark.usefixtures("in_process")
 def test_rows_that_were_renamed_keep_their_own_figures(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
 ) -> None:
@@ -317,6 +331,7 @@ def test_nothing_is_written_where_a_part_of_the_folder_leads_out_of_it(
     assert elsewhere.read_text() == "mine"
 
 
+@pytest.mark.usefixtures("in_process")
 def test_what_cannot_be_run_is_refused_before_anything_is_written(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -345,7 +360,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     replaced = command("ablate", own.parent / "ablation.yaml", "--out", own.parent)
     assert "is neither empty nor an ablation" in replaced.err
     assert (own.parent / "ablation.yaml").read_text() == own.read_text()
-    monkeypatch.setattr("cltransfer.ablate.pool.PATIENCE", 3)
+    monkeypatch.setattr("cltransfer.ablate.pool.PATIENCE", 0.5)
     nobody = command(
         "ablate",
         sweep_file("{a: {}}"),

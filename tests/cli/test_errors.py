@@ -487,8 +487,8 @@ def test_a_disk_that_cannot_be_written_is_code_5(command: Callable[..., Any], ti
     refused(answer, 5, "x.mp4")
 
 
-# a sweep is interrupted in tests/ablate/test_ablate.py
-@pytest.mark.parametrize(("name", "code"), [pytest.param("SIGINT", 130, marks=pytest.mark.slow), ("SIGTERM", 143)])
+@pytest.mark.slow  # a sweep is interrupted in tests/ablate/test_ablate.py, a run terminated in tests/run/test_resume.py
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
 def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: str, code: int) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "cltransfer", "transfer", "generations=1000", "patience=1000", "--out", "a take"],

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import struct
-import subprocess
-import sys
 import tracemalloc
 import zlib
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -195,23 +194,25 @@ def test_a_length_of_4_gigabytes_is_not_believed(tmp_path: Path) -> None:
 
 def test_a_run_is_written_by_one_process_at_a_time(tmp_path: Path) -> None:
     pytest.importorskip("fcntl")
-    code = f"""
-import sys
-from pathlib import Path
-from cltransfer.driver.journal import Journal
-journal = Journal(Path({str(tmp_path / "j")!r}), {HEADER!r}, False)
-print("held", flush=True)
-sys.stdin.read()
-"""
-    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == b"held\n"
-        written = (tmp_path / "j").read_bytes()
-        for resume in (True, False):
-            with pytest.raises(ResourceError, match=r"j: another process writes this run \(wait until it ends"):
-                Journal(tmp_path / "j", HEADER, resume)
-        assert (tmp_path / "j").read_bytes() == written
-        other.communicate()
+    context = get_context("fork")
+    ours, theirs = context.Pipe()
+
+    def hold() -> None:
+        journal = Journal(tmp_path / "j", HEADER, False)
+        theirs.send("held")
+        theirs.recv()
+        del journal
+
+    other = context.Process(target=hold, daemon=True)
+    other.start()
+    assert ours.poll(60)
+    written = (tmp_path / "j").read_bytes()
+    for resume in (True, False):
+        with pytest.raises(ResourceError, match=r"j: another process writes this run \(wait until it ends"):
+            Journal(tmp_path / "j", HEADER, resume)
+    assert (tmp_path / "j").read_bytes() == written
+    ours.send("end")
+    other.join()
     Journal(tmp_path / "j", HEADER, True)
 
 

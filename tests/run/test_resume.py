@@ -40,15 +40,22 @@ from cltransfer.trajectory import Trajectory
 ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
 ARGS += ("threads=1", "-q")
 NO_READERS = Components(GaussianSplats(), {}, {})
-SHARES = {"refine": (0.3, 0.7), "cma": (0.5,)}  # of the whole run's journal, at which a run is killed
+STOPS = {  # shares of the whole run's journal at which a run is stopped, and by what
+    "refine": ((0.3, signal.SIGKILL), (0.7, signal.SIGTERM)),
+    "cma": ((0.5, signal.SIGKILL),),
+}
 
 
-def killed_at(size: int, cache: Path, run: Path, *arguments: str) -> None:
-    """Begin ``run``, or go on with it, and kill it as soon as its journal has ``size`` bytes."""
+def stopped_at(size: int, sent: signal.Signals, cache: Path, run: Path, *arguments: str) -> tuple[int, str, str]:
+    """Begin ``run``, or go on with it, and send it a signal as soon as its journal has ``size`` bytes.
+
+    Returns exit status and words of the command.
+    """
     folder = "--resume" if run.exists() else "--out"
     command = [sys.executable, "-m", "cltransfer", "transfer", *arguments, folder, str(run)]
     env, journal = {**os.environ, "CLTRANSFER_CACHE": str(cache)}, run / JOURNAL
-    process = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, start_new_session=True)
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
     try:
         deadline = time.monotonic() + 200
         while process.poll() is None and time.monotonic() < deadline:
@@ -57,8 +64,9 @@ def killed_at(size: int, cache: Path, run: Path, *arguments: str) -> None:
             time.sleep(0.002)
     finally:
         if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-        assert process.wait(30) == -signal.SIGKILL
+            os.killpg(process.pid, sent)
+        said, complained = process.communicate(timeout=30)
+    return process.returncode, said, complained
 
 
 def answers(journal: Path) -> int:
@@ -87,17 +95,19 @@ def spent(run: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("engine", ["refine", pytest.param("cma", marks=pytest.mark.slow)])
-def test_a_run_that_was_killed_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
     command: Callable[..., Any], cache: Path, tmp_path: Path, synced: list[int], engine: str
 ) -> None:
-    arguments, whole, run = (*ARGS, f"engine={engine}"), tmp_path / "whole", tmp_path / "killed"
+    arguments, whole, run = (*ARGS, f"engine={engine}"), tmp_path / "whole", tmp_path / "a take"
+    terminated = f"error: terminated (the same command with --resume '{run}' goes on from here)\n"
+    ends = {signal.SIGKILL: (-signal.SIGKILL, "", ""), signal.SIGTERM: (143, "", terminated)}  # and no trace
     assert command("transfer", *arguments, "--out", whole).code == 0
     complete, kept = (whole / JOURNAL).read_bytes(), 0
-    for share in SHARES[engine]:
-        killed_at(int(share * len(complete)), cache, run, *arguments)
+    for share, sent in STOPS[engine]:
+        assert stopped_at(int(share * len(complete)), sent, cache, run, *arguments) == ends[sent]
         left = (run / JOURNAL).read_bytes()
         assert complete.startswith(left)
-        assert not (run / DONE).exists()
+        assert [path.name for path in run.rglob("*")] == [JOURNAL]  # nothing half-written
         assert kept < (kept := answers(run / JOURNAL))
     synced.clear()
     resumed = command("transfer", *arguments, "--resume", run)

@@ -72,14 +72,12 @@ def test_what_does_not_fit_at_all_is_refused_before_it_is_read(tmp_path, monkeyp
     assert caught.value.exit_code == 5
 
 
-def test_the_command_line_says_it_in_one_line_on_stderr(tmp_path):
+def test_the_command_line_says_it_in_one_line_on_stderr(command, tmp_path, monkeypatch):
     write_splats(tmp_path / "room.ply", synthetic_room(2000))
-    run = [sys.executable, "-m", "cltransfer", "lift", str(tmp_path / "room.ply"), "--out", str(tmp_path / "lift")]
-    environment = {"PATH": "", "CLTRANSFER_MEMORY": "100"}
-    refused = subprocess.run(run, env=environment, capture_output=True, text=True, check=False, timeout=120)
-    assert refused.returncode == 5
-    assert refused.stderr.count("\n") == 1
-    assert "Gaussians need" in refused.stderr
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "100")
+    refused = command("lift", tmp_path / "room.ply", "--out", tmp_path / "lift")
+    assert (refused.code, refused.err.count("\n")) == (5, 1)
+    assert "Gaussians need" in refused.err
 
 
 def test_a_need_grows_with_the_harmonics():

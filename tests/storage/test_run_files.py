@@ -113,11 +113,12 @@ with atomic(Path(sys.argv[1])) as temporary:
     assert not list(tmp_path.glob(".new-*"))
 
 
-def test_runs_that_are_begun_at_one_time_have_folders_of_their_own() -> None:
-    ask = "from cltransfer.run.folder import default_folder; print(default_folder('s.ply', 'r.mp4').name)"
-    begun = [subprocess.Popen([sys.executable, "-c", ask], stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    names = [process.communicate()[0].strip() for process in begun]
-    assert [name.rpartition("-")[2] for name in names] == [str(process.pid) for process in begun]
+def test_runs_that_are_begun_at_one_time_have_folders_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = []
+    for number in (1, 2):
+        monkeypatch.setattr(os, "getpid", lambda number=number: number)
+        names.append(default_folder("s.ply", "r.mp4").name)
+    assert [name.rpartition("-")[2] for name in names] == ["1", "2"]
 
 
 @pytest.mark.parametrize("source", [".", "..", "../..", "..#t=1,2", "/", "builtin:.."])
