@@ -74,8 +74,8 @@ def test_points_beside_one_another_are_all_named_and_no_name_lies_on_a_point():
 
 
 def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
-    settings = (Setting("presets", "fast", "fast"), Setting("resolution", "64 px", "fast", ("search_side=64",)))
-    tier = Tier(("pan",), (("room", "room"),), 1, 1, 4)
+    settings = (Setting("presets", "fast", "fast"), Setting("resolution", "48 px", "fast", ("search_side=48",)))
+    tier = Tier(("pan",), (("room", "room"),), 1, 1, 2)
     monkeypatch.setattr("os.getloadavg", lambda: (0.0, 3.7, 0.0))
     rows = run_trials(chart_trials(settings, tier, (7,)), Bench(tmp_path / "rows"))
     monkeypatch.setitem(CHART_TIERS, "smoke", tier)

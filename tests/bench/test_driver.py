@@ -107,10 +107,10 @@ def test_clips_are_measured_once_and_written_with_their_chart(tmp_path: Path, co
     assert clips[0].position < 0.01
     assert math.isnan(clips[1].position)
     lines = (tmp_path / "rows" / FILE).read_text().splitlines()
-    (tmp_path / "rows" / FILE).write_text(lines[0] + "\n" + lines[1][:40])  # killed while it was written
+    (tmp_path / "rows" / FILE).write_text("\n".join(lines) + "\n" + lines[1][:40])  # killed while it was written
     again = run_driver(bench, tmp_path / "rows", told=told.append)
     assert [row["total"] for row in again] == [row["total"] for row in rows]
-    assert told[3] == "2 trials, 1 of them done before"
+    assert told[3] == "2 trials, 2 of them done before"
     write_driver(rows, page, "cltransfer bench driver")
     assert "driver.svg" in page.read_text()
     drawn = (tmp_path / "driver.svg").read_text()

@@ -106,7 +106,7 @@ def test_an_undefined_frame_of_the_reference_counts_for_nothing():
     assert term(row, "framing") == pytest.approx(1.5)
 
 
-SMALLER = replace(TIERS["smoke"], frames=2, options=("adam.iterations=1", "search_side=48"))
+SMALLER = replace(TIERS["smoke"], shots=("push_in",), frames=2, options=("adam.iterations=1", "search_side=48"))
 
 
 @pytest.mark.parametrize("tier", [SMALLER, pytest.param(TIERS["smoke"], marks=pytest.mark.slow)])

@@ -314,7 +314,9 @@ def test_evaluate_scores_a_clip_against_itself_as_zero(
     answer = command("evaluate", clip, clip, "frames=3", "--json", "--quiet", "--out", tmp_path / "scores")
     assert (answer.code, answer.err) == (0, "")
     metrics = json.loads(answer.out, parse_constant=pytest.fail)["metrics"]
-    assert metrics["framing"]["mean"] == metrics["camera_angle"]["mean"] == 0
+    assert [metric["mean"] for metric in metrics.values() if metric["mean"]] == []
+    assert metrics["framing"]["mean"] == metrics["camera_angle"]["mean"] == metrics["shot_size"]["mean"] == 0
+    assert metrics["shot_size"]["defined"] == 3
     assert metrics["filmic_space"]["mean"] is None
     assert metrics["filmic_space"]["reason"]
     assert {p.name for p in (tmp_path / "scores").iterdir()} == {"metrics.json", "metrics.csv", "report.html"}

@@ -125,13 +125,13 @@ def test_fast_motion_that_the_reference_makes_is_not_filtered_away(taught: Calla
     assert path.total < 0.05  # filtered without the guide it costs 0.2 more
 
 
-def waving(period: int) -> tuple[WholeClip, torch.Tensor]:
+def waving(period: int, frames: int = 16) -> tuple[WholeClip, torch.Tensor]:
     """A clip and its true path, a camera that goes up and down within ``period`` frames."""
     scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
     assert scene.subject is not None
-    held = shot("static", scene.subject, (96, 54), 16).camera
+    held = shot("static", scene.subject, (96, 54), frames).camera
     true = search.vector(held, held[0], scene.subject)
-    true[:, 5] += 0.2 * torch.sin(torch.arange(16) * math.tau / period)
+    true[:, 5] += 0.2 * torch.sin(torch.arange(frames) * math.tau / period)
     stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
     clip = WholeClip(stage, search, read_path(stage, search.cameras(true, held[0], scene.subject)), held[0])
     return clip, true
@@ -140,8 +140,8 @@ def waving(period: int) -> tuple[WholeClip, torch.Tensor]:
 # what float32 leaves of frames that are equal, and frames that are
 @pytest.mark.parametrize("rounded", [pytest.param(0.0, marks=pytest.mark.slow), 1e-6])
 def test_a_path_that_stands_still_as_it_was_found_stays_so_and_never_costs_more(rounded: float) -> None:
-    clip, _ = waving(period=8)
-    x = clip.search.vector(clip.home, clip.home, clip.stage.scene.subject).expand(16, -1).clone()
+    clip, _ = waving(period=8, frames=6)
+    x = clip.search.vector(clip.home, clip.home, clip.stage.scene.subject).expand(6, -1).clone()
     x[::3] += rounded
     path = least_path(clip, x, None, 0.0, Effort(1, 4))
     assert (path.knots, path.lens_kept) == (1, True)
@@ -151,7 +151,7 @@ def test_a_path_that_stands_still_as_it_was_found_stays_so_and_never_costs_more(
 
 
 def test_a_path_that_bends_less_never_costs_more_than_is_allowed() -> None:
-    clip, x = waving(period=16)
+    clip, x = waving(period=12, frames=12)
     x[:, 3] += 0.05  # too far away
     path = least_path(clip, x, None, 0.0, Effort(2, 4))
     assert path.knots is not None
@@ -159,7 +159,7 @@ def test_a_path_that_bends_less_never_costs_more_than_is_allowed() -> None:
 
 
 def test_what_a_path_may_cost_more_than_its_frames_is_a_fiftieth_of_it_and_what_nobody_sees() -> None:
-    clip, x = waving(period=3)
+    clip, x = waving(period=3, frames=8)
     x[:, 3] += 0.7  # far too far away
     path = least_path(clip, x, None, 0.05, Effort(0, 0))
     assert path.free > 1

@@ -50,7 +50,7 @@ def both(splats: Splats, cameras: Camera, **options: object) -> tuple[object, ob
 
 @pytest.mark.parametrize("antialiased", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_numba_matches_the_oracle_at_10k(antialiased):
-    fast, plain = both(synthetic_room(10_000), room_cameras(2, (160, 90)), antialiased=antialiased)
+    fast, plain = both(synthetic_room(10_000), room_cameras(1, (96, 54)), antialiased=antialiased)
     assert psnr(fast.image, plain.image) >= 60
     assert torch.equal(fast.depth.isnan(), plain.depth.isnan())
     differs = (fast.depth - plain.depth).abs() > 1e-3 * plain.depth

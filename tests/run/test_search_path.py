@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,11 +161,11 @@ def found_without_floaters(hanging: Inputs) -> tuple[Job, RunConfig, Take]:
     return job, config, take
 
 
-def cost(job: Job, step: Callable[[], object]) -> int:
-    """Evaluations that are counted while ``step`` is done."""
+def cost(job: Job, step: Callable[[], Any]) -> tuple[int, Any]:
+    """Evaluations that are counted while ``step`` is done, and what it finds."""
     before = job.stage.spent.evaluations
-    step()
-    return job.stage.spent.evaluations - before
+    found = step()
+    return job.stage.spent.evaluations - before, found
 
 
 def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(hanging: Inputs) -> None:
@@ -173,10 +174,11 @@ def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(han
     left_out, frames = _left_out(job, take), len(take.x)
     assert take.path is not None
     assert take.path.residuals is not None  # so the path itself is not scored again
-    assert _aside(job, config, take, left_out)[0] is take  # another was tried, and not taken
+    tried, (kept, _) = cost(job, lambda: _aside(job, config, take, left_out))
+    assert kept is take  # another was tried, and not taken
     ways = len(job.search.aside) * len(range(0, frames, FEW.every))
     scored = ["what is chosen of all ways", "the same without floaters"]
-    assert cost(job, lambda: _aside(job, config, take, left_out)) == ways + len(scored) * frames
+    assert tried == ways + len(scored) * frames
 
 
 def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) -> None:
@@ -202,11 +204,10 @@ def test_what_floaters_cost_is_counted_where_another_path_is_kept(tmp_path: Path
     config = load_config(overrides=least)
     job = prepare(inputs, config, Clock(), silent, None)
     solid = replace(job.stage, scene=job.solid)
-    take = searched(job, config, solid, job.wanted, job.starts, quiet)
-    assert (_with_floaters(job, config, take, quiet).path is not take.path) is other
-    search = cost(job, lambda: searched(job, config, solid, job.wanted, job.starts, quiet))
-    beside = cost(job, lambda: _with_floaters(job, config, take, quiet))
-    whole = cost(job, lambda: search_path(job, config, solid, job.wanted, job.starts, quiet))
+    search, take = cost(job, lambda: searched(job, config, solid, job.wanted, job.starts, quiet))
+    beside, kept = cost(job, lambda: _with_floaters(job, config, take, quiet))
+    assert (kept.path is not take.path) is other
+    whole, _ = cost(job, lambda: search_path(job, config, solid, job.wanted, job.starts, quiet))
     assert whole - search - beside == (len(take.x) if other else 0)
 
 
@@ -243,9 +244,10 @@ def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hang
     job, config, take = found_without_floaters(hanging)
     left_out, target = _left_out(job, take), take.clip.reference
     assert left_out.matters
-    past = cost(job, lambda: _aside(job, config, take, left_out))
-    search = cost(
+    past, _ = cost(job, lambda: _aside(job, config, take, left_out))
+    search, _ = cost(
         job,
         lambda: searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
     )
-    assert cost(job, lambda: _with_floaters(job, config, take, quiet)) == past + search + len(take.x)
+    whole, _ = cost(job, lambda: _with_floaters(job, config, take, quiet))
+    assert whole == past + search + len(take.x)

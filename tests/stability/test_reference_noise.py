@@ -54,23 +54,19 @@ def test_noise_on_joints_moves_the_camera_a_little(
     assert off[1] < rotation  # degrees
 
 
-def test_a_flipped_frame_leaves_the_cameras_sound(
-    filmed: Callable[..., Any], solve: Callable[..., Any], edited: Callable[..., str], sound: Callable[..., None]
-) -> None:
-    reference, _ = filmed("push_in")
-    sound(solve(edited(reference, turned_round([2]))))
-
-
 @pytest.mark.parametrize("frames", [[0], [2], [3, 4]], ids=["first", "middle", "end"])
 def test_a_minority_of_flipped_frames_does_not_move_the_camera_behind_the_person(
     filmed: Callable[..., Any],
     solve: Callable[..., Any],
     edited: Callable[..., str],
     errors_of: Callable[..., Any],
+    sound: Callable[..., None],
     frames: list[int],
 ) -> None:
     reference, truth = filmed("push_in")
-    _, rotation, _ = errors_of(solve(edited(reference, turned_round(frames))), truth)
+    found = solve(edited(reference, turned_round(frames)))
+    sound(found)
+    _, rotation, _ = errors_of(found, truth)
     assert rotation < 2  # degrees
 
 

@@ -116,9 +116,10 @@ def test_never_failing_has_no_breakdown_and_failing_without_stress_has_it_at_non
     assert breakdown_point([0.4, 1.0, 1.0, 1.0, 1.0, 1.0]) == 0.0
 
 
-def test_an_unstressed_replay_succeeds_and_one_from_behind_does_not() -> None:
+def test_an_unstressed_replay_succeeds_and_one_from_behind_never_does() -> None:
     calm = run_stress(StressTrial("replay", "", 0, *CLIP, 3))
-    behind = run_stress(StressTrial("replay", "turned_view", 5, *CLIP, 3))
+    behind, again = (run_stress(StressTrial("replay", "turned_view", 5, *CLIP, 3)) for _ in range(2))
+    assert again == behind
     assert not calm["failed"]
     assert behind["failed"]
     assert behind["terms"]["camera_angle"] > calm["terms"]["camera_angle"] + 5
@@ -126,9 +127,7 @@ def test_an_unstressed_replay_succeeds_and_one_from_behind_does_not() -> None:
 
 
 def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it() -> None:
-    hidden = StressTrial("fast", "second_person", 3, *CLIP, 2)
-    found = run_stress(hidden)
-    assert found == run_stress(hidden)
+    found = run_stress(StressTrial("fast", "second_person", 3, *CLIP, 2))
     assert len(found["totals"]) == 2
     assert found["total"] < 0.5 * found["random_total"]
 
