@@ -45,17 +45,17 @@ def atomic(path: Path) -> Iterator[Path]:
         yield temporary
         if stat.S_IMODE(temporary.stat().st_mode) != usual:
             temporary.chmod(usual)
-        _sync(temporary)
+        _sync(temporary, os.O_RDWR)  # Windows syncs nothing that is open to be read alone
         os.replace(temporary, path)
         with contextlib.suppress(OSError):  # a folder that may be written but not read, a drive that syncs none
-            _sync(path.parent)
+            _sync(path.parent, os.O_RDONLY)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _sync(path: Path) -> None:
+def _sync(path: Path, mode: int) -> None:
     """Wait until a file, or the names in a folder, would outlast a loss of power."""
-    handle = os.open(path, os.O_RDONLY)
+    handle = os.open(path, mode)
     try:
         os.fsync(handle)
     finally:
