@@ -7,7 +7,7 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
 from ..camera import Camera
-from ..renderers.kernels import Array
+from ..computer.array_type import Array
 from ..scenes.splats import Splats
 
 ROOM = np.array([8.0, 6.0, 3.0])  # [m], z up

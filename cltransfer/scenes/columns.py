@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ..computer.array_type import Array
 from ..computer.memory import VARIABLE, free_bytes
 from ..errors import InputError, ResourceError
-from ..renderers.kernels import Array
 from .splats import Splats
 
 MAX_DROPPED = 0.01  # share of Gaussians that may be left out because they are not finite

@@ -17,10 +17,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..computer.array_type import Array
 from ..computer.memory import require_free
 from ..computer.threads import thread_count
 from ..errors import InputError
-from ..renderers.kernels import Array
 from ..storage.files import atomic, cache_dir, into_cache
 from . import Scene
 from .simplify import subset

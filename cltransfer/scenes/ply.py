@@ -10,8 +10,8 @@ import torch
 from numpy.lib.recfunctions import unstructured_to_structured
 from plyfile import PlyData, PlyElement
 
+from ..computer.array_type import Array
 from ..errors import InputError
-from ..renderers.kernels import Array
 from ..storage.files import atomic
 from .columns import Columns, affordable_degree, drawable
 from .ply_compressed import CHUNK, PACKED, from_compressed, ranges

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..renderers.kernels import Array
+from ..computer.array_type import Array
 from .columns import Columns, sh_of_color
 
 CHUNK = 256  # Gaussians that share a range

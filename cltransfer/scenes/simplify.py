@@ -15,10 +15,10 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from torch import Tensor
 
 from ..camera import Camera
+from ..computer.array_type import Array
 from ..computer.memory import require_free
 from ..errors import UsageError
 from ..near_plane import near_plane
-from ..renderers.kernels import Array
 from ..renderers.kernels.splat_pack import packing_order
 from ..renderers.kernels.splats import Settings, View, make_view, weights
 from . import Scene

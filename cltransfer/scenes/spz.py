@@ -13,8 +13,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from ..computer.array_type import Array
 from ..errors import InputError
-from ..renderers.kernels import Array
 from .columns import Columns, affordable_degree, drawable
 from .splats import Splats
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from ...computer.array_type import Array as Array
+
 f32 = np.float32
 
 CACHED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "boundscheck": False}

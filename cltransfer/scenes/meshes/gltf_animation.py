@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from kornia.geometry.quaternion import Quaternion
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .gltf_file import Gltf
 
 REST: dict[str, tuple[float, ...]] = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .asset_files import Beside, read_limited
 from .gltf_places import GLOSSY, TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry

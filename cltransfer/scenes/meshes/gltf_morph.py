@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .gltf_animation import WEIGHTS
 from .gltf_file import Gltf
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .gltf_tree import entry
 from .mesh import REPEATED, Wrap
 

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from kornia.geometry.conversions import quaternion_to_rotation_matrix
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .gltf_animation import REST, channels
 from .gltf_file import Gltf
 from .gltf_morph import morphed

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .gltf_file import Gltf
 from .gltf_places import GLOSSY, shown_texture, transform_of, wraps_of
 from .mesh import GREY, REPEATED, Mesh, Wrap

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .asset_files import Beside, read_limited
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .mtl import BOM, WITHOUT, ObjFiles
 from .polygons import fans_hold, triangles_of
 

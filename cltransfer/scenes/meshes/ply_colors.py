@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 
 CHANNELS = ("red", "green", "blue")
 

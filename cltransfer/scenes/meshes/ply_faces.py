@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from .polygons import fan_of, fans_hold, triangles_of
 
 CORNERS = ("vertex_indices", "vertex_index")

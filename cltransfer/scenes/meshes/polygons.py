@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...renderers.kernels import Array
+from ...computer.array_type import Array
 
 FLAT = 1e-9  # of a polygon's area, by which a triangle of its fan may look the other way
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from ...computer.array_type import Array
 from ...errors import InputError, ResourceError
-from ...renderers.kernels import Array
 from ...subject import Subject
 from ..ply_header import HEADER_LIMIT
 from ..steps import check_steps

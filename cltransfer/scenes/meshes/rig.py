@@ -12,7 +12,7 @@ from itertools import count
 import numpy as np
 import torch
 
-from ...renderers.kernels import Array
+from ...computer.array_type import Array
 from ...skeleton import JOINTS, standing_height
 from ...subject import Subject
 from .gltf_skin import Skeleton

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from ...renderers.kernels import Array
 
 FORMATS = ("PNG", "JPEG", "WEBP")  # that are decoded; other decoders are many, and some start programs
 IMAGE_LIMIT = 2**26  # pixels of one texture

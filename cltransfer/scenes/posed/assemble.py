@@ -15,9 +15,9 @@ import torch
 
 from ...camera import Camera
 from ...clips.decoding import IMAGE_SUFFIXES, decode
+from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from ...renderers.kernels import Array
 from . import PosedImages
 from .lens import Lens, matrix_at
 

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from kornia.geometry.conversions import quaternion_to_rotation_matrix
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from . import PosedImages
 from .assemble import View, find_image, lens_of, posed_images, rigid
 from .colmap_tables import STRAIGHTEN, Calibration, Shot, Tables

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from ..meshes.asset_files import read_limited
 from .assemble import IMAGE_LIMIT, POINT_LIMIT, check_points
 from .colmap_tables import MODELS, STRAIGHTEN, Calibration, Shot, Tables

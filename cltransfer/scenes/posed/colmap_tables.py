@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...renderers.kernels import Array
+from ...computer.array_type import Array
 
 MODELS = {  # COLMAP's number -> name and count of parameters
     0: ("SIMPLE_PINHOLE", 3),

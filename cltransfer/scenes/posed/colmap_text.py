@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from ...storage.files import read_lines
 from .assemble import IMAGE_LIMIT, POINT_LIMIT, check_points
 from .colmap_tables import COUNTS, STRAIGHTEN, Calibration, Shot, Tables

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...clips.decoding import IMAGE_SUFFIXES
 from ...clips.image_folder import natural_order
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from . import PosedImages
 from .assemble import VIDEOS, View, find_image, lens_of, names_in, posed_images, rigid, size_of_image
 from .lens import Lens

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ...clips.decoding import IMAGE_SUFFIXES
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from . import PosedImages
 from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, names_in, posed_images, rigid
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from ...storage.files import read_text
 
 BYTE_LIMIT = 4 * 2**20

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from plyfile import PlyData, PlyParseError
 
+from ...computer.array_type import Array
 from ...errors import InputError
-from ...renderers.kernels import Array
 from ..meshes.asset_files import read_limited
 from ..meshes.mesh_need import check_ply
 from ..ply_header import HEADER_LIMIT, check_header
