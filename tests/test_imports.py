@@ -27,6 +27,7 @@ VALUES = (
     "skeleton",
     "placement",
     "orientation",
+    "along_clip",
     "errors",
     "computer",
     "storage",

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..reading.tracks import along, runs
+from ..along_clip import along, runs
 from .joint import PROMISE
 from .spline import bending
 from .whole_clip import WholeClip

@@ -15,11 +15,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..along_clip import along, counted
 from ..camera import Camera
 from ..features import Features
 from ..placement import frame_joints, visible_joints
-from ..reading.places import counted
-from ..reading.tracks import along
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from .lookups import STEP, cheapest_along

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..along_clip import counted
 from ..camera import Camera, concatenate
 from ..features import Features
 from ..pipeline.objective import Objective
-from ..reading.places import counted
 from .frame import CARRIED, Memory, Schedule, Solved, carried, held, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local

@@ -14,8 +14,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from ..along_clip import along
 from ..pipeline.objective import group_norms
-from ..reading.tracks import along
 from .jumps import WORTH, Jumps, jumps_of
 from .spline import Local, bending, moved
 from .whole_clip import WholeClip

@@ -13,7 +13,7 @@ from itertools import product
 
 from torch import Tensor
 
-from ..reading.tracks import along
+from ..along_clip import along
 from .joint import Effort, Moves, refine_path
 from .spline import Fitted, Local, fit
 from .whole_clip import WholeClip

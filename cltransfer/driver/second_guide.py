@@ -14,9 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..along_clip import counted, runs
 from ..camera import Camera
-from ..reading.places import counted
-from ..reading.tracks import runs
 from ..search.subject_orbit import SCALE
 from .closed_form import aimable, aimed_at, aimed_path
 from .whole_clip import WholeClip

@@ -15,8 +15,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..along_clip import counted
 from ..pipeline.objective import group_norms
-from ..reading.places import counted
 from .refine import LONGEST
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ class WholeClip:
         search: vectors to cameras.
         reference: N frames.
         home: the initial view.
-        at: places of the frames along the clip, (N,), see :func:`cltransfer.reading.places.places`; None are evenly
+        at: places of the frames along the clip, (N,), see :func:`cltransfer.along_clip.places`; None are evenly
             spaced.
     """
 

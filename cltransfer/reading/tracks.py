@@ -13,16 +13,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..along_clip import along, counted, running_median, runs
 from ..features import Features
 from ..orientation import wrap
 from ..placement import frame_joints, visible_joints
 from ..skeleton import JOINTS
-from .places import counted
 
 FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
 CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
 SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, from which on their order is sure
-MEDIAN = 5  # frames
 
 
 def cleaned(features: Features, frames: float, at: Tensor | None = None) -> Features:
@@ -111,34 +110,6 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
     return repaired
 
 
-def along(x: Tensor, frames: float, at: Tensor | None = None) -> Tensor:
-    """x (N, D) filtered along N by a Gaussian of standard deviation ``frames``; NaN rows stay and count for nothing.
-
-    Its frames stand ``at`` (N,), see :func:`~.places.places`, or are evenly spaced.
-    """
-    index = counted(len(x), at).to(x.dtype)
-    weight = torch.exp(-0.5 * ((index[:, None] - index[None]) / frames) ** 2)  # (N, N)
-    there = torch.isfinite(x)
-    # a line is fitted under the window, so that a steady motion and its ends stay what they are
-    offset = index[None] - index[:, None]
-    filled = torch.where(there, x, 0.0)
-    s0, s1, s2 = (torch.einsum("nm,md->nd", weight * offset**k, there.to(x)) for k in (0, 1, 2))
-    t0, t1 = (torch.einsum("nm,md->nd", weight * offset**k, filled) for k in (0, 1))
-    spread = s0 * s2 - s1**2
-    line = (s2 * t0 - s1 * t1) / spread.clamp_min(1e-9)
-    return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
-
-
-def runs(frames: Tensor) -> list[tuple[int, int]]:
-    """Of ``frames`` (N,) bool that follow one another the first, and the one after the last.
-
-    >>> runs(torch.tensor([True, True, False, True]))
-    [(0, 2), (3, 4)]
-    """
-    edges = torch.nn.functional.pad(frames.int(), (1, 1)).diff().nonzero()
-    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
-
-
 def _steady_angles(angles: Tensor, frames: float, at: Tensor) -> Tensor:
     """Angles (N, 3) [rad] filtered, never across frames that were not read: who comes back may stand elsewhere."""
     known = torch.isfinite(angles).all(1)
@@ -149,13 +120,6 @@ def _steady_angles(angles: Tensor, frames: float, at: Tensor) -> Tensor:
     for first, last in runs(known):
         steady[first:last] = along(running_median(steady[first:last]), frames, at[first:last])
     return wrap(steady)
-
-
-def running_median(x: Tensor) -> Tensor:
-    """Running median of x (N, D) over up to MEDIAN frames, fewer at the ends."""
-    reach = MEDIAN // 2
-    rows = [x[max(0, i - min(reach, i, len(x) - 1 - i)) : i + min(reach, i, len(x) - 1 - i) + 1] for i in range(len(x))]
-    return torch.stack([row.median(0).values for row in rows])
 
 
 def _unwrap(angles: Tensor) -> Tensor:

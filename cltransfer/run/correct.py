@@ -14,10 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..along_clip import along, counted, running_median
 from ..features import Features
 from ..orientation import wrap
-from ..reading.places import counted
-from ..reading.tracks import along, running_median
 from ..skeleton import VISIBLE
 
 FARTHEST = 0.08  # [frame] a joint further off than this was read wrong, not biased
@@ -50,7 +49,7 @@ def measure_bias(network: Features, geometry: Features, window: float, at: Tenso
         network: read by image extractors.
         geometry: read by scene extractors.
         window: standard deviation of the smoothing along the clip [frames]; 0 takes every frame's own difference.
-        at: places of the frames, see :func:`cltransfer.reading.places.places`; None are evenly spaced.
+        at: places of the frames, see :func:`cltransfer.along_clip.places`; None are evenly spaced.
     """
     at = counted(len(geometry), at)
     joints = torch.zeros(len(geometry), 28, dtype=torch.float64)

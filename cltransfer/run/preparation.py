@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from ..along_clip import places
 from ..camera import fitted_size, resized
 from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
@@ -25,7 +26,6 @@ from ..pipeline.plan import Family
 from ..pipeline.scores import frame_totals
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, needs_scene
-from ..reading.places import places
 from ..reading.reference import Reading, Reference, read_reference
 from ..reading.tracks import cleaned, turned_back
 from ..scenes import Scene

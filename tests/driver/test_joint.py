@@ -9,6 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.along_clip import along
 from cltransfer.config import load_config
 from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path
 from cltransfer.driver.jumps import Jumps
@@ -18,7 +19,6 @@ from cltransfer.driver.stage import Stage
 from cltransfer.driver.whole_clip import WholeClip, between
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.reading.tracks import along
 from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SCALE, SubjectOrbit

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from cltransfer.features import Features
-from cltransfer.reading.tracks import along, cleaned, facing, repair_flips
+from cltransfer.reading.tracks import cleaned, facing, repair_flips
 from cltransfer.skeleton import JOINTS
 
 
@@ -85,13 +85,6 @@ def test_who_turned_while_nobody_saw_it_has_turned(apart: int) -> None:
     yaw = torch.cat([torch.zeros(12), torch.full((apart - 1,), math.nan), torch.full((3,), 3.1)])
     turned = repair_flips(yaw.double())[-3:].abs()
     assert bool((turned > 3).all() if apart > 1 else (turned < 0.1).all())
-
-
-def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:
-    line = torch.linspace(-1, 2, 30, dtype=torch.float64)[:, None]
-    torch.testing.assert_close(along(line, 1.5), line)
-    noise = 0.1 * torch.randn(30, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    assert float((along(line + noise, 1.5) - line).std()) < 0.6 * float(noise.std())
 
 
 def test_joints_are_not_filtered_across_a_change_of_the_visible_set() -> None:

@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.along_clip import places
 from cltransfer.features import Features
-from cltransfer.reading.places import places
 from cltransfer.run.correct import corrected, measure_bias
 
 N = 24

@@ -1,12 +1,12 @@
-"""Where frames stand in time: even ones are counted, a pause and a burst are bounded."""
+"""Where frames stand in time: even ones are counted, a pause and a burst are bounded; what is filtered along them."""
 
 from __future__ import annotations
 
 import pytest
 import torch
 
+from cltransfer.along_clip import WIDEST, along, counted, places
 from cltransfer.clips.thinned import evenly
-from cltransfer.reading.places import WIDEST, counted, places
 
 
 @pytest.mark.parametrize("rate", [23.976, 24.0, 30.0, 29.97])
@@ -31,3 +31,10 @@ def test_a_pause_and_a_burst_weigh_no_more_than_a_few_frames() -> None:
     at = places(torch.tensor([0.0, 1.0, 2.0, 2.001, 100.0, 101.0, 102.0]))
     assert at is not None
     assert at.diff().tolist() == [1.0, 1.0, 1 / WIDEST, WIDEST, 1.0, 1.0]
+
+
+def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:
+    line = torch.linspace(-1, 2, 30, dtype=torch.float64)[:, None]
+    torch.testing.assert_close(along(line, 1.5), line)
+    noise = 0.1 * torch.randn(30, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    assert float((along(line + noise, 1.5) - line).std()) < 0.6 * float(noise.std())

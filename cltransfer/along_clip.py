@@ -1,0 +1,78 @@
+"""Values along a clip: where its frames stand in time, what is filtered along them, and runs of them.
+
+What moves steadily does so however the frames are spaced.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+MEDIAN = 5  # frames
+EVEN = 1e-3  # of the usual spacing, by which evenly spaced frames may differ
+WIDEST = 4.0  # times the usual spacing that a pause counts as at most, and its part that a burst does at least
+
+
+def places(times: Tensor) -> Tensor | None:
+    """Places of N frames along their clip, in frames of its usual spacing; None where they are evenly spaced.
+
+    Every second or third frame of a clip, which is what thinning it leaves, is not evenly spaced: a curve through such
+    frames by their number would run slower where they are dense.
+
+    >>> places(torch.tensor([0.0, 0.1, 0.2, 0.4, 0.5])).round(decimals=3).tolist()
+    [0.0, 1.0, 2.0, 4.0, 5.0]
+
+    Args:
+        times: (N,) [s], increasing.
+
+    Returns:
+        (N,) float64, increasing.
+    """
+    if len(times) < 3:
+        return None
+    steps = times.double().diff()
+    steps = (steps / steps.quantile(0.5)).clamp(1 / WIDEST, WIDEST)
+    if bool(((steps - 1).abs() < EVEN).all()):
+        return None
+    return torch.cat([steps.new_zeros(1), steps.cumsum(0)])
+
+
+def counted(frames: int, given: Tensor | None = None) -> Tensor:
+    """The places (N,) that are ``given``, or those of N frames that are evenly spaced."""
+    return torch.arange(frames, dtype=torch.float64) if given is None else given
+
+
+def along(x: Tensor, frames: float, at: Tensor | None = None) -> Tensor:
+    """x (N, D) filtered along N by a Gaussian of standard deviation ``frames``; NaN rows stay and count for nothing.
+
+    Its frames stand ``at`` (N,), see :func:`places`, or are evenly spaced.
+    """
+    index = counted(len(x), at).to(x.dtype)
+    weight = torch.exp(-0.5 * ((index[:, None] - index[None]) / frames) ** 2)  # (N, N)
+    there = torch.isfinite(x)
+    # a line is fitted under the window, so that a steady motion and its ends stay what they are
+    offset = index[None] - index[:, None]
+    filled = torch.where(there, x, 0.0)
+    s0, s1, s2 = (torch.einsum("nm,md->nd", weight * offset**k, there.to(x)) for k in (0, 1, 2))
+    t0, t1 = (torch.einsum("nm,md->nd", weight * offset**k, filled) for k in (0, 1))
+    spread = s0 * s2 - s1**2
+    line = (s2 * t0 - s1 * t1) / spread.clamp_min(1e-9)
+    return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
+
+
+def runs(frames: Tensor) -> list[tuple[int, int]]:
+    """Of ``frames`` (N,) bool that follow one another the first, and the one after the last.
+
+    >>> runs(torch.tensor([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
+    edges = pad(frames.int(), (1, 1)).diff().nonzero()
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def running_median(x: Tensor) -> Tensor:
+    """Running median of x (N, D) over up to MEDIAN frames, fewer at the ends."""
+    reach = MEDIAN // 2
+    rows = [x[max(0, i - min(reach, i, len(x) - 1 - i)) : i + min(reach, i, len(x) - 1 - i) + 1] for i in range(len(x))]
+    return torch.stack([row.median(0).values for row in rows])
