@@ -9,11 +9,10 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
-from ..driver.stage import Stage
+from ..driver.stage import Stage, read_path
 from ..features import Features
 from ..pipeline.components import Components
 from ..pipeline.objective import Objective
-from ..run.readback import read_path
 from ..scenes import Scene
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from .failure import Shown, cover

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..along_clip import counted
-from ..camera import Camera, concatenate
+from ..camera import Camera
 from ..features import Features
 from ..pipeline.objective import Objective
 from .frame import CARRIED, Memory, Schedule, Solved, carried, held, predictions, solve
@@ -148,8 +148,3 @@ def _hidden(objective: Objective, defined: Tensor) -> Tensor:
     placing = torch.tensor(["keypoints" in loss.requires for loss in objective.losses.values()])
     seen = (defined & placing & objective.weighs).any(1)
     return ~seen & seen.any()
-
-
-def still(camera: Camera, count: int) -> Camera:
-    """The first camera held for ``count`` frames: what a transfer has to beat."""
-    return concatenate([camera[0]] * count)

@@ -212,3 +212,9 @@ class Stage:
         if self.objective.groups is None:
             raise ValueError("a path is refined by the residuals of every loss")
         return torch.cat([self.priced(reference[i], seen, defined[i]) for i, seen in enumerate(self.path(cameras))])
+
+
+def read_path(stage: Stage, cameras: Camera) -> Features:
+    """Features of a path by the stage's extractors, each frame with the one before it; its pixels only for a loss."""
+    kept = "image" in stage.plan.wanted
+    return Features.concatenate([seen if kept else replace(seen, image=None) for seen in stage.path(cameras)])

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..camera import Camera
+from ..camera import Camera, concatenate
 from ..clips.decoding import PIXEL_LIMIT
 from ..clips.part import BYTE_LIMIT
 from ..computer.memory import require_free
-from ..driver.follow import still
-from ..driver.stage import Stage
+from ..driver.stage import Stage, read_path
 from ..errors import ResourceError
 from ..features import Features
 from ..pipeline.components import Components
@@ -130,7 +129,6 @@ def read_held(stage: Stage, parts: Components, reference: Reference, shown: Read
     return score(stage.objective, reference.features, features, reference.missing)
 
 
-def read_path(stage: Stage, cameras: Camera) -> Features:
-    """Features of a path by the stage's extractors, each frame with the one before it; its pixels only for a loss."""
-    kept = "image" in stage.plan.wanted
-    return Features.concatenate([seen if kept else replace(seen, image=None) for seen in stage.path(cameras)])
+def still(camera: Camera, count: int) -> Camera:
+    """The first camera held for ``count`` frames: what a transfer has to beat."""
+    return concatenate([camera[0]] * count)

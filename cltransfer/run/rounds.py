@@ -12,14 +12,14 @@ from ..config.options import RunConfig
 from ..driver.follow import Path
 from ..driver.frame import Solved
 from ..driver.path_order import LeastPath
-from ..driver.stage import Stage
+from ..driver.stage import Stage, read_path
 from ..driver.starts import Starts
 from ..features import Features, nobody
 from ..progress import Progress
 from .correct import LEAST, corrected, measure_bias
 from .left_out import LeftOut
 from .preparation import Clock, Job
-from .readback import Readback, read_back, read_path
+from .readback import Readback, read_back
 from .search_path import search_path
 from .take import Report
 

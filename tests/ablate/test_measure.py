@@ -16,10 +16,9 @@ from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.trial import Job, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.features import Features
 from cltransfer.pipeline.objective import Objective
-from cltransfer.run.readback import read_path
 from cltransfer.skeleton import key_joints
 
 W, H = 160, 90

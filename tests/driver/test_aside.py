@@ -14,12 +14,11 @@ from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import occluder
 from cltransfer.config import load_config
 from cltransfer.driver.aside import BESIDE, FEW, MANY, as_a_whole, go_aside, steadiest
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip, views
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SubjectOrbit

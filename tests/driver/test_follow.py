@@ -19,12 +19,11 @@ from cltransfer.driver.follow import follow
 from cltransfer.driver.frame import Memory, Solved
 from cltransfer.driver.initial_view import any_view
 from cltransfer.driver.schedule import Schedule, make_schedule
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import builtin_reference, shot

@@ -12,7 +12,7 @@ from cltransfer.config import load_config
 from cltransfer.driver.follow import follow
 from cltransfer.driver.guard import READ, Guard
 from cltransfer.driver.schedule import make_schedule
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
@@ -22,7 +22,6 @@ from cltransfer.progress import silent
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, prepare
-from cltransfer.run.readback import read_path
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.scenes.load import load_scene

@@ -15,11 +15,10 @@ from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_
 from cltransfer.driver.jumps import Jumps
 from cltransfer.driver.refine import STEP
 from cltransfer.driver.spline import Local
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip, between
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
 from cltransfer.shots import shot

@@ -12,13 +12,12 @@ from cltransfer.config import load_config
 from cltransfer.driver import path_order
 from cltransfer.driver.joint import Effort
 from cltransfer.driver.path_order import LeastPath, least_path
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.plan import Step
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SubjectOrbit

@@ -14,12 +14,11 @@ from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.journal import Journal
 from cltransfer.driver.recent import Context, Recent
-from cltransfer.driver.stage import AHEAD, Spent, Stage
+from cltransfer.driver.stage import AHEAD, Spent, Stage, read_path
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.plan import Step
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot
 

@@ -11,13 +11,12 @@ from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.initial_view import any_view
 from cltransfer.driver.schedule import make_schedule
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.starts import Starting
 from cltransfer.errors import InputError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import shot

@@ -13,9 +13,8 @@ import torch
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.computer import memory
 from cltransfer.config import load_config
-from cltransfer.driver.follow import still
 from cltransfer.driver.recent import Recent
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.errors import ResourceError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
@@ -24,15 +23,7 @@ from cltransfer.pipeline.scores import score
 from cltransfer.reading.reference import Reference
 from cltransfer.registry import LOSSES
 from cltransfer.run import readback
-from cltransfer.run.readback import (
-    RENDER_BATCH,
-    Readback,
-    check_frames,
-    check_result,
-    read_held,
-    read_path,
-    render_frames,
-)
+from cltransfer.run.readback import RENDER_BATCH, Readback, check_frames, check_result, read_held, render_frames, still
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 

@@ -14,10 +14,9 @@ from cltransfer.config import load_config
 from cltransfer.driver.frame import Memory, solve
 from cltransfer.driver.problem import Problem
 from cltransfer.driver.schedule import make_schedule
-from cltransfer.driver.stage import Stage
+from cltransfer.driver.stage import Stage, read_path
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.run.readback import read_path
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.se3_jaws import Se3Jaws, exponential
 from cltransfer.shots import shot

@@ -21,13 +21,12 @@ from torch import Tensor
 from ...camera import Camera, resized
 from ...computer.threads import set_threads
 from ...config import load_config, to_yaml
-from ...driver.stage import Stage
+from ...driver.stage import Stage, read_path
 from ...errors import UsageError
 from ...features import Features
 from ...pipeline.components import Components
 from ...pipeline.objective import Objective
 from ...reading.feature_file import FeatureFile
-from ...run.readback import read_path
 from ...scenes import Scene
 from ...scenes.load import load_scene
 from ...scenes.person.lifted import LABELS, SUBJECT
