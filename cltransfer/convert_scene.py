@@ -18,12 +18,13 @@ from .scenes.load import load_scene
 from .scenes.meshes.compose import part_files
 from .scenes.meshes.mesh import Mesh
 from .scenes.nerf_grid import write_grid
-from .scenes.person.lifted import SUBJECT, save_labels
+from .scenes.person.lifted import save_labels
 from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
 from .storage.files import read_json
+from .storage.run_files import SUBJECT
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
 

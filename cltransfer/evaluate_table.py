@@ -11,6 +11,7 @@ from .evaluate_many import CONFIDENCE, FEWEST, RESAMPLES, ClipScore, Interval
 from .report.metrics import number
 from .report.tables import Table, to_latex, to_markdown
 from .storage.files import csv_text, write_json, write_text
+from .storage.run_files import METRICS
 
 ALIKE = 0.01  # by which the time may differ that as many frames are spread over: the nearest to even ones are taken
 
@@ -19,7 +20,7 @@ Summary = Mapping[str, Mapping[str, Interval]]
 
 def write_methods(folder: Path, rows: Sequence[ClipScore], summary: Summary, notes: Sequence[str] = ()) -> None:
     """Write metrics.json, clips.csv, methods.csv, methods.md and methods.tex into ``folder``."""
-    write_json(folder / "metrics.json", methods_json(rows, summary, notes))
+    write_json(folder / METRICS, methods_json(rows, summary, notes))
     write_text(folder / "clips.csv", clips_csv(rows))
     write_text(folder / "methods.csv", methods_csv(summary))
     write_text(folder / "methods.md", methods_markdown(summary) + "\n")

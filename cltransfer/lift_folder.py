@@ -16,7 +16,8 @@ from .report.contact_sheet import write_contact_sheet
 from .scenes.load import load_scene
 from .scenes.person.find_people import SIZE
 from .scenes.person.lift import Lift, LiftOptions
-from .scenes.person.lifted import LABELS, SUBJECT, cache_lift, cached_lift, lift_scene, save_lift, summary
+from .scenes.person.lifted import cache_lift, cached_lift, lift_scene, save_lift, summary
+from .storage.run_files import LABELS, SUBJECT
 from .trajectory import Trajectory
 
 SHEET = "contact_sheet.png"

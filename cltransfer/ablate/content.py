@@ -19,8 +19,8 @@ from ..scenes.builtin import read_name
 from ..scenes.foreign import reader_code
 from ..scenes.load import load_scene
 from ..scenes.meshes.moment import MARK, split_moment
-from ..scenes.person.lifted import LABELS, SUBJECT
 from ..storage.files import content_hash
+from ..storage.run_files import LABELS, SUBJECT
 
 Digest = Callable[[str | None], str]
 ANIMATED = (".glb", ".gltf")  # scenes of which a moment may be named

@@ -128,7 +128,7 @@ def bake(
     refuse_run(out, "subject and labels", "baked")
     from ..convert_scene import bake_to_folder
     from ..progress import progress
-    from ..scenes.person.lifted import SUBJECT
+    from ..storage.run_files import SUBJECT
 
     with progress(quiet) as report:
         found = bake_to_folder(mesh, out, representation, detail, report)  # type: ignore[arg-type]  # checked above

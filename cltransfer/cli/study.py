@@ -9,6 +9,7 @@ import typer
 
 from ..errors import UsageError
 from ..storage.files import check_out
+from ..storage.pages import INDEX
 from .shared import Json, show
 
 
@@ -60,7 +61,7 @@ def study(
 
     wanted = Wanted(tuple(paths), tuple(method or ("A", "B")), tuple(reference or ()), seed)
     made, key_file = build_study(wanted, out)
-    count, index, notes = len(made.items), str(out / "index.html"), wanted.notes()
+    count, index, notes = len(made.items), str(out / INDEX), wanted.notes()
     values = {"page": index, "key": str(key_file), "study": made.name, "comparisons": count, "notes": notes}
     lines = [f"{index}: {counted(made)}", f"{key_file}: whose video is whose; keep it from them"]
     return show(values, "\n".join([*lines, *(f"note: {note}" for note in notes)]), as_json)

@@ -18,14 +18,13 @@ from ..pipeline.components import Components
 from ..progress import Progress, silent
 from ..reading.reference import Reading, is_scene, read_reference
 from ..reading.tracks import turned_back
-from ..storage.run_files import is_run, require_done
+from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .description import Description, describe_features
 from .flow_motion import flow_motion
 from .path_motion import path_motion
 
-PATH = "trajectory.json"  # in the folder of a run
 NEEDS = ("keypoints", "orientation", "flow", "layers")  # features
 HINT = "a description needs the losses that read it"
 
@@ -50,8 +49,8 @@ def describe(
     """
     path = Path(source)
     require_done(path)
-    if (path / PATH).is_file():
-        path = path / PATH
+    if (path / TRAJECTORY).is_file():
+        path = path / TRAJECTORY
     if path.suffix == ".json" and not is_scene(str(path)):
         return describe_path(path, subject, config.frames), None
     parts = Components.build(config)
@@ -66,7 +65,7 @@ def describe(
     motion = flow_motion(reference.features, reference.times)
     read = reference.features if reference.family == "scene" else turned_back(reference.features)  # a scene's is exact
     shown = describe_features(reference.name, read, reference.times, motion, reference.missing)
-    lost = [f"the run has no {PATH}: read from its frames, as a clip is"] if is_run(path) else []
+    lost = [f"the run has no {TRAJECTORY}: read from its frames, as a clip is"] if is_run(path) else []
     return replace(shown, flags=(*lost, *shown.flags, *reference.flags)), reference.image
 
 
@@ -90,13 +89,13 @@ def describe_path(path: Path, subject: Path | None = None, frames: int | None = 
     whole = Trajectory.load(path)
     kept = evenly(whole.times, frames)
     trajectory = Trajectory(whole.camera[kept], whole.times[kept])
-    beside = subject or path.with_name("subject.json")
+    beside = subject or path.with_name(SUBJECT)
     if not beside.is_file():
         raise InputError(path, "subject", "no subject.json beside it", "name one: --subject FILE")
     person = Subject.load(beside)
     features = path_features(trajectory, person)
     motion = path_motion(trajectory, person)
-    name = path.parent.name if path.name == PATH else path.stem
+    name = path.parent.name if path.name == TRAJECTORY else path.stem
     return describe_features(name, features, trajectory.times, motion, {"depth": "a camera path has no depth"})
 
 

@@ -10,7 +10,7 @@ from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import load_person
 from ..storage.files import cache_dir, into_cache, read_json, write_json
-from ..storage.run_files import require_done
+from ..storage.run_files import SUBJECT, require_done
 from ..trajectory import Trajectory
 from .scene_source import split_scene
 
@@ -41,8 +41,8 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
     require_done(path.parent)
     trajectory = Trajectory.load(path)
     scene = load_scene(scene_name)
-    if scene.subject is None and path.with_name("subject.json").is_file():
-        scene = load_person(scene, path.with_name("subject.json"))
+    if scene.subject is None and path.with_name(SUBJECT).is_file():
+        scene = load_person(scene, path.with_name(SUBJECT))
     return scene, _thinned(trajectory, frames, side)
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..pipeline.scores import Scores, Term
 from ..storage.files import csv_text, write_json, write_text
+from ..storage.run_files import METRICS, METRICS_CSV
 from .data import ReportData
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "first view / mean")
@@ -143,8 +144,8 @@ def _drawn(names: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
 
 def write_metrics(run: Path, report: ReportData) -> None:
     """Write ``metrics.json`` (means, coverage, reasons) and ``metrics.csv`` (one row per frame) into ``run``."""
-    write_json(run / "metrics.json", metrics_json(report))
-    write_text(run / "metrics.csv", metrics_csv(report))
+    write_json(run / METRICS, metrics_json(report))
+    write_text(run / METRICS_CSV, metrics_csv(report))
 
 
 def metrics_json(report: ReportData) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from torch import Tensor
 
 from ..storage.files import write_text
+from ..storage.run_files import REPORT
 from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
 from .metrics import head, number, rows, sums
@@ -32,8 +33,8 @@ class Pair:
 
 def write_report(run: Path, report: ReportData) -> Path:
     """Write ``report.html`` into ``run``, whole or not at all, and return its path."""
-    write_text(run / "report.html", page(report))
-    return run / "report.html"
+    write_text(run / REPORT, page(report))
+    return run / REPORT
 
 
 def page(report: ReportData) -> str:

@@ -26,9 +26,23 @@ from ..report.metrics import metrics_json, metrics_table, write_metrics
 from ..report.page import write_report
 from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
-from ..scenes.person.lifted import SUBJECT, save_labels
+from ..scenes.person.lifted import save_labels
 from ..storage.files import write_json, write_text
-from ..storage.run_files import BESIDE, CONFIG, DONE, FORMAT, FRAMES, MANIFEST, STRIP, VIDEO, clear
+from ..storage.run_files import (
+    BESIDE,
+    CAMERA_PATH,
+    CONFIG,
+    DONE,
+    FORMAT,
+    FRAMES,
+    MANIFEST,
+    REPORT,
+    STRIP,
+    SUBJECT,
+    TRAJECTORY,
+    VIDEO,
+    clear,
+)
 from .flags import run_flags
 from .inputs import Inputs
 from .result import Result
@@ -53,8 +67,8 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     write_json(folder / MANIFEST, manifest)
     write_text(folder / CONFIG, to_yaml(_settled(config, result)))
     trajectory, reference = result.trajectory, result.reference
-    trajectory.save(folder / "trajectory.json")
-    write_camera_path(folder / "camera" / "camera_path.json", trajectory)
+    trajectory.save(folder / TRAJECTORY)
+    write_camera_path(folder / CAMERA_PATH, trajectory)
     write_video(folder / FRAMES, result.image, trajectory.times, lossless=True)
     write_video(folder / VIDEO, result.image, trajectory.times)
     if reference.image is not None:
@@ -153,14 +167,7 @@ def summary_lines(folder: Path, report: ReportData) -> str:
     """The table of metrics, the flags of the whole run, and where everything is."""
     lines = [report.title, "", metrics_table(report), ""]
     lines += [f"note: {note}" for note in report.findings]
-    for name in (
-        "video/side_by_side.mp4",
-        "video/render.mp4",
-        STRIP,
-        "trajectory.json",
-        "camera/camera_path.json",
-        "report.html",
-    ):
-        if (folder / name).is_file():
-            lines.append(f"{name.partition('/')[2] or name:<18} {os.path.relpath(folder / name)}")
+    for path in (folder / name for name in (BESIDE, VIDEO, STRIP, TRAJECTORY, CAMERA_PATH, REPORT)):
+        if path.is_file():
+            lines.append(f"{path.name:<18} {os.path.relpath(path)}")
     return "\n".join(lines)

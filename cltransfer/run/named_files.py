@@ -9,7 +9,7 @@ from ..clips.source import ClipSource
 from ..reading.scene_source import split_scene
 from ..scenes.load import BUILTIN
 from ..scenes.meshes.moment import split_moment
-from ..scenes.person.lifted import LABELS, SUBJECT
+from ..storage.run_files import LABELS, SUBJECT
 from .inputs import Inputs
 
 

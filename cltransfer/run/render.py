@@ -23,10 +23,9 @@ from ..reading.named_scenes import recall
 from ..renderers._request import drawn_by
 from ..scenes import Scene
 from ..scenes.load import BUILTIN, load_scene
-from ..scenes.person.lifted import SUBJECT
 from ..storage.alone import alone
 from ..storage.files import read_json
-from ..storage.run_files import CONFIG, MANIFEST, VIDEO, is_run, require_done
+from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, is_run, require_done
 from ..subject import Subject
 from ..trajectory import FRAME_LIMIT, Trajectory
 from .readback import RENDER_BATCH, render_frames
@@ -89,7 +88,7 @@ def _filmed_run(
     config = load_config(run / CONFIG, overrides, whole=True)
     if not (run / CONFIG).stat().st_size:
         raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
-    trajectory = _filmed(Trajectory.load(run / "trajectory.json"), fps)
+    trajectory = _filmed(Trajectory.load(run / TRAJECTORY), fps)
     set_threads(config.threads or default_count())
     parts = Components.build(config)
     source = scene or recall(digest)

@@ -11,13 +11,16 @@ from .files import check_out, read_json, refuse_outside, temporaries
 
 FORMAT = "cltransfer.run"  # what the manifest of a run says it is
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
+TRAJECTORY, CAMERA_PATH = "trajectory.json", Path("camera") / "camera_path.json"
+SUBJECT, LABELS = "subject.json", "labels.safetensors"  # the person, beside a scene too
+METRICS, METRICS_CSV, REPORT = "metrics.json", "metrics.csv", "report.html"  # an evaluation leaves them too
 FRAMES = Path("video") / "frames.mkv"  # lossless
 VIDEO = Path("video") / "render.mp4"
 BESIDE = Path("video") / "side_by_side.mp4"
 STRIP = "strip.jpg"
 RESULTS = (
-    DONE, MANIFEST, CONFIG, "trajectory.json", "camera/camera_path.json", FRAMES, VIDEO, BESIDE, STRIP,
-    "subject.json", "labels.safetensors", "metrics.json", "metrics.csv", "report.html",
+    DONE, MANIFEST, CONFIG, TRAJECTORY, CAMERA_PATH, FRAMES, VIDEO, BESIDE, STRIP, SUBJECT, LABELS,
+    METRICS, METRICS_CSV, REPORT,
 )  # fmt: skip
 
 

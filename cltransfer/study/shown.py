@@ -15,10 +15,9 @@ from ..clips.source import ClipSource
 from ..errors import InputError, UsageError
 from ..report.side_by_side import reference_side
 from ..storage.files import content_hash, read_json
-from ..storage.run_files import BESIDE, FRAMES, MANIFEST, is_run, kept_frames, require_done
+from ..storage.run_files import BESIDE, FRAMES, MANIFEST, METRICS, TRAJECTORY, is_run, kept_frames, require_done
 from ..trajectory import Trajectory
 
-METRICS = "metrics.json"  # of a run: says how many frames it has
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
 MOMENT = 1e-3  # [s]; nearer ones are one
 
@@ -125,7 +124,7 @@ def _taught_by(run: Path) -> _Taught:
     if not isinstance(reference, dict):
         raise InputError(run / MANIFEST, "reference", "is no manifest of a run", "make the run anew")
     digest, part = str(reference.get("sha256")), reference.get("part")
-    return _Taught(digest, part, None if part is None else Trajectory.load(run / "trajectory.json").times)
+    return _Taught(digest, part, None if part is None else Trajectory.load(run / TRAJECTORY).times)
 
 
 def _own_reference(group: Sequence[Path]) -> Shown:

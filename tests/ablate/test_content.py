@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cltransfer.ablate.content import digest
-from cltransfer.scenes.person.lifted import LABELS, SUBJECT
+from cltransfer.storage.run_files import LABELS, SUBJECT
 
 
 def test_other_labels_are_another_person(tmp_path: Path) -> None:

@@ -25,8 +25,8 @@ from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.registry.plugin_code import own_code
-from cltransfer.scenes.person.lifted import SUBJECT
 from cltransfer.storage.files import content_hash
+from cltransfer.storage.run_files import SUBJECT
 
 PLUGIN = Path(__file__).parents[2] / "plugins" / "rule_of_thirds.py"
 

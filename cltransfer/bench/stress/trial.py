@@ -29,9 +29,9 @@ from ...pipeline.objective import Objective
 from ...reading.feature_file import FeatureFile
 from ...scenes import Scene
 from ...scenes.load import load_scene
-from ...scenes.person.lifted import LABELS, SUBJECT
 from ...scenes.ply import write_splats
 from ...shots import shot
+from ...storage.run_files import LABELS, SUBJECT
 from ...trajectory import Trajectory
 from ...transfer import Inputs, transfer
 from ..failure import Shown, cover, failed_clip, failed_frames, pinned_frames

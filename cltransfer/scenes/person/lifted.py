@@ -23,13 +23,13 @@ from ...registry import RENDERERS
 from ...registry.plugin_code import code_of
 from ...renderers._request import drawn_by
 from ...storage.files import cache_dir, into_cache
+from ...storage.run_files import LABELS, SUBJECT
 from ...storage.tensor_file import save_tensors
 from ...subject import Subject
 from .. import Scene
 from .find_people import Boxes
 from .lift import Lift, LiftOptions, lift, summary
 
-SUBJECT, LABELS = "subject.json", "labels.safetensors"
 WANTED = frozenset({"box", "keypoints", "subject", "orientation"})
 USUAL = LiftOptions()
 
