@@ -12,6 +12,7 @@ from ..clips.source import ClipSource
 from ..config.options import SECTIONS, RunConfig
 from ..errors import InputError, UsageError
 from ..models.content import files_content, model_content, own_model
+from ..models.places import found_model
 from ..reading.scene_source import split_scene
 from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
 from ..registry.plugin_code import code_of
@@ -31,6 +32,16 @@ def parts_content(config: RunConfig) -> list[list[Any]]:
     """Code of the plugins and content of the networks and files that a config names."""
     built = [part for section in SECTIONS for part in config.build(section).values()]
     return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
+
+
+def read_here(config: RunConfig, parts: list[list[Any]], networks: bool) -> list[list[Any]]:
+    """Of :func:`parts_content` the files that plugins' options name, and the ``networks`` that are here, if read.
+
+    What is not here counts as empty, where it is known by the catalogue elsewhere.
+    """
+    built = [part for section in SECTIONS for part in config.build(section).values()]
+    here = [networks and found_model(own_model(part) or "") is not None for part in built]
+    return [[model if there else "", *files] for there, (_, model, *files) in zip(here, parts, strict=True)]
 
 
 def codes_of(*configs: RunConfig) -> tuple[str, ...]:

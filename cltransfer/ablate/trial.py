@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
@@ -19,7 +20,7 @@ from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
 from ..reading.scene_source import split_scene
 from ..registry.plugin_code import own_code
-from .content import Digest, codes_of, digests, parts_content
+from .content import Digest, codes_of, digests, parts_content, read_here
 from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep
 
@@ -37,7 +38,7 @@ class Trial:
         config: of the run, with its seed.
         metrics: config by which the result is measured.
         codes: of the plugins that both name, which ``key`` is made of too.
-        parts: digest of these and of the networks and files that both name, which ``key`` is made of too.
+        files: digest of the files that both name, and of the networks if any is read.
     """
 
     key: str
@@ -48,7 +49,7 @@ class Trial:
     config: RunConfig
     metrics: RunConfig
     codes: tuple[str, ...]
-    parts: str
+    files: str
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,19 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
             if twin != case:  # as one more value it would make an interval narrow
                 told = f"{case.reference} in {case.scene} is the same as {twin.reference} in {twin.scene}"
                 raise UsageError("", "references", told, "name each scene and reference once")
-            told_apart = _digest([own, measures])
-            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics, codes, told_apart))
+            files = _files(used, source, (config, own), (sweep.metrics, measures))
+            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics, codes, files))
     return found
+
+
+Told = tuple[RunConfig, list[list[Any]]]  # a config and the content of its parts
+
+
+def _files(scene: SceneConfig, reference: str, row: Told, metrics: Told) -> str:
+    """Digest of what else is read here; scenes that are made by code are read by geometry alone."""
+    made = all(name.startswith("builtin:") for name in (scene.scene, (split_scene(reference) or (reference,))[0]))
+    networks = not made or row[0].extract.inner != "geometric"
+    return _digest([read_here(*told, networks) for told in (row, metrics)])
 
 
 def _digest(told: object) -> str:
@@ -142,8 +153,7 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
     start = time.perf_counter()
     other: ModelError | None = None
     try:
-        _allow(job.plugins, job.codes)
-        other = _other(trial, job)
+        other = _allowed(job) or _other(trial, job)
         outcome = _run(trial, job) if other is None else Outcome(trial.key, trial.row, trial.case, failed=str(other))
     except CltransferError as error:
         outcome = Outcome(trial.key, trial.row, trial.case, failed=str(error))
@@ -155,6 +165,15 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
     return replace(outcome, seconds=round(time.perf_counter() - start, 3))
 
 
+def _allowed(job: Job) -> ModelError | None:
+    """Import the plugins; why one cannot be, as where it is not installed here."""
+    try:
+        _allow(job.plugins, job.codes)
+    except ModelError as error:
+        return error
+    return None
+
+
 def _other(trial: Trial, job: Job) -> ModelError | None:
     """What is not here as it was where the ablation began."""
     if job.code and job.code != own_code():
@@ -163,7 +182,8 @@ def _other(trial: Trial, job: Job) -> ModelError | None:
     if trial.codes != codes_of(trial.config, trial.metrics):
         told = "the code of a plugin is not what it was when the ablation began"
         return ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
-    if trial.parts != _digest([parts_content(trial.config), parts_content(trial.metrics)]):
+    row, metrics = ((config, parts_content(config)) for config in (trial.config, trial.metrics))
+    if trial.files != _files(trial.scene, trial.reference, row, metrics):
         told = "a worker has other networks or files of a plugin than the command had when the ablation began"
         return ModelError("", "engine", told, "give every worker the same, and run it again: what is done is kept")
     return None

@@ -175,7 +175,24 @@ def test_a_worker_of_other_code_or_with_other_networks_ends_the_ablation(tmp_pat
     with pytest.raises(ModelError, match="other code of cltransfer than the command"):
         run_trial(trial, Job(code="that of another commit"))
     with pytest.raises(ModelError, match="other networks or files"):
-        run_trial(replace(trial, parts="with another network"), Job(code=own_code()))
+        run_trial(replace(trial, files="with another network"), Job(code=own_code()))
+    with pytest.raises(ModelError, match="not_installed"):
+        run_trial(trial, Job(("not_installed",), code=own_code()))
+
+
+@pytest.mark.parametrize(("reference", "reads"), [("builtin:orbit", False), ("clip.mp4", True)])
+def test_a_network_that_a_worker_lacks_matters_where_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: str, reads: bool
+) -> None:
+    text = f"references: ['{reference}']\nscenes: ['builtin:courtyard']\nrows: {{full: {{}}}}\n"
+    (tmp_path / "sweep.yaml").write_text(text)
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "yolox_nano.onnx").write_bytes(b"")
+    seen = []
+    for place in ("models", "none"):
+        monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / place))
+        seen.append(trials(read_sweep(str(tmp_path / "sweep.yaml")), {}, str)[0].files)
+    assert (seen[0] != seen[1]) == reads
 
 
 def test_what_ends_an_ablation_on_a_worker_of_a_cluster_ends_it(tmp_path: Path) -> None:
