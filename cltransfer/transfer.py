@@ -43,7 +43,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
     kept = best_of(made)
     stage, reference, cameras = job.stage, job.reference, made[kept].cameras
     terms = stage.path_terms(job.wanted, cameras)
-    held = read_held(stage, job.parts, reference, made[kept].shown, cameras)
+    held = read_held(stage, job.parts, made[kept].shown, cameras)
     clock.lap("comparison")
     return Result(
         scene=stage.scene,

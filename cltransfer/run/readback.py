@@ -35,11 +35,13 @@ class Readback:
         image: the rendered frames, (N, 3, H, W) uint8, as they are kept.
         features: what the extractors saw in them.
         scores: against the reference.
+        reference: by the rule by which the frames could be read (:func:`~cltransfer.reading.reference.beside`).
     """
 
     image: Tensor  # (N, 3, H, W) uint8
     features: Features
     scores: Scores
+    reference: Reference
 
 
 def check_frames(count: int, size: tuple[int, int]) -> None:
@@ -104,24 +106,24 @@ def read_back(
         reference = beside(features, reference, parts, progress)
     else:
         features = read_path(replace(stage, size=cameras.size), cameras)
-    return Readback(image, features, score(stage.objective, reference.features, features, reference.missing))
+    scores = score(stage.objective, reference.features, features, reference.missing)
+    return Readback(image, features, scores, reference)
 
 
-def read_held(stage: Stage, parts: Components, reference: Reference, shown: Readback, cameras: Camera) -> Scores | None:
+def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera) -> Scores | None:
     """Scores of the first view held still for the whole clip: what a transfer has to beat.
 
     Two frames of it are read; every later one is as the second, since the scene does not move. None where it lacks what
     the result has, as depth that is read off the movement: it would pay the penalty, or be read by another rule, and
     anything would beat it.
     """
-    twice = still(cameras, min(2, len(cameras)))
+    twice, reference = still(cameras, min(2, len(cameras))), shown.reference
     if shown.features.has("camera"):
         seen = read_path(replace(stage, size=cameras.size), twice)
     else:
         plan = parts.plan("image", reference.features.names())
         seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
         stage.spent.network_passes += len(twice) * plan.clip_passes
-        reference = beside(shown.features, reference, parts)
     asked = {name for loss in stage.objective.losses.values() for name in loss.requires} | seen.reasons.keys()
     if any(shown.features.has(name) and not seen.has(name) for name in asked):
         return None

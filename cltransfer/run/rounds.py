@@ -72,14 +72,15 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
     corrects = job.by_networks and config.extract.inner == "geometric"
     rounds = config.extract.corrections if corrects else 0
     stage = replace(job.stage, scene=job.solid)
-    target, starts, made = job.wanted, job.starts, list[Attempt]()
+    target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
         take = search_path(job, config, stage, target, starts, report)
         stage, cameras = take.clip.stage, take.cameras
         clock.lap("search")
-        shown = read_back(job.stage, job.parts, job.reference, cameras, job.by_networks, progress)
+        shown = read_back(job.stage, job.parts, reference, cameras, job.by_networks, progress)
+        reference = shown.reference  # what one round had to do without no later one has
         last = number == rounds
         seen = None if last and job.stage.guard is None else read_path(job.stage, cameras)
         made.append(

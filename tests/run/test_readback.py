@@ -140,8 +140,10 @@ def test_a_view_that_is_held_is_not_compared_where_depth_is_read_off_the_movemen
     reference = Reference(features, torch.arange(5), None, "clip.mp4", "", "image", {})
     objective = Objective(parts.losses)
     stage = Stage(scene, parts.renderer, parts.plan("scene"), objective, (48, 27))
-    shown = Readback(render_frames(scene, parts, cameras), features, score(objective, features, features, {}))
-    assert read_held(stage, parts, reference, shown, cameras) is None
+    shown = Readback(
+        render_frames(scene, parts, cameras), features, score(objective, features, features, {}), reference
+    )
+    assert read_held(stage, parts, shown, cameras) is None
 
 
 @pytest.mark.parametrize("frames", [1, 5])
@@ -154,9 +156,9 @@ def test_a_view_that_is_held_is_rendered_twice_and_scored_for_every_frame(frames
     features = read_path(own, cameras)
     reference = Reference(features, torch.arange(frames), None, "plaza", "", "scene", {})
     scores = score(stage.objective, features, features, {})
-    shown = Readback(torch.zeros(frames, 3, 54, 96, dtype=torch.uint8), features, scores)
+    shown = Readback(torch.zeros(frames, 3, 54, 96, dtype=torch.uint8), features, scores, reference)
     before = stage.spent.renders
-    held = read_held(replace(stage, recent=Recent()), parts, reference, shown, cameras)
+    held = read_held(replace(stage, recent=Recent()), parts, shown, cameras)
     assert stage.spent.renders - before == min(2, frames)
     every = score(stage.objective, features, read_path(own, still(cameras, frames)), {})
     torch.testing.assert_close(held.totals, every.totals, rtol=0, atol=0, equal_nan=True)
