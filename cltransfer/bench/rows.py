@@ -17,6 +17,7 @@ from ..computer.revision import commit
 from ..errors import CltransferError
 from ..storage.alone import alone
 from ..storage.kept_lines import keep, read_kept
+from .judge import HELD_OUT, Reader
 from .protocol import Trial
 from .trial import Row, run_trial
 
@@ -119,6 +120,8 @@ class Bench:
 
 def run_trials(trials: list[Trial], bench: Bench, told: Callable[[str], None] = lambda line: None) -> list[Row]:
     """Rows of all trials, in their order; see :func:`kept_rows`."""
+    if bench.networks and trials:  # one that is missing shows at once
+        Reader.of(trials[0].pupil, HELD_OUT["networks"]).parts.plan("image").load_networks()
     tasks = {trial.key(bench.networks): trial for trial in trials}
     measure = partial(_measured, folder=bench.folder, networks=bench.networks)
     return kept_rows(

@@ -6,7 +6,7 @@ import pytest
 
 from cltransfer.bench.protocol import Trial
 from cltransfer.bench.rows import FILE, Bench, kept_rows, read_rows, run_trials
-from cltransfer.errors import InputError, ResourceError
+from cltransfer.errors import InputError, ModelError, ResourceError
 from cltransfer.storage.alone import alone
 from cltransfer.storage.kept_lines import keep
 
@@ -39,6 +39,15 @@ def test_a_bench_goes_on_where_it_was_stopped(tmp_path):
         assert json.loads((tmp_path / "paths" / f"{row['key']}.json").read_text())["format"] == "cltransfer.trajectory"
     assert both[0]["truth"]["position"] < 0.3
     assert both[0]["random_total"] > 5 * both[0]["total"]
+
+
+def test_a_network_that_is_missing_shows_before_anything_is_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "none"))
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    heard: list[str] = []
+    with pytest.raises(ModelError, match="onnx"):
+        run_trials(TRIALS, Bench(tmp_path, networks=True), heard.append)
+    assert not heard
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
