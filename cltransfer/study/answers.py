@@ -33,8 +33,8 @@ def read_answers(files: Iterable[Path], study: Study) -> list[Choice]:
     """All answers in ``files``, which the page saved.
 
     Raises:
-        InputError: a file is no such file, or of another study; an answer is to nothing that was asked, or is given
-            twice.
+        InputError: a file is no such file, or of another study; an answer is to nothing that was asked, or another
+            than the same person gave before. One that is the same counts once: who downloads early saves it twice.
     """
     found: dict[tuple[str, str, str], Choice] = {}
     items = {item.name: item for item in study.items}
@@ -42,9 +42,9 @@ def read_answers(files: Iterable[Path], study: Study) -> list[Choice]:
         for number, row in _rows(path):
             choice = _choice(row, study, items, path, number)
             asked = (choice.participant, choice.item, choice.question)
-            if asked in found:
-                reason = f"{choice.participant} answered {choice.item}, {choice.question} twice"
-                raise InputError(path, f"line {number}", reason, "was a file given twice, or a code used by two?")
+            if found.get(asked, choice) != choice:
+                reason = f"{choice.participant} answered {choice.item}, {choice.question} in two ways"
+                raise InputError(path, f"line {number}", reason, "was a code used by two?")
             found[asked] = choice
     return list(found.values())
 

@@ -172,6 +172,20 @@ def test_no_method_is_a_formula() -> None:
     assert preferences_csv(analysis).splitlines()[1] == "visual_style,'=1+1,'@b,0,0,,,,,,no answers"
 
 
+def _turned(line: str) -> str:
+    """The other of the two that were shown was chosen."""
+    cells = line.split(",")
+    chosen, left, right = (COLUMNS.index(name) for name in ("chosen", "left", "right"))
+    cells[chosen] = cells[right] if cells[chosen] == cells[left] else cells[left]
+    return ",".join(cells)
+
+
+def test_answers_that_were_downloaded_before_all_were_given_count_once(tmp_path: Path) -> None:
+    whole = written(tmp_path / "whole.csv", "p", lambda number: "ours")
+    (tmp_path / "part.csv").write_text("".join(whole.read_text().splitlines(keepends=True)[:4]))
+    assert read_answers([tmp_path / "part.csv", whole], TWO) == read_answers([whole], TWO)
+
+
 DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
     "another study": (lambda text: text.replace(TWO.name, "0" * 12), "line 2: is of study '000000000000'"),
     "another file": (lambda text: "name,value\n1,2\n", "line 1: expected the columns study"),
@@ -180,9 +194,9 @@ DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
         lambda text: text.replace(TWO.items[0].first, "ffffff"),
         "line 2: item1 compares other videos",
     ),
-    "the same answer twice": (
-        lambda text: text + text.splitlines()[1] + "\n",
-        "line 8: p answered item1, visual_style twice",
+    "another answer of the same person": (
+        lambda text: text + _turned(text.splitlines()[1]) + "\n",
+        "line 8: p answered item1, visual_style in two ways",
     ),
     "a cut line": (lambda text: text[:-12], "line 7: expected 8 values"),
     "a longer line": (lambda text: text.rstrip() + ",x\n", "line 7: expected 8 values"),
