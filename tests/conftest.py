@@ -68,7 +68,7 @@ def apart(cache: Path) -> Iterator[None]:
 
     Afterwards environment and threads are what they were. What a test does not import is not imported for it.
     """
-    threads._set = ("", 0)  # what a fixture of a module has run may have set them
+    threads._set = ("nothing", 0)  # what a fixture of a module has run may have set them
     os.environ.pop(threads.VARIABLE, None)
     if ASKED is not None:
         os.environ[threads.VARIABLE] = ASKED

@@ -10,7 +10,7 @@ from ..errors import UsageError
 
 MOST = 1024  # threads that anybody means
 VARIABLE = "CLTRANSFER_THREADS"
-_set: tuple[str, int] = ("", 0)  # what set_threads has written there, and what had been asked for before
+_set: tuple[str, int] = ("nothing", 0)  # what set_threads has written there, and what had been asked for before
 
 
 def thread_count() -> int:

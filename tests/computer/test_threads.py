@@ -32,6 +32,11 @@ def test_without_the_variable_the_affinity_counts(monkeypatch):
     assert thread_count() == 3
 
 
+def test_an_empty_variable_names_no_count(monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_THREADS", "")
+    assert default_count() == thread_count() > 0
+
+
 def test_set_threads_reaches_every_library(monkeypatch):
     monkeypatch.setenv("CLTRANSFER_THREADS", "1")
     before = torch.get_num_threads(), cv2.getNumThreads()
@@ -76,7 +81,7 @@ def test_who_calls_a_transfer_keeps_its_own_threads(
         transfer(Inputs("missing.ply", "builtin:static"), load_config(overrides=small))
     render_run(tiny_run, ["threads=1"], None, None, tmp_path / "again.mp4", silent)
     assert (torch.get_num_threads(), cv2.getNumThreads(), os.environ.get(threads.VARIABLE)) == (2, 3, None)
-    assert threads._set == ("", 0)
+    assert threads._set == ("nothing", 0)
 
 
 @pytest.mark.parametrize("turn", ["first", "second"])
