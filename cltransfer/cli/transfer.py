@@ -109,7 +109,7 @@ def _run_into(
 
     open_run(folder, resumed)
     try:
-        with alone(folder, "writes a run"):
+        with alone(folder, "writes a run", "--resume" if resumed else "--out"):
             if not (resumed or quiet):
                 _tell_replaced(folder)
             set_threads(settings.threads or default_count())  # of what is written too

@@ -76,7 +76,8 @@ def render_run(
     if not is_run(run):  # a folder that only looks like one may hold links, and is written into
         reason = "is no run's" if (run / MANIFEST).is_file() else "no such file"
         raise InputError(run, MANIFEST, reason, "expected the folder of a run")
-    with alone(run, "writes a run") if out is None else nullcontext():
+    inside = out is None or out.resolve().is_relative_to(run.resolve())
+    with alone(run, "writes a run") if inside else nullcontext():
         return _filmed_run(run, overrides, fps, scene, out or run / VIDEO, progress)
 
 

@@ -27,7 +27,7 @@ def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
     """
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    hint = f"wait until it ends, or name another {option}"
+    hint = "wait until it ends" + f", or name another {option}" * (option != "--resume")
     with _locked(folder, os.O_RDONLY, ResourceError(folder, option, f"another process {what} there", hint)):
         try:
             yield

@@ -16,11 +16,15 @@ TINY = ("preset=fast", "frames=1", "search_side=48", "output_side=64")
 def test_a_folder_that_another_command_writes_into_is_refused(command: Any, tiny_run: Path, tmp_path: Path) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
-    told = f"{run}: --out: another process writes a run there (wait until it ends, or name another --out)\n"
+    told = {
+        "--out": f"{run}: --out: another process writes a run there (wait until it ends, or name another --out)",
+        "--resume": f"{run}: --resume: another process writes a run there (wait until it ends)",
+    }
     with alone(run, "works"):
-        for words in (("transfer", *TINY, "--out", run), ("transfer", *TINY, "--resume", run), ("render", run)):
-            said = command(*words)
-            assert (said.code, said.err) == (5, f"error: {told}")
+        own = ("render", run, "--out", run / "video" / "render.mp4")
+        for words in (("transfer", *TINY, "--out", run), ("transfer", *TINY, "--resume", run), ("render", run), own):
+            said, option = command(*words), "--resume" if "--resume" in words else "--out"
+            assert (said.code, said.err) == (5, f"error: {told[option]}\n")
         assert command("render", run, "--out", tmp_path / "film.mp4", "-q").code == 0
     assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
 
