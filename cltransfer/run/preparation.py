@@ -28,6 +28,7 @@ from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, needs_scene
 from ..reading.reference import Reading, Reference, read_reference
 from ..reading.tracks import cleaned, turned_back
+from ..registry.plugin_code import own_code
 from ..scenes import Scene
 from ..scenes.floaters import without_floaters
 from ..scenes.person.lifted import lifted_scene
@@ -84,6 +85,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         ModelError: a network is missing.
         ResourceError: the frames to render cannot be kept in memory.
     """
+    own_code()  # of the journal: as it lies here before anything is read, which takes its time
     set_threads(config.threads or default_count())
     parts = Components.build(config)
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
