@@ -14,7 +14,7 @@ from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
 from .section import quartiles
 from .synthetic_room import ROOM, room_cameras, synthetic_room
-from .timing import FRAMES, GEOMETRY, Posed, call_time, in_turn, size_cell, speedup_cell, time_cell, write_rows
+from .timing import FRAMES, GEOMETRY, Posed, call_time, size_cell, speedup_cell, time_cell, timed_in_turn, write_rows
 
 ALL = NerfGridRenderer.provides
 SIZES = ((160, 90), (320, 180))
@@ -100,7 +100,9 @@ def _room(side: int, degree: int, seed: int) -> Posed:
 def _against_oracle(posed: list[Posed], repeats: int) -> list[GridRow]:
     """Kernels and oracle in turn on one thread each, and how far their images are apart."""
     kernels, oracle = NerfGridRenderer(threads=1), NerfGridRenderer(backend="torch")
-    found = in_turn(kernels, oracle, posed, repeats, "image", lambda one, other: float((one - other).abs().mean()))
+    found = timed_in_turn(
+        kernels, oracle, posed, repeats, "image", lambda one, other: float((one - other).abs().mean())
+    )
     row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, difference=max(found.apart))
     return [_row(posed[0], "torch, all", 1, found.oracle), row]
 

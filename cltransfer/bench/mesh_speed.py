@@ -18,7 +18,7 @@ from ..scenes.load import load_scene
 from ..scenes.meshes.mesh import Mesh
 from .section import quartiles
 from .synthetic_room import PERSON, ROOM, room_cameras
-from .timing import FRAMES, GEOMETRY, Posed, call_time, in_turn, size_cell, speedup_cell, time_cell, write_rows
+from .timing import FRAMES, GEOMETRY, Posed, call_time, size_cell, speedup_cell, time_cell, timed_in_turn, write_rows
 
 ALL = Renderer.provides
 SIZES = ((160, 90), (320, 180), (640, 360))
@@ -122,7 +122,7 @@ def _posed(scene: Scene) -> Posed:
 
 def _against_oracle(posed: list[Posed], repeats: int) -> list[MeshRow]:
     """Kernels and oracle in turn on one thread each, and the share of pixels whose depths agree."""
-    found = in_turn(Renderer(threads=1), Renderer(backend="torch"), posed, repeats, "depth", _agreement)
+    found = timed_in_turn(Renderer(threads=1), Renderer(backend="torch"), posed, repeats, "depth", _agreement)
     row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, agreement=min(found.apart))
     return [_row(posed[0], "torch, all", 1, found.oracle), row]
 

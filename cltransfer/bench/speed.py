@@ -21,7 +21,7 @@ from ..scenes import Scene
 from ..scenes.load import load_scene
 from .section import quartiles
 from .synthetic_room import room_cameras, synthetic_room
-from .timing import FRAMES, GEOMETRY, Posed, call_time, in_turn, size_cell, speedup_cell, time_cell, write_rows
+from .timing import FRAMES, GEOMETRY, Posed, call_time, size_cell, speedup_cell, time_cell, timed_in_turn, write_rows
 
 ALL = GaussianSplats.provides
 SIZES = ((160, 90), (320, 180), (640, 360))
@@ -124,7 +124,7 @@ def cameras_around(scene: Scene, count: int) -> Camera:
 def _against_oracle(posed: list[Posed], repeats: int) -> list[SpeedRow]:
     """Kernels and oracle in turn on one thread each, and how far their images are apart."""
     kernels, oracle = GaussianSplats(threads=1), GaussianSplats(backend="torch")
-    found = in_turn(kernels, oracle, posed, max(2, repeats // 3), "image", _psnr)
+    found = timed_in_turn(kernels, oracle, posed, max(2, repeats // 3), "image", _psnr)
     row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, psnr=min(found.apart))
     return [_row(posed[0], "torch, all", 1, found.oracle), row]
 

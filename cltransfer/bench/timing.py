@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..computer.threads import threads_restored
 from ..scenes import Scene
 from .pages import SECTIONS
 from .section import machine, table, write_section
@@ -58,9 +59,9 @@ class InTurn:
         return statistics.median(self.oracle) / statistics.median(self.kernels)
 
 
-def in_turn(kernels: Any, oracle: Any, posed: Sequence[Posed], repeats: int, buffer: str, apart: Apart) -> InTurn:
+@threads_restored()
+def timed_in_turn(kernels: Any, oracle: Any, posed: Sequence[Posed], repeats: int, buffer: str, apart: Apart) -> InTurn:
     """Time both with all buffers, and take how far ``buffer`` of the one is ``apart`` from that of the other."""
-    threads = torch.get_num_threads()
     torch.set_num_threads(1)
     found = InTurn([], [], [])
     for pair in posed:
@@ -69,7 +70,6 @@ def in_turn(kernels: Any, oracle: Any, posed: Sequence[Posed], repeats: int, buf
         for _ in range(repeats):
             found.kernels.append(call_time(kernels, pair, kernels.provides))
             found.oracle.append(call_time(oracle, pair, oracle.provides))
-    torch.set_num_threads(threads)
     return found
 
 
