@@ -129,7 +129,7 @@ def write_inspection(folder: Path, shown: Inspection) -> Path:
         if features.has("flow"):
             pictures[f"{i:04d}_flow.png"] = draw_flow(own, fastest)
         for name, picture in pictures.items():
-            write_picture(folder / "frames" / name, picture)
+            write_picture(folder / "frames" / name, picture, lasting=False)
     return page
 
 

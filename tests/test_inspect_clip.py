@@ -87,7 +87,7 @@ def test_a_page_of_something_else_is_not_written_over(command: Any, laid_open: A
 def test_a_page_that_was_stopped_may_be_made_anew(
     laid_open: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(path: Path, picture: Any) -> None:
+    def full(path: Path, picture: Any, **_: Any) -> None:
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as disk:

@@ -14,7 +14,7 @@ QUALITY = 92  # of a JPEG
 DRAWABLE = 30_000  # [px] from the picture's corner, up to which OpenCV can draw: its whole numbers end
 
 
-def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+def write_picture(path: Path, picture: NDArray[np.uint8], lasting: bool = True) -> None:
     """Write RGB (H, W, 3) as what the suffix of ``path`` says, whole or not at all.
 
     OpenCV is not given the name: one that is no UTF-8 ends the interpreter.
@@ -27,5 +27,5 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     done, coded = cv2.imencode(path.suffix, picture[..., ::-1], options)
     if not done:
         raise ValueError(f"could not encode a picture of {picture.shape[1]}x{picture.shape[0]} px as {path.suffix}")
-    with atomic(path) as temporary:
+    with atomic(path, lasting) as temporary:
         temporary.write_bytes(coded.tobytes())

@@ -26,8 +26,10 @@ _log = logging.getLogger("cltransfer")
 
 
 @contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
-    """Temporary name beside ``path`` that becomes ``path`` only if the block ends well, and once it is on the disk.
+def atomic(path: Path, lasting: bool = True) -> Iterator[Path]:
+    """Temporary name beside ``path`` that becomes ``path`` only if the block ends well.
+
+    Where it is to be ``lasting``, a loss of power takes it no more once that has happened; it costs some milliseconds.
 
     The suffix stays last, so that encoders which choose a format by suffix still can. Who may read it is as of any
     other new file there, whatever the writer has set: safetensors leaves its files to their owner alone.
@@ -45,10 +47,12 @@ def atomic(path: Path) -> Iterator[Path]:
         yield temporary
         if stat.S_IMODE(temporary.stat().st_mode) != usual:
             temporary.chmod(usual)
-        _sync(temporary, os.O_RDWR)  # Windows syncs nothing that is open to be read alone
+        if lasting:
+            _sync(temporary, os.O_RDWR)  # Windows syncs nothing that is open to be read alone
         os.replace(temporary, path)
-        with contextlib.suppress(OSError):  # a folder that may be written but not read, a drive that syncs none
-            _sync(path.parent, os.O_RDONLY)
+        if lasting:
+            with contextlib.suppress(OSError):  # a folder that may be written but not read, a drive that syncs none
+                _sync(path.parent, os.O_RDONLY)
     finally:
         temporary.unlink(missing_ok=True)
 
