@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..feature_shapes import on_grid
 from ..skeleton import VISIBLE
 from .picture import DRAWABLE, write_picture
 
@@ -54,7 +55,7 @@ def _legend(width: int) -> np.ndarray:
 
 def _tile(image: Tensor, found: Lift, view: int) -> np.ndarray:
     frame = (image.clamp(0, 1).permute(1, 2, 0).numpy()[..., ::-1] * 255).astype(np.uint8).copy()
-    mask = found.features.require("subject")[view].numpy()
+    mask = on_grid(found.features.require("subject")[view][None], frame.shape[:2])[0].numpy()
     frame[mask] = (0.6 * frame[mask] + 0.4 * TINT).astype(np.uint8)
     for x, y, confidence in found.features.require("keypoints")[view].tolist():
         if confidence > VISIBLE:
