@@ -8,21 +8,18 @@ best may suit the rest badly, and a search that follows the clip frame by frame 
 
 from __future__ import annotations
 
-from typing import Any, TypeGuard
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from ..along_clip import along, counted
-from ..camera import Camera
 from ..features import Features
 from ..placement import frame_joints, visible_joints
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
 from .lookups import STEP, cheapest_along
-from .stage import Stage
+from .whole_clip import WholeClip
 
 DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subject heights, 0.5 to 6.8
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
@@ -32,15 +29,7 @@ AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
-def closed_form(
-    stage: Stage,
-    search: Any,
-    reference: Features,
-    home: Camera,
-    free_lens: bool,
-    samples: int,
-    at: Tensor | None = None,
-) -> Tensor | None:
+def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Tensor | None:
     """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
 
     Evaluates about half of ``samples`` times the steps of :data:`DISTANCES`, for a clip of any length; all of them for
@@ -48,51 +37,39 @@ def closed_form(
     between two steps too.
 
     Args:
-        stage: renders and scores.
-        search: vectors to cameras.
-        reference: N frames.
-        home: any view of the right size; it lends its lens where that is kept, and nothing else.
+        clip: N frames; its home may be any view of the right size, which lends its lens where that is kept, and
+            nothing else.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
         samples: frames along the clip for which distances are looked up, at least 1; where it is 1 the first
             that shows joints.
-        at: places of the frames along the clip, (N,); None are evenly spaced.
     """
-    at = counted(len(reference), at)
-    if not aimable(search, reference, stage.scene.subject) or not reference.has("orientation"):
+    reference = clip.reference
+    if not aimable(clip) or not reference.has("orientation"):
         return None
-    stands = _stands(reference.require("orientation").double(), at)
+    stands = _stands(reference.require("orientation").double(), counted(len(reference), clip.at))
     if stands is None:
         return None
     x = torch.zeros(len(reference), 7 if free_lens else 6, dtype=torch.float64)  # in the middle, as high as the frame
     x[:, :3] = stands / SCALE[:3]
     if free_lens:
-        found = _distances(stage, search, reference, home, x, samples, at)
+        found = _distances(clip, x, samples)
         if found is None:
             return None
         x[:, 3] = found
-    return aimed_path(search, reference, home, stage.scene.subject, x, at)
+    return aimed_path(clip, x)
 
 
-def aimable(search: Any, reference: Features, subject: Subject | None) -> TypeGuard[SubjectOrbit]:
-    """Whether ``search`` can aim at the joints of ``reference``, and some frame shows enough of them."""
-    return isinstance(search, SubjectOrbit) and reference.has("keypoints") and bool(aimed_at(reference, subject).any())
+def aimable(clip: WholeClip) -> bool:
+    """Whether its search can aim at the joints of the reference, and some frame shows enough of them."""
+    known = isinstance(clip.search, SubjectOrbit) and clip.reference.has("keypoints")
+    return known and bool(aimed_at(clip.reference, clip.stage.scene.subject).any())
 
 
-def aimed_path(
-    search: SubjectOrbit,
-    reference: Features,
-    home: Camera,
-    subject: Subject | None,
-    x: Tensor,
-    at: Tensor | None = None,
-) -> Tensor:
-    """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some.
-
-    Its frames stand ``at`` (N,), or are evenly spaced.
-    """
-    at = counted(len(x), at)
-    aimed = torch.cat([search.aimed(x[i : i + 1], home, subject, reference[i]) for i in range(len(x))])
-    known = aimed_at(reference, subject)
+def aimed_path(clip: WholeClip, x: Tensor) -> Tensor:
+    """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
+    at, subject, aim = counted(len(x), clip.at), clip.stage.scene.subject, clip.search.aimed
+    aimed = torch.cat([aim(x[i : i + 1], clip.home, subject, clip.reference[i]) for i in range(len(x))])
+    known = aimed_at(clip.reference, subject)
     aimed[:, 3:] = _bridged(aimed[:, 3:], known, at)
     aimed[:, PLACE] = _led(aimed[:, PLACE], known, at)
     return aimed
@@ -132,24 +109,17 @@ def _stands(read: Tensor, at: Tensor) -> Tensor | None:
     return _bridged(turning, known, at)
 
 
-def _distances(
-    stage: Stage,
-    search: SubjectOrbit,
-    reference: Features,
-    home: Camera,
-    x: Tensor,
-    samples: int,
-    at: Tensor,
-) -> Tensor | None:
+def _distances(clip: WholeClip, x: Tensor, samples: int) -> Tensor | None:
     """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
-    frames, told = _spread(len(reference), samples), aimed_at(reference, stage.scene.subject).numpy()
+    reference, at = clip.reference, counted(len(x), clip.at)
+    frames, told = _spread(len(reference), samples), aimed_at(reference, clip.stage.scene.subject).numpy()
     if samples == 1 or not told[frames].any():  # among those that tell
         frames = np.flatnonzero(told)[_spread(int(told.sum()), samples)]
     logs, seen = DISTANCES.log(), False
 
     def look_up(k: int, tried: NDArray) -> NDArray:
         nonlocal seen
-        costs, found = _costs(stage, search, reference[int(frames[k])], home, x[int(frames[k])], logs[tried])
+        costs, found = _costs(clip, int(frames[k]), x[int(frames[k])], logs[tried])
         seen |= found
         return costs
 
@@ -168,16 +138,14 @@ def _spread(frames: int, samples: int) -> NDArray:
     return np.unique(np.linspace(0, frames - 1, samples).round().astype(int))
 
 
-def _costs(
-    stage: Stage, search: SubjectOrbit, frame: Features, home: Camera, x: Tensor, logs: Tensor
-) -> tuple[NDArray, bool]:
+def _costs(clip: WholeClip, frame: int, x: Tensor, logs: Tensor) -> tuple[NDArray, bool]:
     """What the losses that need no flow give for one frame, from x (D,) at distances ``logs`` (K,), and if any does."""
-    objective = stage.objective
+    wanted, objective = clip.reference[frame], clip.stage.objective
     still = ~objective.of_motion
     tried = x.repeat(len(logs), 1)
     tried[:, 3] = logs / SCALE[3]
-    tried = search.aimed(tried, home, stage.scene.subject, frame)
-    terms = stage.terms(frame, search.cameras(tried, home, stage.scene.subject), None)
-    defined = objective.defined(frame)[0] & still
+    tried = clip.search.aimed(tried, clip.home, clip.stage.scene.subject, wanted)
+    terms = clip.stage.terms(wanted, clip.cameras(tried), None)
+    defined = clip.defined[frame] & still
     weighted = objective.weighted(terms, defined)[:, still].sum(1).numpy()
     return weighted, bool(torch.isfinite(terms[:, defined]).any())

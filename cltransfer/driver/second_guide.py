@@ -80,10 +80,10 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
         x: what was found, (N, D), D = 7: with a lens that is kept the distance follows the size.
         totals: there, (N,).
     """
-    search, reference, subject = clip.search, clip.reference, clip.stage.scene.subject
-    if not aimable(search, reference, subject) or x.shape[1] < len(SCALE):
+    if not aimable(clip) or x.shape[1] < len(SCALE):
         return None
-    right = (totals <= RIGHT) & aimed_at(reference, subject)  # of a frame that hides the person little is asked
+    # of a frame that hides the person little is asked
+    right = (totals <= RIGHT) & aimed_at(clip.reference, clip.stage.scene.subject)
     if float(right.double().mean()) < SHARE:
         return None
     at = counted(len(x), clip.at)
@@ -94,6 +94,4 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
         return None
     paths = guide.repeat(3, 1, 1)
     paths[:, :, 3] = told + torch.tensor([0, NEAR, -NEAR], dtype=told.dtype)[:, None] / SCALE[3]
-    return SecondGuide(
-        torch.stack([aimed_path(search, reference, clip.home, subject, path, at) for path in paths]), wrong
-    )
+    return SecondGuide(torch.stack([aimed_path(clip, path) for path in paths]), wrong)

@@ -14,6 +14,7 @@ from .closed_form import closed_form
 from .initial_view import any_view, best_of_orbit, first_seen
 from .schedule import Schedule
 from .stage import Stage
+from .whole_clip import WholeClip
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Starting:
         if refined and self.schedule.warm and subject is not None and self.samples:
             lens = any_view(subject, self.size) if view is None else view
             samples = 1 if self.schedule.still else self.samples
-            guide = closed_form(stage, self.search, target, lens, free, samples, self.at)
+            guide = closed_form(WholeClip(stage, self.search, target, lens, self.at), free, samples)
             if guide is not None:
                 homes.append(self.search.cameras(guide[:1], lens, subject))
         placed = stage.objective.placed(target)

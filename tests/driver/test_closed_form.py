@@ -21,6 +21,7 @@ from cltransfer.driver.closed_form import (
     closed_form,
 )
 from cltransfer.driver.lookups import COARSE, STEP, cheapest_along
+from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.progress import silent
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, Job, prepare
@@ -55,7 +56,8 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Jo
 
 def found(job: Job, **features: Any) -> Any:
     reference = replace(job.wanted, **features)
-    return closed_form(job.stage, job.search, reference, job.starts.homes[0], job.schedule.free_lens, 5)
+    clip = WholeClip(job.stage, job.search, reference, job.starts.homes[0])
+    return closed_form(clip, job.schedule.free_lens, 5)
 
 
 @pytest.mark.parametrize("name", ["static", "push_in", "orbit", "zoom", "dolly_zoom"])
@@ -79,7 +81,7 @@ def test_it_is_the_same_from_whatever_view_the_lens_is_taken(prepared: Any, lens
     usual = found(job)
     for eye, at in zip(aside, looks):
         view = Camera.look_at(eye[None], at[None], subject.up, float(home.vertical_fov[0]), home.size)
-        guide = closed_form(job.stage, job.search, job.wanted, view, job.schedule.free_lens, 5)
+        guide = closed_form(WholeClip(job.stage, job.search, job.wanted, view), job.schedule.free_lens, 5)
         torch.testing.assert_close(guide, usual, atol=1e-6, rtol=0)
 
 
@@ -106,7 +108,7 @@ def test_a_single_frame_is_one_that_shows_somebody(prepared: Any) -> None:
     layers = job.wanted.layers.clone()
     layers[:2] = False
     late = replace(job.wanted, keypoints=keypoints, subject=subject, layers=layers)
-    guide = closed_form(job.stage, job.search, late, job.starts.homes[0], job.schedule.free_lens, 1)
+    guide = closed_form(WholeClip(job.stage, job.search, late, job.starts.homes[0]), job.schedule.free_lens, 1)
     torch.testing.assert_close(guide, job.starts.guide, rtol=0, atol=1e-9)
 
 
@@ -203,7 +205,8 @@ def test_a_frame_that_shows_only_joints_that_the_scene_lacks_is_bridged(prepared
     lacking = replace(subject, confidence=confidence)
     assert aimed_at(reference, lacking).tolist() == [frame != 3 for frame in range(FRAMES)]
     assert job.starts.guide is not None
-    path = aimed_path(job.search, reference, job.starts.homes[0], lacking, job.starts.guide)
+    stage = replace(job.stage, scene=replace(job.stage.scene, subject=lacking))
+    path = aimed_path(WholeClip(stage, job.search, reference, job.starts.homes[0]), job.starts.guide)
     torch.testing.assert_close(path[3, 3:], (path[2, 3:] + path[4, 3:]) / 2)
 
 

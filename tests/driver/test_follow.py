@@ -137,7 +137,7 @@ def led(job: Job, reference: Features) -> tuple[Tensor, Camera, Subject]:
     subject = job.stage.scene.subject
     assert subject is not None
     home = any_view(subject, SIZE)
-    guide = closed_form(job.stage, job.search, reference, home, True, 4)
+    guide = closed_form(WholeClip(job.stage, job.search, reference, home), True, 4)
     assert guide is not None
     return guide, job.search.cameras(guide[:1], home, subject), subject
 
