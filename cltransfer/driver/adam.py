@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..config.adam import AdamConfig
 from .problem import Problem
+from .refine import inside
 
 BETAS = (0.9, 0.999)
 DECAY = 0.8  # of the rate, from a frame's first step to its last
@@ -185,4 +186,4 @@ def _stepped(x: Tensor, moved: tuple[int, ...], step: Tensor, bounds: tuple[Tens
     """x (D,) with ``step`` (M,) added to the numbers ``moved``, inside ``bounds``."""
     x = x.clone()
     x[list(moved)] += step
-    return torch.minimum(torch.maximum(x, bounds[0]), bounds[1])
+    return inside(x, bounds)

@@ -11,6 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .refine import inside
+
 DECREASE = 1e-6  # relative; a smaller decrease of the best total does not count: the paper leaves open how much does
 
 
@@ -90,7 +92,7 @@ def minimise(
 
     low, high = bounds
     shape = torch.eye(len(low), dtype=torch.float64) if start.shape is None else start.shape
-    origin = torch.minimum(torch.maximum(start.x.double(), low), high)
+    origin = inside(start.x.double(), bounds)
 
     def to_x(asked: list[np.ndarray]) -> Tensor:
         return reflected(origin + torch.from_numpy(np.stack(asked)) @ shape.T, low, high)
