@@ -51,14 +51,18 @@ def load_config(path: str | Path | None = None, overrides: Iterable[str] = (), *
 
     Raises:
         UsageError: a file is missing, too large or no YAML; an unknown key, component or option (the nearest is
-            named), a value of the wrong type or range.
+            named), a value of the wrong type or range; another preset than that of a file which sets every key.
     """
     above = layer_of(parse_overrides(overrides), COMMAND_LINE)
     if "base" in above.values:
         raise UsageError(
             COMMAND_LINE, "base", "expected in a file, which it lies below", "use --config FILE or preset=NAME"
         )
-    return lay_config([_read_chain(_named(Path(path)), whole), above] if path else [above])
+    if not path:
+        return lay_config([above])
+    file = _read_chain(_named(Path(path)), whole)
+    _refuse_other_preset(above, file)
+    return lay_config([file, above])
 
 
 def layer_of(values: Mapping[str, Any], where: str | Path) -> Layer:
@@ -124,7 +128,18 @@ def _read_chain(path: Path, whole: bool) -> Layer:
     parent = _read(parent_path)
     if "base" in parent.values:
         raise UsageError(parent_path, "base", "a base names no further base", "merge the two files")
+    _refuse_other_preset(own, parent)
     return own.over(parent)
+
+
+def _refuse_other_preset(above: Layer, below: Layer) -> None:
+    """Of another preset nothing but its name would be left below a file that sets every key, as a run keeps one."""
+    if not {field.name for field in dataclasses.fields(RunConfig)} <= below.values.keys():
+        return
+    own, asked = below.values["preset"], above.values.get("preset", below.values["preset"])
+    if asked != own:
+        reason = f"expected {own}, of which {below.origins['preset']} sets every key, got {asked}"
+        raise UsageError(above.origins["preset"], "preset", reason, "leave that file out, or set the keys")
 
 
 def _base(path: Path, base: Any) -> Path:

@@ -92,6 +92,22 @@ def test_what_was_removed_and_is_named_again_reads_back_with_its_defaults(
     assert load_config(tmp_path / "run.yaml").build(section) == config.build(section)
 
 
+def test_a_config_that_sets_every_key_takes_no_other_preset(tmp_path: Path) -> None:
+    run, child = tmp_path / "config.yaml", tmp_path / "child.yaml"
+    run.write_text(to_yaml(load_config()))
+    assert load_config(run, ["preset=balanced", "frames=3"]).frames == 3
+    told = f"expected balanced, of which {run} sets every key, got paper (leave that file out, or set the keys)"
+    with pytest.raises(UsageError) as caught:
+        load_config(run, ["preset=paper"])
+    assert str(caught.value) == f"command line: preset: {told}"
+    child.write_text("base: config.yaml\npreset: paper\n")
+    with pytest.raises(UsageError) as caught:
+        load_config(child)
+    assert str(caught.value) == f"{child}: preset: {told}"
+    run.write_text("preset: balanced\ngenerations: 7\n")
+    assert load_config(run, ["preset=paper"]).preset == load_config(child).preset == "paper"
+
+
 def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
     inner = tmp_path / "a" / "b"
     inner.mkdir(parents=True)
