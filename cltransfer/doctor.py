@@ -106,24 +106,24 @@ def _kernels() -> str:
 
 
 def _models() -> list[Finding]:
-    from .errors import ModelError
+    from .errors import CltransferError
     from .extractors.detect_yolox import DetectYolox
     from .extractors.pose_blazepose import PoseBlazepose
-    from .models.places import find_model
 
-    def look(name: str) -> Finding:
+    def look(reader: DetectYolox | PoseBlazepose) -> Finding:
         try:
-            return Finding(name, True, str(find_model(name)), needed=False)
-        except ModelError as error:
-            return Finding(name, False, str(error), needed=False)
+            _ = reader.network.session
+            return Finding(reader.model, True, str(reader.network.path), needed=False)
+        except CltransferError as error:
+            return Finding(reader.model, False, str(error), needed=False)
 
-    return [look(name) for name in (DetectYolox.model, PoseBlazepose.model)]
+    return [look(reader) for reader in (DetectYolox(), PoseBlazepose())]
 
 
 def _providers() -> str:
-    from .models.onnx import providers
+    from .models.onnx import runs_on
 
-    return ", ".join(name.removesuffix("ExecutionProvider") for name in providers())
+    return ", ".join(name.removesuffix("ExecutionProvider") for name in runs_on())
 
 
 def _cuda() -> str:

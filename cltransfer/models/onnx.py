@@ -29,6 +29,10 @@ BYTE_LIMIT = 2 * 2**30
 VARIABLE = "CLTRANSFER_NETWORKS"
 CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 _ARENA = "BFCArena"  # names whose limit it was, in onnxruntime's errors
+IDENTITY = (
+    b'\x08\x08:6\n\x10\n\x01x\x12\x01y"\x08Identity\x12\x00Z\x0f\n\x01x\x12\n\n\x08\x08\x01\x12\x04\n\x02\x08\x01'
+    b"b\x0f\n\x01y\x12\n\n\x08\x08\x01\x12\x04\n\x02\x08\x01B\x04\n\x00\x10\x11"
+)  # an ONNX network: y (1,) = x (1,) float32
 _EXTERNAL = b"\n\x08location"  # the key by which a tensor names another file
 
 
@@ -116,15 +120,8 @@ class Network:
         try:
             got = session.run([port.name for port in taken.values()], fed)
         except Exception as error:  # onnxruntime's errors have no narrower common class
-            raise self._failure("run", error) from None
+            raise _failure(self.path, "run", error) from None
         return {name: port.read(value) for (name, port), value in zip(taken.items(), got)}
-
-    def _failure(self, what: str, error: Exception) -> ModelError:
-        bound = memory_bound()
-        if bound is not None and _ARENA in str(error):
-            reason = f"takes more than the {bound / 2**20:.0f} MB that were free"
-            return ModelError(self.path, "memory", reason, f"raise the limit of the system or of {MEMORY}")
-        return ModelError(self.path, what, _first_line(error))
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy or another process needs: the session is opened anew there."""
@@ -148,23 +145,7 @@ class Network:
     @cached_property
     def _loaded(self) -> tuple[InferenceSession, dict[str, Port], dict[str, Port]]:
         """The session, and where it has the inputs and outputs."""
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.log_severity_level = 4
-        options.intra_op_num_threads = thread_count()
-        options.inter_op_num_threads = 1
-        options.add_session_config_entry("session.load_model_format", "ONNX")  # not ORT, which nobody has looked into
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
-        options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
-        options.add_session_config_entry("session.use_env_allocators", "1")  # those of memory_bound
-        data, wanted = self._read(), providers()
-        try:
-            session = onnxruntime.InferenceSession(data, options, providers=wanted)
-        except Exception as error:  # onnxruntime's errors have no narrower common class
-            raise self._failure("model", error) from None
-        if session.get_providers()[0] != wanted[0]:  # onnxruntime falls back by itself and says so only in its log
-            raise ModelError(self.path, "CUDA", "did not start", f"{VARIABLE}=cpu runs it on the CPU")
+        session = _opened(self.path, self._read())
         given = ports(self.path, "input", self.inputs, session.get_inputs(), self.by_shape)
         return session, given, ports(self.path, "output", self.outputs, session.get_outputs(), self.by_shape)
 
@@ -196,6 +177,44 @@ class Network:
             reason = "tensors of text are refused, nothing bounds the memory that they take"
             raise ModelError(self.path, "text", reason, "export the network without its labels, of numbers alone")
         return data
+
+
+def runs_on() -> list[str]:
+    """What a network is in fact run on, by opening one that hands on what it is given.
+
+    Raises:
+        UsageError, ModelError: as :func:`providers`; or CUDA does not start.
+    """
+    return list(_opened("onnxruntime", IDENTITY).get_providers())
+
+
+def _opened(where: str | Path, data: bytes) -> InferenceSession:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4
+    options.intra_op_num_threads = thread_count()
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.load_model_format", "ONNX")  # not ORT, which nobody has looked into
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    options.add_session_config_entry("session.use_env_allocators", "1")  # those of memory_bound
+    wanted = providers()
+    try:
+        session = onnxruntime.InferenceSession(data, options, providers=wanted)
+    except Exception as error:  # onnxruntime's errors have no narrower common class
+        raise _failure(where, "model", error) from None
+    if session.get_providers()[0] != wanted[0]:  # onnxruntime falls back by itself and says so only in its log
+        raise ModelError(where, "CUDA", "did not start", f"{VARIABLE}=cpu runs it on the CPU")
+    return session
+
+
+def _failure(where: str | Path, what: str, error: Exception) -> ModelError:
+    bound = memory_bound()
+    if bound is not None and _ARENA in str(error):
+        reason = f"takes more than the {bound / 2**20:.0f} MB that were free"
+        return ModelError(where, "memory", reason, f"raise the limit of the system or of {MEMORY}")
+    return ModelError(where, what, _first_line(error))
 
 
 def _first_line(error: Exception) -> str:

@@ -15,7 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from cltransfer.errors import ModelError, ResourceError, UsageError
 from cltransfer.models.catalogue import catalogue
 from cltransfer.models.interface import joined
-from cltransfer.models.onnx import Network, providers
+from cltransfer.models.onnx import Network, _failure, providers
 from cltransfer.storage.files import content_hash
 
 KNOWN = catalogue("model")
@@ -155,7 +155,7 @@ def test_outputs_without_a_row_for_each_input_are_refused(tmp_path):
 
 
 def test_an_error_that_says_nothing_is_told_by_its_kind(tmp_path):
-    failure = network(tmp_path / "a.onnx")._failure("run", RuntimeError(""))
+    failure = _failure(tmp_path / "a.onnx", "run", RuntimeError(""))
     assert str(failure).endswith("run: RuntimeError")
 
 
