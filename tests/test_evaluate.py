@@ -19,7 +19,7 @@ from cltransfer.clips.clip import write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.clips.pairs import open_pairs
 from cltransfer.clips.source import ClipSource
-from cltransfer.config import load_config
+from cltransfer.config import load_config, to_yaml
 from cltransfer.config.options import RunConfig
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, ResourceError
@@ -458,3 +458,20 @@ def test_what_a_run_has_written_is_not_replaced(command: Any, tmp_path: Path) ->
     assert (said.code, said.err.count("\n")) == (2, 1)
     assert "run: --out: expected another folder than that of a run" in said.err
     assert (run / "metrics.json").read_text() == "the run's own"
+
+
+@pytest.mark.parametrize("word", ["output_side=1280", "seed=1", "extract.verify=false", "search.paper_box={}"])
+def test_a_key_that_changes_no_score_is_refused(command: Any, tmp_path: Path, word: str) -> None:
+    said = command("evaluate", tmp_path / "a.mp4", tmp_path / "b.mp4", "frames=3", word)
+    key = word.partition("=")[0].partition(".")[0]
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    told = "changes nothing of the scores, expected a key that it looks at (frames, renderer, extractors, "
+    assert f"error: {key}: {told}" in said.err
+
+
+def test_the_config_of_a_run_may_say_what_changes_no_score(
+    command: Any, mean_flow: tuple[str, ...], clip: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "config.yaml").write_text(to_yaml(load_config(overrides=["output_side=1280", "engine=cma"])))
+    said = command("evaluate", clip, clip, "--config", tmp_path / "config.yaml", *mean_flow, "--quiet", "--json")
+    assert said.code == 0, said.err

@@ -408,6 +408,13 @@ def test_a_comparison_in_which_every_clip_failed_is_written_and_ends_with_the_fi
     assert len(json.loads((tmp_path / "out" / "metrics.json").read_text())["clips"]) == 2
 
 
+def test_of_folders_the_seed_of_the_intervals_is_looked_at_and_no_size(command: Any, tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2))
+    said = command("evaluate", references, f"ours={references}", "seed=1", "output_side=1280")
+    assert said.code == 2
+    assert "error: output_side: changes nothing of the scores, expected a key" in said.err
+
+
 def test_a_folder_of_a_method_that_is_not_there_is_named(command: Any, tmp_path: Path) -> None:
     references = folder_of(tmp_path / "references", a=wall(0, 2))
     for words in ((references, "theirs=thiers"), (references, f"ours={references}", "theirs=thiers")):

@@ -11,7 +11,9 @@ import typer
 
 from ..errors import InputError, UsageError
 from ..storage.run_files import refuse_run
-from .shared import Allow, Config, Json, Quiet, settings_of, show, tell, unused_plugins
+from .shared import Allow, Config, Json, Quiet, check_keys, settings_of, show, tell, unused_plugins
+
+SCORING = ("frames", "renderer", "extractors", "losses", "threads", "preset")  # keys of the config that it looks at
 
 
 def evaluate(
@@ -55,6 +57,7 @@ def evaluate(
     """
     methods, overrides = methods_of(reference, render, more or [])
     settings = settings_of(config, overrides, allow_plugin)
+    check_keys(overrides, (*SCORING, "seed") if methods else SCORING, "the scores")
     if out is not None:
         refuse_run(out, "metrics and report", "scores")
     from ..computer.threads import set_threads, thread_count

@@ -10,7 +10,7 @@ import typer
 
 from ..errors import UsageError
 from ..storage.run_files import refuse_run
-from .shared import Allow, Config, Json, Out, Quiet, Up, settings_of, show, up_of
+from .shared import Allow, Config, Json, Out, Quiet, Up, check_keys, settings_of, show, up_of
 
 LIFTING = ("renderer", "extractors", "threads", "preset")  # keys of the config that a lift looks at
 
@@ -46,7 +46,7 @@ def lift(
     person; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
-    _check_keys(overrides or [])
+    check_keys(overrides or [], LIFTING, "a lift", "; --views for how many are looked from")
     from ..camera import VIEW_LIMIT
     from ..computer.threads import set_threads, thread_count
     from ..lift_folder import Lifting, lift_lines, lift_to_folder
@@ -137,14 +137,6 @@ def bake(
     command += ["--subject", str(out / SUBJECT)] if found["subject"] else []
     command += ["renderer.nerf_grid={}"] if representation == "nerf_grid" else []
     show(found, f"{found['file']}: {found['count']:,} primitives; {shlex.join(command)}", as_json)
-
-
-def _check_keys(overrides: list[str]) -> None:
-    for override in overrides:
-        key = override.partition("=")[0].partition(".")[0]
-        if key not in LIFTING:
-            hint = f"{', '.join(LIFTING)}; --views for how many are looked from"
-            raise UsageError("", key, "changes nothing of a lift, expected a key that it looks at", hint)
 
 
 def _options(cls: type[Any], overrides: list[str]) -> Any:

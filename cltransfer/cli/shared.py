@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -102,6 +103,19 @@ def settings_of(config: Path | None, overrides: list[str], plugins: list[str] | 
 
     allow(plugins or [])
     return load_config(config, overrides)
+
+
+def check_keys(overrides: Iterable[str], known: Sequence[str], what: str, hint: str = "") -> None:
+    """Refuse overrides of keys that are not ``known`` to change anything of ``what``; a config may have any.
+
+    Raises:
+        UsageError: there is one.
+    """
+    for override in overrides:
+        key = override.partition("=")[0].partition(".")[0]
+        if key not in known:
+            reason = f"changes nothing of {what}, expected a key that it looks at"
+            raise UsageError("", key, reason, f"{', '.join(known)}{hint}")
 
 
 def up_of(text: str | None) -> tuple[float, float, float] | None:
