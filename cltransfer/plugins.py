@@ -75,7 +75,7 @@ def allow(names: str | Path | Iterable[str | Path]) -> list[str]:
             and none a second time that has not changed.
 
     Raises:
-        ModelError: there is no such plugin, or its code fails.
+        ModelError: there is no such plugin, several packages announce it, or its code fails.
     """
     return import_settled(settle(names))
 
@@ -104,22 +104,31 @@ def import_settled(names: Sequence[str]) -> list[str]:
     """Import what :func:`settle` has told, here or in another process; returns what was imported.
 
     Raises:
-        ModelError: it is not here, or its code fails.
+        ModelError: it is not here, several packages announce it, or its code fails.
     """
     if names and os.environ.get("CLTRANSFER_DISABLE_PLUGINS", "") not in ("", "0"):
         raise ModelError("", "--allow-plugin", "plugins are switched off", "unset CLTRANSFER_DISABLE_PLUGINS")
-    points = {point.name: point for point in entry_points(group=GROUP)}
     by_name = [name for name in names if not Path(name).is_absolute()]
-    for name in by_name:
-        if name not in points:
-            raise ModelError(name, "--allow-plugin", "expected an installed plugin, it is not", "install it here too")
-        _import_point(points[name])
+    for point in [_point(name) for name in by_name]:
+        _import_point(point)
     found = [source for name in names if name not in by_name for source in _sources(Path(name))]
     found.sort(key=lambda source: not source.package)  # of a file that is named twice what knows its package
     files: dict[Path, Source] = {}
     for source in found:
         files.setdefault(source.path.resolve(), source)
     return by_name + [_import_file(source) for source in files.values()]
+
+
+def _point(name: str) -> EntryPoint:
+    """Where the installed plugin ``name`` is; which of several packages was meant nobody knows."""
+    by = [f"{plugin.distribution} {plugin.version}" for plugin in installed() if plugin.name == name]
+    if not by:
+        raise ModelError(name, "--allow-plugin", "expected an installed plugin, it is not", "install it here too")
+    if len(by) > 1:
+        reason = f"expected one installed plugin of this name, it is announced by {' and '.join(sorted(by))}"
+        raise ModelError(name, "--allow-plugin", reason, "uninstall the others, or name a file or a folder")
+    (point,) = entry_points(group=GROUP, name=name)
+    return point
 
 
 def _import_point(point: EntryPoint) -> None:

@@ -84,13 +84,32 @@ def test_a_component_that_is_refused_is_told_with_its_file(
         assert "mine" not in LOSSES.names()
 
 
+def announced(folder: Path, plugin: str, package: str, version: str) -> None:
+    """Write what pip leaves in ``folder`` of an installed package that announces its own module as ``plugin``."""
+    info = folder / f"{package}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n")
+    (info / "entry_points.txt").write_text(f"[cltransfer.plugins]\n{plugin} = {package}\n")
+
+
+def test_a_name_that_two_installed_packages_announce_runs_neither(
+    tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for package, version in (("cl_two", "2.0"), ("cl_one", "1.0")):
+        announced(tmp_path, "twice", package, version)
+        (tmp_path / f"{package}.py").write_text(own_loss)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModelError) as caught:
+        allow(["twice"])
+    told = "expected one installed plugin of this name, it is announced by cl_one 1.0 and cl_two 2.0 (uninstall the "
+    assert str(caught.value).startswith(f"twice: --allow-plugin: {told}")
+    assert not {"cl_one", "cl_two"} & sys.modules.keys()
+
+
 def test_a_component_of_an_installed_plugin_that_is_refused_is_told_with_its_module(
     tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    info = tmp_path / "cl_refused-1.2.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: cl-refused\nVersion: 1.2\n")
-    (info / "entry_points.txt").write_text("[cltransfer.plugins]\nrefused = cl_refused\n")
+    announced(tmp_path, "refused", "cl_refused", "1.2")
     (tmp_path / "cl_refused.py").write_text(own_loss.replace('"mine"', '"framing"'))
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ModelError, match=r"^cl_refused: loss 'framing': the name is taken; choose another$"):
