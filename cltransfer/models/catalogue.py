@@ -182,9 +182,24 @@ def pin(entry: Entry, sha256: str) -> Entry:
     size = entry.path.stat().st_size
     with in_turn(_pins_file().with_suffix(".lock")):  # another command may be pinning what it has pulled
         pins = _pins() if _pins_file().is_file() else {}
-        pins.setdefault(f"{entry.kind}s", {})[entry.name] = {"address": entry.address, "sha256": sha256, "size": size}
+        section = pins.setdefault(f"{entry.kind}s", {})
+        for other in section.values():
+            if other.get("file") == entry.file:
+                del other["file"]  # which has been replaced by this entry's
+        section[entry.name] = {"address": entry.address, "sha256": sha256, "size": size, "file": entry.file}
         write_json(_pins_file(), pins)
     return replace(entry, sha256=sha256, size=size)
+
+
+def pinned_file(path: Path) -> str:
+    """Hash that the network at ``path`` was pulled or adopted with, whoever's catalogue it was of; empty if it was not.
+
+    Raises:
+        InputError: ``pins.json`` is damaged.
+    """
+    if path.parent.resolve() != (cache_dir() / "models").resolve() or not _pins_file().is_file():
+        return ""
+    return next((pin["sha256"] for pin in _pins().get("models", {}).values() if pin.get("file") == path.name), "")
 
 
 def adopt(entry: Entry, file: Path) -> Entry:

@@ -11,7 +11,7 @@ from urllib.parse import urljoin, urlsplit
 
 from ..storage.alone import in_turn
 from ..storage.files import atomic, cache_dir, content_hash
-from .catalogue import LARGEST, Entry, pin, pinned
+from .catalogue import LARGEST, Entry, entry_of_file, pin, pinned
 
 if TYPE_CHECKING:
     from requests import Response, Session
@@ -207,7 +207,11 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
             raise entry.error("download", f"{error}, {about}", f"or put it by hand into {entry.folder}") from None
         except ValueError:  # pooch's word for another hash; it has deleted the file
             raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
-        return entry if entry.sha256 else pin(entry, getter.sha256)
+        if not entry.sha256:
+            return pin(entry, getter.sha256)
+        if entry.kind == "model" and entry_of_file(entry.file) is None:
+            pin(entry, entry.sha256)  # its catalogue is not at hand any more when the network is run
+        return entry
 
 
 def _retrieve(entry: Entry, getter: Resuming) -> None:

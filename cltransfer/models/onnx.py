@@ -18,7 +18,7 @@ from ..computer.memory import VARIABLE as MEMORY
 from ..computer.memory import free_bytes, require_free
 from ..computer.threads import thread_count
 from ..errors import ModelError, UsageError
-from .catalogue import entry_of_file
+from .catalogue import entry_of_file, pinned_file
 from .interface import Port, Shape, differs, joined, ports
 from .onnx_text import uses_text
 
@@ -158,11 +158,11 @@ class Network:
         memory_bound()  # without what is read here
         data = self.path.read_bytes()
         known = entry_of_file(self.path.name)
-        digest = hashlib.sha256(data).hexdigest()
-        if known and known.sha256 not in ("", digest):
-            reason = f"expected {known.sha256}, got {digest}"
+        wanted, digest = known.sha256 if known else pinned_file(self.path), hashlib.sha256(data).hexdigest()
+        if wanted not in ("", digest):
+            reason = f"expected {wanted}, got {digest}"
             hint = "rename the file if it is another network"
-            if not known.address:
+            if known and not known.address:
                 hint += f"; if you made it: cltransfer models adopt {known.name} {shlex.quote(str(self.path))}"
             raise ModelError(self.path, "sha256", reason, hint)
         if _EXTERNAL in data:

@@ -11,6 +11,10 @@ from typing import Any
 
 import pytest
 
+from cltransfer.errors import ModelError
+from cltransfer.models.catalogue import catalogue, pinned_file
+from cltransfer.models.onnx import Network
+
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 CONTENT = b"a network, for all that a catalogue knows" * 100
 HASH = hashlib.sha256(CONTENT).hexdigest()
@@ -109,6 +113,35 @@ def test_a_catalogue_can_be_named_on_the_command_line(command: Command, mine: Pa
     assert "no such model" in unknown.err
     assert "known: default, " in command("models", "pull", "zzz").err  # groups are named too
     assert command("models", "pull", "known_net", "--catalogue", mine).code == 0
+
+
+@pytest.mark.parametrize("name", ["known", "new"])
+def test_a_network_of_a_catalogue_that_was_named_once_is_checked_when_it_is_run(
+    command: Command, mine: Path, cache: Path, monkeypatch, name: str
+) -> None:
+    monkeypatch.delenv("CLTRANSFER_CATALOGUE")
+    assert command("models", "pull", f"{name}_net", "--accept-new", "--catalogue", mine).code == 0
+    path = cache / "models" / f"{name}.onnx"
+    for content, field in ((CONTENT, "model"), (b"another network", "sha256")):
+        path.write_bytes(content)
+        with pytest.raises(ModelError) as caught:
+            _ = Network(path, {}, {}).session
+        assert caught.value.field == field
+    assert caught.value.reason.startswith(f"expected {HASH}, got ")
+    elsewhere = path.rename(mine.with_name(path.name))  # somebody's own network may have the same name
+    with pytest.raises(ModelError, match="model: "):
+        _ = Network(elsewhere, {}, {}).session
+
+
+def test_a_file_is_pinned_to_what_was_pulled_last(command: Command, mine: Path, cache: Path, monkeypatch) -> None:
+    monkeypatch.delenv("CLTRANSFER_CATALOGUE")
+    other = mine.with_name("other.yaml")
+    other.write_text(mine.read_text().replace("new_net", "newest"))
+    for content, name, more in ((CONTENT, "new_net", mine), (b"a later version", "newest", other)):
+        (mine.parent / "served" / "net.onnx").write_bytes(content)
+        assert command("models", "pull", name, "--accept-new", "--catalogue", more).code == 0
+        assert pinned_file(cache / "models" / "new.onnx") == hashlib.sha256(content).hexdigest()
+    assert catalogue("model", [mine])["new_net"].sha256 == HASH
 
 
 def test_a_network_that_one_made_is_adopted_and_right(

@@ -393,7 +393,8 @@ def test_an_unknown_hash_is_refused_then_accepted_and_pinned(server, entry):
     assert (had.sha256, had.size) == (HASH, len(CONTENT))
     assert pinned(new) == had
     pins = json.loads((new.folder.parent / "pins.json").read_text())
-    assert pins == {"models": {"mine": {"address": new.address, "sha256": HASH, "size": len(CONTENT)}}}
+    pin = {"address": new.address, "sha256": HASH, "size": len(CONTENT), "file": "net.onnx"}
+    assert pins == {"models": {"mine": pin}}
     refused_later = replace(pinned(new), file="other.onnx")
     assert pull(refused_later, False, silent).path.read_bytes() == CONTENT
 
