@@ -63,7 +63,7 @@ def models_adopt(
     Its sha256 is pinned in place of the catalogue's, because what one makes has other bytes with every version of the
     tools. What is published as a file is pulled instead. Inputs and outputs are checked when it is first used.
     """
-    from ..models.catalogue import adopt
+    from ..models.places import adopt
 
     chosen = _chosen("model", [name], catalogue)
     if len(chosen) != 1:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -16,7 +15,7 @@ from urllib.parse import urlsplit
 from ..config.layers import read_yaml
 from ..errors import CltransferError, InputError, ModelError, UsageError
 from ..storage.alone import in_turn
-from ..storage.files import atomic, cache_dir, check_size, content_hash, read_json, write_json
+from ..storage.files import cache_dir, read_json, write_json
 
 Kind = Literal["model", "asset"]
 VARIABLE = "CLTRANSFER_CATALOGUE"
@@ -200,23 +199,6 @@ def pinned_file(path: Path) -> str:
     if path.parent.resolve() != (cache_dir() / "models").resolve() or not _pins_file().is_file():
         return ""
     return next((pin["sha256"] for pin in _pins().get("models", {}).values() if pin.get("file") == path.name), "")
-
-
-def adopt(entry: Entry, file: Path) -> Entry:
-    """``entry`` with a copy of ``file`` at ``entry.path``, which is the one it means from now on, on this computer.
-
-    Whoever makes a network of what its authors publish gets other bytes with every version of the tools.
-
-    Raises:
-        UsageError: the entry has an address, where the very file is to be had.
-        InputError: there is no such file, or it is too large.
-    """
-    if entry.address:
-        raise UsageError("", entry.name, f"is published, at {entry.address}", "expected one to be made; pull this one")
-    check_size(file, LARGEST)
-    with atomic(entry.path) as temporary:
-        shutil.copyfile(file, temporary)
-    return pin(entry, content_hash(entry.path))
 
 
 def _pins() -> dict[str, dict[str, Any]]:

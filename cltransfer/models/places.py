@@ -1,13 +1,14 @@
-"""Which file the name of a network means."""
+"""Which file the name of a network means, and making it mean one."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
-from ..errors import ModelError
-from ..storage.files import cache_dir
-from .catalogue import entry_of_file, stand_ins
+from ..errors import ModelError, UsageError
+from ..storage.files import atomic, cache_dir, check_size, content_hash
+from .catalogue import LARGEST, Entry, entry_of_file, pin, stand_ins
 
 
 def model_places(name: str) -> list[Path]:
@@ -50,3 +51,25 @@ def found_model(name: str) -> Path | None:
     others = [entry.file for entry in stand_ins(name)]
     places = [place for file in (name, *others) for place in model_places(file)]
     return next((place for place in places if place.is_file()), None)
+
+
+def adopt(entry: Entry, file: Path) -> Entry:
+    """``entry`` with a copy of ``file`` at ``entry.path``, which is the one it means from now on, on this computer.
+
+    Whoever makes a network of what its authors publish gets other bytes with every version of the tools.
+
+    Raises:
+        UsageError: the entry has an address, where the very file is to be had; or another file of its name is found
+            before the copy would be.
+        InputError: there is no such file, or it is too large.
+    """
+    if entry.address:
+        raise UsageError("", entry.name, f"is published, at {entry.address}", "expected one to be made; pull this one")
+    check_size(file, LARGEST)
+    first = next((place for place in model_places(entry.file) if place.is_file()), entry.path)
+    if first.resolve() != entry.path.resolve() and content_hash(first) != content_hash(file):
+        reason = "is another file, and is found before the one in the cache"
+        raise UsageError(first, entry.name, reason, "remove or rename it")
+    with atomic(entry.path) as temporary:
+        shutil.copyfile(file, temporary)
+    return pin(entry, content_hash(entry.path))

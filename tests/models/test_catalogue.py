@@ -12,9 +12,9 @@ import pytest
 
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
-from cltransfer.models.catalogue import LARGEST, Entry, adopt, catalogue, entry_of_file, pin, pinned, read_catalogue
+from cltransfer.models.catalogue import LARGEST, Entry, catalogue, entry_of_file, pin, pinned, read_catalogue
 from cltransfer.models.onnx import Network
-from cltransfer.models.places import find_model
+from cltransfer.models.places import adopt, find_model
 from cltransfer.pipeline.components import Components
 from cltransfer.storage.files import content_hash, write_json
 
@@ -206,6 +206,23 @@ def test_what_one_made_is_the_network_from_then_on(tmp_path, monkeypatch):
         ModelError, match=r"mine\.onnx: model: "
     ):  # its content is right now, only that it is no network
         _ = Network(find_model("mine.onnx"), {}, {}).session
+
+
+def test_what_one_made_is_not_adopted_where_another_file_would_be_found_before_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights"))
+    mine, first = Entry("mine", "model", **USUAL), tmp_path / "weights" / "net.onnx"
+    first.parent.mkdir()
+    first.write_bytes(b"of an earlier day")
+    (tmp_path / "made.onnx").write_bytes(b"made")
+    with pytest.raises(UsageError) as caught:
+        adopt(mine, tmp_path / "made.onnx")
+    told = "mine: is another file, and is found before the one in the cache (remove or rename it)"
+    assert str(caught.value) == f"{first}: {told}"
+    assert not (tmp_path / "cache" / "pins.json").exists()
+    assert adopt(mine, first).sha256 == content_hash(first)  # as the error of such a file says
+    monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights" / ".." / "cache" / "models"))
+    assert adopt(mine, tmp_path / "made.onnx").sha256 == content_hash(tmp_path / "made.onnx")
 
 
 def test_what_is_published_is_not_adopted(tmp_path):
