@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .clips.image_folder import VIDEOS, natural_order
 from .config.options import RunConfig
-from .errors import CltransferError, InputError
+from .errors import CltransferError, InputError, ModelError
 from .evaluate import evaluate
 from .pipeline.components import Components
 from .progress import Progress, silent
@@ -112,7 +112,7 @@ def evaluate_many(
     Raises:
         InputError: a folder holds no clips, or a method has none that a reference has.
         UsageError: the config asks for what there is not.
-        ModelError: a network is missing.
+        ModelError: a network is missing, or what failed is a network or a plugin, on every clip that could be tried.
     """
     Components.build(config).plan("image").load_networks()  # what no clip could be scored by shows at once
     known = clips_in(references)
@@ -121,20 +121,24 @@ def evaluate_many(
         if not clips.keys() & known.keys():
             raise InputError(methods[method], "clips", f"none has the name of a reference ({', '.join(known)})")
     rows: list[ClipScore] = []
+    failures: list[Exception] = []
     for name, reference in known.items():
         for method, clips in rendered.items():
-            rows.append(_scored(method, name, reference, clips.get(name), config))
+            try:
+                rows.append(_scored(method, name, reference, clips.get(name), config))
+            except (CltransferError, OSError, MemoryError) as error:
+                failures.append(error)
+                rows.append(ClipScore(method, name, reason=str(error) or "out of memory"))
             progress("scoring clips", len(rows), len(known) * len(rendered))
+    if failures and not any(row.means for row in rows) and all(isinstance(e, ModelError) for e in failures):
+        raise failures[0]
     return rows
 
 
 def _scored(method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:
     if render is None:
         return ClipScore(method, name, reason="the method has no clip of this name")
-    try:
-        report = evaluate(str(reference), str(render), config)
-    except (CltransferError, OSError, MemoryError) as error:
-        return ClipScore(method, name, reason=str(error) or "out of memory")
+    report = evaluate(str(reference), str(render), config)
     found = rows_of(report)
     means, defined = {row.name: row.mean for row in found}, {row.name: row.defined for row in found}
     lacking = {row.name: row.reason for row in found if row.reason}

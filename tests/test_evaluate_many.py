@@ -275,6 +275,24 @@ def test_a_clip_that_a_loss_fails_on_is_a_row_and_the_others_are_scored(
     assert "it raised ArithmeticError: too fast" in rows[1].reason
 
 
+def test_a_loss_that_fails_on_every_clip_is_to_blame_and_not_the_folder(
+    command: Any, mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bad(self: Any, reference: Features, rendered: Features) -> torch.Tensor:
+        raise ArithmeticError("never")
+
+    monkeypatch.setattr(LOSSES._classes["mean_flow"], "__call__", bad)
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2), c=wall(0, 2))
+    ours = folder_of(tmp_path / "ours", a=wall(0, 2), b=wall(1, 2))
+    said = command("evaluate", references, f"ours={ours}", *mean_flow, "--quiet")
+    assert (said.code, said.err.count("\n")) == (4, 1)
+    assert said.err.startswith("error: loss 'mean_flow': expected ")
+    assert "it raised ArithmeticError: never" in said.err
+    (ours / "b.mkv").write_bytes(b"nothing")  # and a clip that is at fault itself
+    said = command("evaluate", references, f"ours={ours}", *mean_flow, "--quiet")
+    assert (said.code, "expected one that can be scored, 3 failed" in said.err) == (3, True)
+
+
 def test_without_a_network_no_clip_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLTRANSFER_MODELS", "")
     folder_of(tmp_path / "references", a=wall(0, 2))
