@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,18 +129,20 @@ def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
 
 
 def _drawn(names: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
+    """As wide as the terminal allows, without colour: what a terminal would act on is escaped where it is printed."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, header_style="dim")
+    table = Table(box=None, pad_edge=False)
     for i, name in enumerate(names):
-        table.add_column(name, justify="left" if i in (0, 2) else "right")
+        table.add_column(name, justify="left" if i in (0, 2) else "right", no_wrap=i == 0)
+    table.columns[0].min_width = max(len(cells[0]) for cells in lines)
     for cells in lines:
-        table.add_row(*(Text(cell) for cell in cells), style="bold" if cells[0] == "total" else None)
-    console = Console(file=io.StringIO(), force_terminal=True, width=100)
+        table.add_row(*(Text(cell) for cell in cells))
+    console = Console(file=io.StringIO(), width=shutil.get_terminal_size().columns, color_system=None)
     console.print(table)
-    return console.file.getvalue().rstrip("\n")  # type: ignore[attr-defined]
+    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
 
 
 def write_metrics(run: Path, report: ReportData) -> None:

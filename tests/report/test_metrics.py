@@ -1,11 +1,13 @@
 import csv
 import io
 import json
+import sys
 from dataclasses import replace
 
 import pytest
 import torch
 
+from cltransfer.cli.shared import show
 from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag
 from cltransfer.report.metrics import metrics_json, metrics_table, rows, sums, write_metrics
@@ -82,9 +84,19 @@ def test_no_name_in_metrics_csv_is_a_formula(report, tmp_path):
 def test_the_table_is_markdown_when_piped_and_drawn_in_a_terminal(report):
     piped, drawn = metrics_table(report, terminal=False), metrics_table(report, terminal=True)
     assert piped.splitlines()[2] == "| shot_size | 0.0200 | frame | 0.0400 | 4/4 | 0.200 | 10.0× |"
-    assert "\x1b[" not in piped
-    assert "\x1b[" in drawn
-    assert "camera_movement" in drawn
+    cells = ["shot_size", "0.0200", "frame", "0.0400", "4/4", "0.200", "10.0×"]
+    assert cells in [line.split() for line in drawn.splitlines()]
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_a_terminal_shows_the_table_as_it_was_drawn(report, columns, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    show({}, metrics_table(report), as_json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert not any("\\x1b" in line or "\x1b" in line for line in lines)
+    assert max(map(len, lines)) <= columns
+    assert [line.split(" ")[0] for line in lines[-5:-2]] == ["shot_size", "camera_movement", "total"]
 
 
 def test_columns_that_nothing_fills_are_left_out(report):
