@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..report.metrics import number as written
+from ..report.svg import SMALL, svg
 from ..report.tables import Table, to_markdown
 from ..storage.files import write_text
 from .chart import TARGETS, Hits, Point, Setting, hit_curves, hits_csv, pareto, points, points_csv
@@ -35,8 +35,8 @@ def write_chart(rows: Sequence[Row], settings: Sequence[Setting], folder: Path, 
     found, curves = points(settings, rows), hit_curves(rows)
     places = [folder] if out is None else [folder, out.parent]
     for place in places:
-        write_text(place / "chart.svg", svg(lambda figure: _draw_points(figure, found), (9.0, 7.4)))
-        write_text(place / "hits.svg", svg(lambda figure: _draw_hits(figure, curves), (9.0, 3.2)))
+        write_text(place / "chart.svg", svg(lambda figure: _draw_points(figure, found), (9.0, 7.4), SMALL))
+        write_text(place / "hits.svg", svg(lambda figure: _draw_hits(figure, curves), (9.0, 3.2), SMALL))
         write_text(place / "chart.csv", points_csv(found))
         write_text(place / "hits.csv", hits_csv(curves))
     if out is not None:
@@ -65,20 +65,6 @@ def _table(found: Sequence[Point]) -> Table:
         for costs in [(p.evaluations, p.seconds, p.total, p.median_total)]
     ]
     return Table(header, tuple(cells))
-
-
-def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
-    """The SVG of a figure of ``size`` [inch], without a date."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    style: Any = {"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8, "text.parse_math": False}
-    with matplotlib.rc_context(style):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
 
 
 def _draw_points(figure: Figure, found: Sequence[Point]) -> None:

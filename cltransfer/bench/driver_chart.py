@@ -8,8 +8,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..report.svg import SMALL, svg
 from ..storage.files import write_text
-from .chart_svg import svg
 from .driver import Clip
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def write_driver_chart(clips: Sequence[Clip], folder: Path) -> None:
     rows = [",".join(COLUMNS)]
     rows += [",".join(_cell(getattr(clip, column)) for column in COLUMNS) for clip in clips]
     write_text(folder / "driver.csv", "\n".join(rows) + "\n")
-    write_text(folder / "driver.svg", svg(lambda figure: _draw(figure, clips), (9.0, 6.4)))
+    write_text(folder / "driver.svg", svg(lambda figure: _draw(figure, clips), (9.0, 6.4), SMALL))
 
 
 def _cell(value: object) -> str:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from ..report.svg import SMALL, svg
 from ..storage.files import write_text
 from .lod import LodRow, write_csv
 from .pages import SECTIONS
 from .section import machine, table, write_section
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PANELS = (
     ("psnr", "PSNR to the full scene [dB]"),
@@ -52,11 +56,8 @@ def _cells(row: LodRow) -> list[str]:
 
 def write_chart(rows: Sequence[LodRow], path: Path) -> None:
     """Draw the rows with k > 0 against their speed-up, one line a scene; the same rows give the same bytes."""
-    import matplotlib
-    from matplotlib.figure import Figure
 
-    with matplotlib.rc_context({"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8}):
-        figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    def draw(figure: Figure) -> None:
         for ax, (name, title) in zip(figure.subplots(2, 2).flat, PANELS):
             for place, scene in enumerate(dict.fromkeys(row.scene for row in rows)):
                 of_scene = [row for row in rows if row.scene == scene and row.k > 0]
@@ -75,6 +76,5 @@ def write_chart(rows: Sequence[LodRow], path: Path) -> None:
             ax.set_xticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
             ax.minorticks_off()
         figure.axes[0].legend(frameon=False)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    write_text(path, text.getvalue())
+
+    write_text(path, svg(draw, (8.0, 5.0), SMALL))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ..report.svg import SMALL, svg
 from ..storage.files import write_text
 from .description import Description
 from .motion import PRIMITIVES
@@ -19,11 +19,12 @@ from .shot_scale import SCALES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 HIGH = 120  # [px] of the frames
 WIDE = 7.2  # width of their row over its height
 DOTS: Any = {"marker": "o", "markersize": 1.5}  # one frame, or one between two that were not read, is no line
-STYLE: Any = {"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8, "axes.titlesize": 9}
+STYLE: Any = {**SMALL, "axes.titlesize": 9}
 
 
 def write_strip(path: Path, shown: Description, image: Tensor | None) -> None:
@@ -34,23 +35,19 @@ def write_strip(path: Path, shown: Description, image: Tensor | None) -> None:
         shown: what to draw.
         image: its frames, (N, 3, H, W) uint8, None where there are none.
     """
-    import matplotlib
-    from matplotlib.figure import Figure
+    rows = [1.0, 1.3, 1.3, 1.6] if image is not None else [1.3, 1.3, 1.6]
 
-    with matplotlib.rc_context(STYLE):
-        rows = [1.0, 1.3, 1.3, 1.6] if image is not None else [1.3, 1.3, 1.6]
-        figure = Figure(figsize=(8.0, 1.1 * sum(rows)), layout="constrained")
+    def draw(figure: Figure) -> None:
         axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=rows)[:, 0]
         if image is not None:
             _thumbnails(axes[0], shown.times, image)
-        for draw, ax in zip((_scale, _angle, _movement), axes[-3:]):
-            draw(ax, shown)
+        for track, ax in zip((_scale, _angle, _movement), axes[-3:]):
+            track(ax, shown)
             ax.spines[["top", "right"]].set_visible(False)
             ax.grid(axis="y", linewidth=0.3)
         axes[-1].set_xlabel("time [s]")
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    write_text(path, text.getvalue())
+
+    write_text(path, svg(draw, (8.0, 1.1 * sum(rows)), STYLE))
 
 
 def _thumbnails(ax: Axes, times: Tensor, image: Tensor) -> None:

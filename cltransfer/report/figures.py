@@ -5,7 +5,6 @@ Colours are written as CSS variables of the page, so one chart serves light and 
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from ..pipeline.scores import Term
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .data import ReportData
+from .svg import svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,9 +28,6 @@ _INK, _FAINT, _MAIN, _OTHER = "#010101", "#020202", "#030303", "#040404"
 _VARIABLES = {_INK: "var(--ink)", _FAINT: "var(--faint)", _MAIN: "var(--main)", _OTHER: "var(--other)"}
 
 _STYLE: Any = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "cltransfer",
-    "text.parse_math": False,
     "text.color": _INK,
     "axes.edgecolor": _FAINT,
     "axes.labelcolor": _INK,
@@ -145,26 +142,22 @@ def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
 
 def _svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
     """The ``<svg>`` element of a figure of ``size`` [inch]: no date, no links, colours as CSS variables."""
-    import matplotlib
-    from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        figure.patch.set_alpha(0)
+    def draw_clear(figure: Figure) -> None:
         draw(figure)
+        figure.patch.set_alpha(0)
         for ax in figure.axes:
             ax.patch.set_alpha(0)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    svg = text.getvalue()
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    svg = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", svg)
+
+    text = svg(draw_clear, size, _STYLE)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
     for color, variable in _VARIABLES.items():
-        svg = svg.replace(color, variable)
+        text = text.replace(color, variable)
     width, height = (math.ceil(96 * side) for side in size)
     return re.sub(
         r'<svg [^>]*?viewBox="([^"]*)"[^>]*>',
         rf'<svg viewBox="\1" width="{width}" height="{height}">',
-        svg,
+        text,
         count=1,
     )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ...report.svg import SMALL, svg
 from ...storage.files import write_text
 from .trial import STRESSORS
 from .verdicts import StressVerdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = 4
 MARKERS = "os^Dv<>P"
@@ -43,15 +46,12 @@ Draw = Callable[[Any, StressVerdict, float, Mapping[str, Any]], None]
 
 
 def _write(found: Sequence[StressVerdict], path: Path, label: str, draw: Draw) -> None:
-    import matplotlib
-    from matplotlib.figure import Figure
-
     stressors = list(dict.fromkeys(verdict.stressor for verdict in found))
     methods = list(dict.fromkeys(verdict.method for verdict in found))
     columns = min(COLUMNS, len(stressors))
     rows = math.ceil(len(stressors) / columns)
-    with matplotlib.rc_context({"svg.hashsalt": "cltransfer", "svg.fonttype": "none", "font.size": 8}):
-        figure = Figure(figsize=(2.6 * columns, 0.5 + 2.2 * rows), layout="constrained")
+
+    def draw_all(figure: Figure) -> None:
         axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for ax in axes.flat[len(stressors) :]:
             ax.set_visible(False)
@@ -74,6 +74,5 @@ def _write(found: Sequence[StressVerdict], path: Path, label: str, draw: Draw) -
             ax.set_ylabel(label)
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper left", ncols=len(methods), frameon=False)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    write_text(path, text.getvalue())
+
+    write_text(path, svg(draw_all, (2.6 * columns, 0.5 + 2.2 * rows), SMALL))
