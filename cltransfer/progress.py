@@ -29,17 +29,20 @@ def progress(quiet: bool) -> Iterator[Progress]:
 
 
 def _plain() -> Progress:
-    """A line for every quarter of a step, and after :data:`SILENCE` without one."""
+    """A line for every quarter of a step, and after :data:`SILENCE` without one, as long as anybody reads them."""
     told: set[tuple[str, int]] = set()
-    last = -math.inf
+    last, read = -math.inf, True
 
     def report(step: str, done: int, total: int) -> None:
-        nonlocal last
+        nonlocal last, read
         quarter = 4 * done // total if total else 0
-        if (step, quarter) not in told or time.monotonic() - last >= SILENCE:
+        if read and ((step, quarter) not in told or time.monotonic() - last >= SILENCE):
             told.add((step, quarter))
             last = time.monotonic()
-            print(f"{step} {done}/{total}" if total else step, file=sys.stderr, flush=True)
+            try:
+                print(f"{step} {done}/{total}" if total else step, file=sys.stderr, flush=True)
+            except OSError:  # no reader, no room: the work goes on
+                read = False
 
     return report
 

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from io import TextIOWrapper
-from typing import Annotated, NoReturn
+from typing import Annotated, NoReturn, TextIO
 
 import typer
 
@@ -53,13 +53,22 @@ app.add_typer(assets_app, name="assets")
 def main() -> NoReturn:
     """Run the command line; every failure is one line on stderr and an exit code."""
     signal.signal(signal.SIGTERM, _terminate)
-    _show_every_letter()
+    _open_streams()
+    try:
+        _run()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            _give_up_if_broken(stream)
+
+
+def _run() -> NoReturn:
     verb, said = command_of(typer.main.get_command(app), sys.argv[1:])
     try:
         check_once(verb, said)
         code = app(standalone_mode=False)
         if code == 130:  # the parser's word for an interrupt
             stopped(KeyboardInterrupt())
+        sys.stdout.flush()  # lest the interpreter does, which tells a full disk in its own words
     except CltransferError as error:
         if error.__cause__ is not None and _debugging():
             raise
@@ -70,6 +79,8 @@ def main() -> NoReturn:
         stopped(stop)
     except MemoryError:
         fail("out of memory (fewer frames, or smaller search_side and output_side)", 5)
+    except BrokenPipeError:  # who reads the output has left, and wants no word about it
+        sys.exit(1)
     except OSError as error:
         fail(f"{shortened(error.filename or 'file')}: {shortened(error.strerror or error)}", 5)
     except Exception as error:
@@ -87,11 +98,26 @@ def main() -> NoReturn:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _show_every_letter() -> None:
-    """Letters that the terminal or the pipe does not know, as in names that are no UTF-8, are shown escaped."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
+def _open_streams() -> None:
+    """Letters that the terminal or the pipe does not know, as in names that are no UTF-8, are shown escaped.
+
+    A stream that is closed, as by ``2>&-``, leads nowhere.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 as long as the process
+        elif isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _give_up_if_broken(stream: TextIO) -> None:
+    """Drop what nobody can take any more: the interpreter would send it, with a word and an exit code of its own."""
+    try:
+        stream.flush()
+    except OSError:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def _debugging() -> bool:

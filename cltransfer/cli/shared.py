@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from collections.abc import Iterable, Sequence
@@ -39,9 +40,10 @@ Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the re
 
 
 def fail(reason: object, code: int) -> NoReturn:
-    """End with one line on stderr and this exit code."""
+    """End with one line on stderr, if anybody reads it, and this exit code."""
     line = " ".join(str(reason).split())
-    print(f"error: {printable(line)}", file=sys.stderr)
+    with contextlib.suppress(OSError):
+        print(f"error: {printable(line)}", file=sys.stderr)
     sys.exit(code)
 
 

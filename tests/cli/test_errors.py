@@ -515,3 +515,28 @@ def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: 
     assert err.splitlines()[-1] == f"error: {word} (the same command with --resume 'a take' goes on from here)"
     assert time.perf_counter() - start < 10
     assert {p.name for p in (tmp_path / "a take").rglob("*")} <= {"journal.bin"}  # nothing half-written
+
+
+@pytest.mark.parametrize(("words", "left", "full"), [("--version", 1, 5), ("nonsense", 2, 2)])
+def test_output_that_nobody_reads_or_that_has_no_room_is_told_in_no_words_of_the_interpreter(
+    words: str, left: int, full: int
+) -> None:
+    end, start = os.pipe()
+    os.close(end)
+    usual = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    told = "error: No such command 'nonsense'.\n" * (words == "nonsense")
+    with os.fdopen(start, "w") as gone, open("/dev/full", "w") as no_room:
+        for stdout, code, err in (
+            (gone, left, told),
+            (no_room, full, told or "error: file: No space left on device\n"),
+        ):
+            line = [sys.executable, "-m", "cltransfer", words]
+            done = subprocess.run(line, env=usual, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=60)
+            assert (done.returncode, done.stderr) == (code, err)
+            both = subprocess.run(line, env=usual, stdout=stdout, stderr=stdout, timeout=60)
+            assert both.returncode == code
+
+
+def test_a_closed_stderr_is_no_fault(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", None)
+    assert command("evaluate", "missing.mp4", "missing.mp4").code == 3
