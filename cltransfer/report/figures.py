@@ -80,14 +80,20 @@ def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: s
         )
     ax.plot(times, series[0], color=_MAIN, label=name, marker="o", markersize=2)
     values = np.concatenate(series)
-    values = values[np.isfinite(values) & (values > 0)]
-    if len(values) and values.max() / values.min() > _LOG_SPAN:
-        ax.set_yscale("log", nonpositive="mask")
+    positive = values[np.isfinite(values) & (values > 0)]
+    scale = ""
+    if len(positive) and positive.max() / positive.min() > _LOG_SPAN:
+        scale = ", log scale"
+        if (values <= 0).any():  # which has a place of its own, and is told from a gap
+            scale += f" from {positive.min():.2g}"
+            ax.set_yscale("symlog", linthresh=positive.min())
+        else:
+            ax.set_yscale("log")
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         ax.yaxis.set_minor_formatter(lambda value, _: "")
     else:
         ax.set_ylim(bottom=0)
-    ax.set_title(f"{term.name} [{term.unit}]{', log scale' if ax.get_yscale() == 'log' else ''}", pad=3)
+    ax.set_title(f"{term.name} [{term.unit}]{scale}", pad=3)
     ax.grid(axis="y")
 
 
