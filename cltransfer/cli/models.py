@@ -178,13 +178,16 @@ def _pull(kind: Kind, names: list[str], more: list[Path] | None, accept_new: boo
     from ..progress import progress
 
     rows: list[dict[str, Any]] = []
-    with progress(quiet) as report:
-        for entry in _chosen(kind, names, more):
-            had = pull(entry, accept_new, report)
-            new = had.sha256 != entry.sha256
-            rows.append({"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": new})
-    text = (f"{row['path']}{' sha256 ' + row['sha256'] + ', pinned' if row['pinned'] else ''}" for row in rows)
-    show(rows, "\n".join(text), as_json)
+    try:
+        with progress(quiet) as report:
+            for entry in _chosen(kind, names, more):
+                had = pull(entry, accept_new, report)
+                new = had.sha256 != entry.sha256
+                rows.append({"name": had.name, "path": str(had.path), "sha256": had.sha256, "pinned": new})
+    finally:  # what was pinned is told even where a later one fails
+        text = (f"{row['path']}{' sha256 ' + row['sha256'] + ', pinned' if row['pinned'] else ''}" for row in rows)
+        if rows:
+            show(rows, "\n".join(text), as_json)
 
 
 def _chosen(kind: Kind, names: Iterable[str] | None, more: list[Path] | None) -> list[Entry]:

@@ -97,6 +97,20 @@ def test_a_new_file_is_taken_only_when_asked_and_its_hash_is_printed(command: Co
     assert command("models", "pull", "new_net").out == f"{cache}/models/new.onnx\n"
 
 
+def test_the_hash_that_was_pinned_is_printed_though_a_later_network_fails(
+    command: Command, mine: Path, cache: Path
+) -> None:
+    catalogue = mine.read_text()
+    new = next(line for line in catalogue.splitlines() if "new_net" in line)
+    dead = new.replace("new_net", "dead_net").replace("new.onnx", "dead.onnx").replace("/net.onnx", "/nothing.onnx")
+    mine.write_text(catalogue.replace(new, f"{new}\n{dead}"))
+    answer = command("models", "pull", "new_net", "dead_net", "--accept-new")
+    assert (answer.code, answer.out) == (4, f"{cache}/models/new.onnx sha256 {HASH}, pinned\n")
+    answer = command("models", "pull", "new_net", "dead_net", "--accept-new", "--json")
+    assert [row["name"] for row in json.loads(answer.out)] == ["new_net"]
+    assert command("models", "pull", "dead_net", "--accept-new", "--json").out == ""
+
+
 def test_a_group_of_assets_is_pulled_by_one_name(command: Command, mine: Path, cache: Path) -> None:
     answer = command("assets", "pull", "pair", "--json")
     assert [row["path"] for row in json.loads(answer.out)] == [
