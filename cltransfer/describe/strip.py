@@ -53,7 +53,9 @@ def write_strip(path: Path, shown: Description, image: Tensor | None) -> None:
 def _thumbnails(ax: Axes, times: Tensor, image: Tensor) -> None:
     height, width = image.shape[2:]
     # where there are fewer frames than there is room for, each stands several times, lest they are drawn out wide
-    picked = np.linspace(0, len(times) - 1, max(2, round(WIDE * height / width))).round().astype(int)
+    count = max(2, round(WIDE * height / width))
+    moments = torch.linspace(float(times[0]), float(times[-1]), count, dtype=times.dtype)  # each within its own tile
+    picked = (times - moments[:, None]).abs().argmin(1)
     small = interpolate(image[picked].float(), (HIGH, max(1, HIGH * width // height)), mode="area")
     strip = np.concatenate(list(small.permute(0, 2, 3, 1).round().byte().numpy()), axis=1)
     span = float(times[0]), max(float(times[-1]), float(times[0]) + 1e-3)

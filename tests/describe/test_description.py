@@ -146,6 +146,20 @@ def test_thumbnails_keep_their_shape_however_few_frames_there_are(frames: int, t
     assert ax.images[0].get_array().shape == (strip.HIGH, round(strip.WIDE * 320 / 180) * (strip.HIGH * 180 // 320), 3)
 
 
+def test_a_thumbnail_stands_at_its_own_time_however_unevenly_frames_follow() -> None:
+    ax = Figure().subplots()
+    grey = 50 * torch.arange(5, dtype=torch.uint8)
+    strip._thumbnails(ax, torch.tensor([0.0, 0.1, 0.2, 0.3, 4.0]), grey[:, None, None, None].expand(5, 3, 32, 32))
+    (row,) = ax.images
+    left, right, *_ = row.get_extent()
+    shades = row.get_array()[0, :, 0]
+
+    def shade(time: float) -> int:
+        return int(shades[min(int((time - left) / (right - left) * len(shades)), len(shades) - 1)])
+
+    assert [shade(time) for time in (0.0, 1.9, 2.5, 4.0)] == [0, 150, 200, 200]
+
+
 def test_the_strip_is_the_same_twice(tmp_path: Path) -> None:
     features = sample_features(1, 6)
     shown = described(features)
