@@ -20,6 +20,7 @@ SIZE = (32, 18)  # of the small pictures that are compared [px]
 BINS = 8  # of each colour's histogram
 DIFFERENT = 0.45  # one minus correlation of two small pictures, in [0, 2]
 RECOLOURED = 0.08  # part of the pixels that changed their bin
+FLASH = 2  # pictures at most that are no shot where what was seen before is seen after them
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
 BLACK = 24  # level up to which a bar is black
@@ -35,8 +36,8 @@ def find_cuts(small: np.ndarray) -> list[int]:
     """Frames that begin another shot.
 
     A cut changes what is where and how much there is of each colour, at once, and the frames after it do not go back:
-    a flash does, and a fast camera changes its frames one after another. Frames that show nothing, black or white,
-    belong to no shot: what is seen before them is held against what is seen after.
+    a flash does, a fast camera changes its frames one after another, and a short whip pan shifts them. Frames that show
+    nothing, black or white, belong to no shot: what is seen before them is held against what is seen after.
 
     Args:
         small: small pictures (F, h, w, 3) uint8 of consecutive frames.
@@ -59,15 +60,46 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     apart = np.flatnonzero(np.diff(shown) > 1)  # maybe faded: as if their colours were in full
     if len(apart):
         _, recolour[apart] = _changes(_full_range(pictures[apart]), _full_range(pictures[apart + 1]))
-    begins, told = [0], np.flatnonzero(~_repeats(change))
-    for i in np.flatnonzero((change > DIFFERENT) & (recolour > RECOLOURED)).tolist():
-        about = change[np.concatenate([told[told < i][-NEIGHBOURS:], told[told > i][:NEIGHBOURS]])]
-        usual = float(np.median(about)) if len(about) else 0.0
-        later: int = min(i + 3, len(pictures) - 1)
-        back, _ = _changes(pictures[i : i + 1], pictures[later : later + 1])
-        if change[i] > STANDS_OUT * usual and back[0] > DIFFERENT:
-            begins.append(i + 1)
+    told = np.flatnonzero(~_repeats(change))
+    change, recolour = change[told], recolour[told]
+    candidates = np.flatnonzero((change > DIFFERENT) & (recolour > RECOLOURED)).tolist()
+    cuts = [k for k in candidates if _stands_out(change, k) and _stays(pictures, told, k)]
+    begins = [0, *(int(told[k]) + 1 for k in cuts if not _whips(pictures, told, change, k))]
     return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]
+
+
+def _stands_out(change: np.ndarray, k: int) -> bool:
+    return bool(change[k] > STANDS_OUT * np.median(_beside(change, k, NEIGHBOURS) if len(change) > 1 else 0))
+
+
+def _beside(change: np.ndarray, k: int, count: int) -> np.ndarray:
+    """Up to ``count`` of the changes on either side of the ``k``-th."""
+    return np.concatenate([change[max(k - count, 0) : k], change[k + 1 : k + 1 + count]])
+
+
+def _stays(pictures: np.ndarray, told: np.ndarray, k: int) -> bool:
+    """Whether neither what is seen before the change ``told[k]`` is seen after, nor what is seen after it before."""
+    i = told[k]
+    earlier = told[k - FLASH] if k >= FLASH else 0
+    later = told[k + FLASH] + 1 if k + FLASH < len(told) else len(pictures) - 1
+    back, _ = _changes(pictures[[earlier, i]], pictures[[i + 1, later]])
+    return bool((back > DIFFERENT).all())
+
+
+def _whips(pictures: np.ndarray, told: np.ndarray, change: np.ndarray, k: int) -> bool:
+    """Whether the change ``told[k]`` is a step of a whip pan: beside another, and a shift along a side explains it.
+
+    A cut into a whip pan is beside one as well, so that alone says nothing.
+    """
+    if _beside(change, k, 1).max(initial=0) <= DIFFERENT:
+        return False
+    for axis in (0, 1):
+        a, b = (np.moveaxis(picture, axis, 0) for picture in pictures[told[k] : told[k] + 2])
+        for shift in range(1, len(a) // 2 + 1):
+            ahead, behind = (a[shift:], b[:-shift]), (a[:-shift], b[shift:])
+            if min(_unlike(x[None], y[None])[0] for x, y in (ahead, behind)) <= DIFFERENT:
+                return True
+    return False
 
 
 def _without_bars(small: np.ndarray) -> np.ndarray:
@@ -157,12 +189,16 @@ def _blocks(small: np.ndarray) -> Iterator[np.ndarray]:
 
 def _block_changes(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Those of few frames, of which floats are made."""
+    moved = np.abs(_histograms(before) - _histograms(after)).sum((1, 2)) / 2 / 3
+    return _unlike(before, after), moved
+
+
+def _unlike(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """One minus correlation of pictures (F, h, w, 3), (F,) in [0, 2]."""
     a, b = (x.reshape(len(x), -1).astype(np.float32) for x in (before, after))
     a, b = a - a.mean(1, keepdims=True), b - b.mean(1, keepdims=True)
     norm = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    correlation = (a * b).sum(1) / np.maximum(norm, 1e-9)
-    moved = np.abs(_histograms(before) - _histograms(after)).sum((1, 2)) / 2 / 3
-    return 1 - correlation, moved
+    return 1 - (a * b).sum(1) / np.maximum(norm, 1e-9)
 
 
 def _full_range(small: np.ndarray) -> np.ndarray:

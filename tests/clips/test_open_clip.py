@@ -124,6 +124,32 @@ def test_a_flash_is_no_cut() -> None:
     assert find_cuts(small(frames)) == []
 
 
+@pytest.mark.parametrize("times", [(1,), (2,), (2, 3), (3,)])
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_flash_that_shows_something_is_no_cut(seed: int, count: int, times: tuple[int, ...]) -> None:
+    frames = scenery(seed, 12)
+    frames[6 : 6 + count] = scenery(seed + 1, 12)[6 : 6 + count]
+    assert find_cuts(repeated(frames, times)) == []
+
+
+@pytest.mark.parametrize("times", [(1,), (2, 3)])
+@pytest.mark.parametrize("steps", [2, 3, 4])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_short_whip_pan_between_still_pictures_is_no_cut(seed: int, steps: int, times: tuple[int, ...]) -> None:
+    wall = scenery(seed, 1 + steps, 16)
+    still = torch.cat([wall[:1].expand(12, -1, -1, -1), wall, wall[-1:].expand(12, -1, -1, -1)])
+    assert find_cuts(repeated(still, times)) == []
+
+
+@pytest.mark.parametrize("steps", [2, 3])
+@pytest.mark.parametrize("seeds", [(0, 3), (1, 5), (4, 2)])
+def test_a_cut_into_a_short_whip_pan_is_found(seeds: tuple[int, int], steps: int) -> None:
+    wall = scenery(seeds[1], 1 + steps, 16)
+    frames = torch.cat([scenery(seeds[0], 12), wall, wall[-1:].expand(12, -1, -1, -1)])
+    assert 12 in find_cuts(small(frames))
+
+
 @pytest.mark.parametrize("level", [0, 7, 255])
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 12])
 def test_a_cut_through_pictures_that_show_nothing_is_found(level: int, count: int) -> None:
