@@ -161,6 +161,8 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     if not streams:
         raise InputError(path, "video", "no video stream")
     stream = streams[0]
+    if stream.codec_context is None:
+        raise InputError(path, "video", "is of a codec that cannot be decoded", "re-encode it")
     _check_size(path, "size", (stream.codec_context.width, stream.codec_context.height))
     if stream.frames > SCAN_LIMIT:
         raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, the header says {stream.frames}")

@@ -465,6 +465,12 @@ def test_a_frame_of_absurd_size_is_refused_before_it_is_decoded(tmp_path):
     assert refused(tmp_path / "frames", "size", "at most 64000000 pixels").where.endswith("0.png")
 
 
+def test_a_video_that_nothing_here_decodes_is_refused(tmp_path):
+    data = encode(tmp_path / "a.mp4", smooth()).read_bytes()
+    assert b"avc1" in data
+    refused(damaged(tmp_path / "b.mp4", data.replace(b"avc1", b"zzzz")), "video", "of a codec that cannot be decoded")
+
+
 def test_a_sound_file_has_no_video(tmp_path):
     with av.open(str(tmp_path / "a.mp4"), "w") as container:
         stream = container.add_stream("aac", rate=48000)
