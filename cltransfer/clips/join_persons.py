@@ -10,7 +10,7 @@ import numpy as np
 
 from .persons import BRIEF, Persons, overlap
 
-RULES = 3  # raised where the same boxes become other persons, so that what was read by other rules is read anew
+RULES = 4  # raised where the same boxes become other persons, so that what was read by other rules is read anew
 RATE = 24.0  # frames a second of a clip without times
 OVERLAP = 0.1  # least intersection over union of one person with where it was going
 HIDDEN = 0.3  # overlap by which one who was seen in the last frame goes before one who was not
@@ -157,8 +157,10 @@ def _most(shared: np.ndarray, hidden: np.ndarray) -> dict[int, int]:
     """Track of each box that has one, so that the overlaps (T, B) add up to the most; ``hidden`` (T,) go behind."""
     from scipy.optimize import linear_sum_assignment
 
-    rows, columns = linear_sum_assignment(HIDDEN * hidden[:, None] - shared)
-    return {int(b): int(t) for t, b in zip(rows, columns) if shared[t, b] >= OVERLAP}
+    fits = shared >= OVERLAP
+    cost = np.where(fits, HIDDEN * hidden[:, None] - shared, HIDDEN)  # none fits at more than it costs not to
+    rows, columns = linear_sum_assignment(cost)
+    return {int(b): int(t) for t, b in zip(rows, columns) if fits[t, b]}
 
 
 def _near(

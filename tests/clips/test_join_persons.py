@@ -96,6 +96,16 @@ def test_one_whom_the_edge_of_the_frame_cuts_is_passed() -> None:
     assert whose(seen(extra[:in_frame], walker[:in_frame]), TIMES) == [{1}, {0}]
 
 
+@pytest.mark.parametrize("more", [(), (700,)])
+def test_one_who_comes_back_is_known_again_where_somebody_else_is_missed(more: tuple[int, ...]) -> None:
+    walker, others = standing(np.where(TIMES < 1, 100, 120)), [standing(x) for x in (400, *more)]
+    found = seen(walker, *others)
+    for i in range(20, 28):
+        found[i] = found[i][1:]  # hidden, and found again a little aside
+    found[28] = np.delete(found[28], 1, axis=0)
+    assert whose(found, TIMES) == [{i} for i in range(2 + len(more))]
+
+
 def test_where_a_person_goes_is_told_by_time() -> None:
     uneven = np.array([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.55, 0.6, 0.9, 1, 1.1])
     one = standing(100 * uneven, count=11)
