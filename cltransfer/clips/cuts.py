@@ -28,6 +28,7 @@ LEFT = 0.25  # of a side, at least, that is picture, as letterbox.MOST has it: l
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # changes on either side that say what is usual
 SAME = 0.002  # change at most of a frame that is shown again
+GAP = 3.0  # over the usual step of time: frames are missing
 BLOCK = 256  # pictures that are compared at a time
 REPEATS = 3  # times that a frame is shown again at most; more is a still camera
 
@@ -131,8 +132,13 @@ def _repeats(change: np.ndarray) -> np.ndarray:
     return repeats
 
 
-def check_one_shot(where: ClipSource) -> None:
+def check_one_shot(where: ClipSource) -> tuple[str, ...]:
     """Refuse a clip with a cut in the part of it that is read.
+
+    Where frames are missing in between, a shot may well go on with something else, so that is no cut.
+
+    Returns:
+        A note on where that is so, if anywhere.
 
     Raises:
         InputError: there is one; the line says where and how to take one shot of the clip.
@@ -140,10 +146,10 @@ def check_one_shot(where: ClipSource) -> None:
     times, small = small_pictures(where.path, where.fps)
     inside = within(times, where.span)
     if len(inside) == 0:
-        return
-    shots = [(int(inside[a]), int(inside[b])) for a, b in _shots(small[inside])]
+        return ()
+    shots, notes = _without_gaps([(int(inside[a]), int(inside[b])) for a, b in _shots(small[inside])], times)
     if len(shots) < 2:
-        return
+        return notes
     cut = shots[1][0]
     more = f" and {len(shots) - 2} more" if len(shots) > 2 else ""
     reason = f"a cut at {times[cut]:.3f} s{more}; a reference is one shot"
@@ -151,6 +157,23 @@ def check_one_shot(where: ClipSource) -> None:
     named = [_part(where, float(times[inside[0]]), span).named for span in spans]
     hint = f"take one: {' or '.join(map(shlex.quote, named))}; no cut? #cuts=keep" if named else "no cut? #cuts=keep"
     raise InputError(where.path, f"frame {cut}", reason, hint)
+
+
+def _without_gaps(shots: list[tuple[int, int]], times: np.ndarray) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
+    """Shots, those joined between which frames are missing by their ``times`` (F,) [s], and a note on where that is."""
+    joined, gaps, steps = shots[:1], [], np.diff(times)
+    for first, last in shots[1:]:
+        gap = float(steps[joined[-1][1] : first].max())
+        if gap > GAP * np.median(steps):
+            gaps.append(f"{gap:.1f} s without a frame before {times[first]:.3f} s")
+            joined[-1] = (joined[-1][0], last)
+        else:
+            joined.append((first, last))
+    if not gaps:
+        return joined, ()
+    more = f" (and {len(gaps) - 1} more such)" if len(gaps) > 1 else ""
+    what = "something else is seen then: taken for one shot (if it is two, take one, #t=START,END)"
+    return joined, (f"{gaps[0]}{more}, and {what}",)
 
 
 def _part(where: ClipSource, first: float, span: tuple[float, float]) -> ClipSource:

@@ -56,8 +56,7 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
     notes = (*_one_by_one(found, starts[0]), *_not_scored(starts[0], starts[1], first, frames))
     thin = evenly(starts[1][second], frames)
     first, second = first[thin], second[thin]
-    if asked.cuts != "keep":
-        check_one_shot(asked)  # here, so that what it advises is what was asked for
+    gaps = check_one_shot(asked) if asked.cuts != "keep" else ()  # here, so that it advises what was asked for
     whole = replace(asked, letterbox="keep", cuts="keep")
     (reference, flags), (render, drawn) = open_part(whole, original, first), open_part(drawn_as, shown, second)
     if asked.letterbox != "keep":
@@ -68,7 +67,7 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
             render, bars = without_bars(render)
             drawn = (*bars, *drawn)
     notes = (*notes, *_other_shape(reference, render))
-    return ClipPairs(reference, render, starts[0][first], starts[1][second]), flags, (*drawn, *notes)
+    return ClipPairs(reference, render, starts[0][first], starts[1][second]), (*gaps, *flags), (*drawn, *notes)
 
 
 def _same_bars(clip: Clip, other: Clip) -> bool:

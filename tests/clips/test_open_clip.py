@@ -14,6 +14,7 @@ from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.cuts import find_cuts, small_pictures
 from cltransfer.clips.letterbox import find_letterbox
 from cltransfer.clips.open_clip import ASSUMED, open_clip
+from cltransfer.clips.pairs import open_pairs
 from cltransfer.clips.persons import Spot
 from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError, UsageError
@@ -90,6 +91,33 @@ def test_the_check_for_cuts_sees_every_frame_that_is_read(tmp_path: Path) -> Non
     assert len(open_clip(replace(where, span=(0.0, 0.375)))[0]) == 10
     with pytest.raises(InputError, match=r"frame 10: a cut at 0\.417 s"):
         open_clip(replace(where, span=(0.0, 0.4166)))  # 10/24 but for rounding: the next shot's first frame is read
+
+
+def test_a_shot_of_which_frames_are_missing_is_one_and_is_told(tmp_path: Path) -> None:
+    kept = torch.cat([torch.arange(10), torch.arange(30, 40)])
+    where = saved(tmp_path / "a.mkv", scenery(0, 40, 2)[kept], kept.double() / 10)
+    clip, told = open_clip(where)
+    assert len(clip) == 20
+    assert told == (
+        "2.1 s without a frame before 3.000 s, and something else is seen then: taken for one shot "
+        "(if it is two, take one, #t=START,END)",
+    )
+    assert open_pairs(where, where, None)[1] == told
+    assert open_clip(replace(where, span=(0.0, 0.9)))[1] == open_clip(replace(where, cuts="keep"))[1] == ()
+    cut = saved(
+        tmp_path / "b.mkv",
+        torch.cat([scenery(0, 40, 2)[kept], scenery(1)]),
+        torch.arange(30) / 10 + 2.0 * (torch.arange(30) > 9),
+    )
+    with pytest.raises(InputError, match=r"frame 20: a cut at 4\.000 s; a reference") as caught:
+        open_clip(cut)
+    assert f"'{cut.path}#t=0.000,3.900' or '{cut.path}#t=4.000,4.900'" in str(caught.value)
+
+
+def test_of_many_gaps_in_a_shot_the_first_is_told_and_how_many_more_there_are(tmp_path: Path) -> None:
+    times = torch.cat([torch.arange(10) + begin for begin in (0, 20, 40)]).double() / 10
+    told = open_clip(saved(tmp_path / "a.mkv", torch.cat([scenery(s) for s in range(3)]), times))[1]
+    assert [note.partition(",")[0] for note in told] == ["1.1 s without a frame before 2.000 s (and 1 more such)"]
 
 
 def test_shots_of_one_frame_are_not_offered(tmp_path: Path) -> None:
