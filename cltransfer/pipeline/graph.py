@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..errors import UsageError
 from ..features import Features
+from ..progress import Progress, silent
 from .plan import CLIP_SOURCE, Plan, Step
 
 CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB as float
@@ -38,21 +39,33 @@ def run_clip(
     plan: Plan,
     load: Load,
     count: int,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Progress = silent,
+    task: str = "reading frames",
 ) -> Features:
     """Features of a clip of ``count`` frames, without its pixels.
 
     ``load(start, stop)`` delivers the source's features of a few frames at a time, so that memory does not grow with
     the clip. The first frame has no flow: NaN. What a step that reads the whole clip cannot tell is left out with the
     reason, and so is what needs it.
+
+    ``progress`` is told of ``task`` the frames done and in all, each as often as the clip is gone through, and of each
+    step that reads the whole clip when it begins.
     """
     keep = plan.wanted | {"camera", "person"}
     between = keep if not plan.reads_whole_clip else keep | plan.passed_on - CLIP_SOURCE
     found: Features | None = None
-    for steps, whole in _stages(plan.steps):
+    stages, gone = _stages(plan.steps), 0
+    total = count * (1 + sum(bool(steps) for steps, _ in stages[1:]))
+
+    def report(done: int) -> None:
+        progress(task, gone + done, total)
+
+    for steps, whole in stages:
         if steps or found is None:
-            found = _in_chunks(steps, found, load, count, between, progress)
+            found = _in_chunks(steps, found, load, count, between, report)
+            gone += count
         if whole is not None:
+            progress(f"reading the clip: {whole.name}", 0, 0)
             found = _read_whole(whole, found, load, count)
             dear = frozenset(whole.extractor.provides)
             keep, between = keep | dear, between | dear

@@ -175,10 +175,9 @@ def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tupl
 
 def _of_person(image: Tensor, plan: Plan, box: Tensor | None, progress: Progress) -> Features:
     """Features of frames, of the person in ``box`` (N, 5); None has the plan look for the main one in each frame."""
-    count = len(image)
     steps = plan if box is None else plan.person_known
     load = partial(_loaded, image, box)
-    return run_clip(steps, load, count, lambda done: progress("reading frames", done, count))
+    return run_clip(steps, load, len(image), progress)
 
 
 def _loaded(image: Tensor, box: Tensor | None, start: int, stop: int) -> Features:

@@ -217,7 +217,7 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         image[start:stop] = quantised(rendered.require("image"))  # a reader of whole clips asks for a frame again
         return replace(rendered, image=image[start:stop].float() / 255)
 
-    features = run_clip(plan, load, len(path), lambda done: progress("rendering the reference", done, len(path)))
+    features = run_clip(plan, load, len(path), progress, "rendering the reference")
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)

@@ -12,6 +12,7 @@ from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import SHAPES, Features
 from cltransfer.pipeline.graph import Load, run, run_clip
 from cltransfer.pipeline.plan import make_plan
+from cltransfer.progress import Progress, silent
 
 
 def shaped(name: str, values: torch.Tensor) -> torch.Tensor:
@@ -272,14 +273,30 @@ class Whole:
         return replace(found, depth=boxes[:, :1, None] + mean, extras={**found.extras, "trust": boxes})
 
 
-def along_clip(whole: Whole, wanted: set[str]) -> Features:
+def along_clip(whole: Whole, wanted: set[str], progress: Progress = silent) -> Features:
     image = torch.arange(20.0)[:, None, None, None].expand(20, 3, 2, 2)
     steps = {
         "a": Making(("box",)), "whole": whole, "l": Making(("score",), ("image",), uses=("depth",)),
         "n": Making(("flow",), needs_before=True), "d": Making(("gaze",), ("depth",)),
     }  # fmt: skip
     made = plan(wanted, steps)
-    return run_clip(made, lambda a, b: Features((2, 2), image=image[a:b]), 20)
+    return run_clip(made, lambda a, b: Features((2, 2), image=image[a:b]), 20, progress)
+
+
+def test_the_progress_of_a_clip_that_is_gone_through_twice_never_falls() -> None:
+    told: list[tuple[str, int, int]] = []
+    along_clip(Whole(), {"score", "depth"}, lambda *call: told.append(call))
+    assert told == [
+        *(("reading frames", done, 40) for done in (8, 16, 20)),
+        ("reading the clip: whole", 0, 0),
+        *(("reading frames", 20 + done, 40) for done in (8, 16, 20)),
+    ]
+
+
+def test_the_progress_of_a_clip_counts_no_stage_that_has_nothing_to_do() -> None:
+    told: list[tuple[str, int, int]] = []
+    along_clip(Whole(), {"depth"}, lambda *call: told.append(call))
+    assert told == [*(("reading frames", done, 20) for done in (8, 16, 20)), ("reading the clip: whole", 0, 0)]
 
 
 def test_a_step_that_reads_the_whole_clip_has_what_came_before_and_gives_to_what_comes_after() -> None:
