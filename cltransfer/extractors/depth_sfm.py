@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 import torch
 
+from ..feature_shapes import on_grid
 from ..features import Features, OfThisRun
 from ..registry import EXTRACTORS
 from ..sfm import NoPathError, OutOfTimeError
@@ -57,7 +58,7 @@ class DepthSfm:
         from ..sfm.depth import spread_depth
         from ..sfm.path import reconstruct_path
 
-        subject = found.require("subject")
+        subject = on_grid(found.require("subject"), found.size[::-1])  # a network's may have fewer pixels
         frames = (to_uint8(load(i, i + 1).require("image"))[0] for i in range(len(found)))
         times = torch.arange(len(found), dtype=torch.float64)
         try:

@@ -45,9 +45,17 @@ def filmed():
     return film
 
 
-def read(clip, depth=None):
+class HalvedSubject(ImageSubject):
+    """The same of every second row and column."""
+
+    def __call__(self, now, before):
+        made = super().__call__(now, before)
+        return replace(made, subject=made.subject[:, ::2, ::2])
+
+
+def read(clip, depth=None, subject=None):
     """The clip as the graph reads it, with nothing but pixels and who is the subject."""
-    extractors = {"subject": ImageSubject(), "depth_sfm": depth or DepthSfm(), "layers": Layers()}
+    extractors = {"subject": subject or ImageSubject(), "depth_sfm": depth or DepthSfm(), "layers": Layers()}
     plan = make_plan(frozenset({"depth", "layers", "subject"}), extractors, frozenset({"image", "label"}), "image")
     pixels = Features(clip.size, image=clip.image, label=clip.label)
     return plan, run_clip(plan, lambda start, stop: pixels[slice(start, stop)], len(clip))
@@ -70,6 +78,16 @@ def test_depth_of_the_layers_is_right_up_to_scale(trucked):
     within = (got.depth / clip.depth).log()
     within -= within[got.subject].nanmedian()
     assert float(within.abs().nanmedian()) < 0.1
+
+
+@pytest.mark.slow  # COLMAP has to look again
+def test_a_subject_of_fewer_pixels_than_the_frame_gives_nearly_the_same_depth(trucked):
+    clip, _, full = trucked
+    _, half = read(clip, subject=HalvedSubject())
+    assert half.depth.shape == full.depth.shape
+    ratio = (layer_depths(half, 0.005) / layer_depths(full, 0.005)).log()
+    ratio -= ratio[:, 1].nanmedian()  # the unknown scale, taken from the subject
+    assert float(ratio[:, 1:].abs().nanmedian()) < 0.03
 
 
 def test_most_of_the_frame_has_a_depth_and_every_depth_a_confidence(trucked):

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera
+from ...feature_shapes import on_grid
 from ...features import Features
 from ...subject import Subject
 
@@ -32,7 +33,7 @@ def vote_labels(means: Tensor, cameras: Camera, seen: Features, subject: Subject
     visible_in = torch.zeros_like(inside)
     visible = torch.zeros_like(inside)
     pixels, depths = cameras.project(points)
-    masks, surface = seen.require("subject"), seen.require("depth")
+    masks, surface = (on_grid(seen.require(name), cameras.size[::-1]) for name in ("subject", "depth"))
     for v in torch.isfinite(seen.require("box")[:, 0]).nonzero()[:, 0].tolist():
         on, row, column = _pixel(pixels[v], depths[v], cameras.size)
         in_mask = masks[v][row, column] & on
