@@ -13,9 +13,10 @@ from torch import Tensor
 from ..features import Features
 from .angle import HEIGHTS, SIDES, STAGINGS, dutch_class, height_class, side_class, staging_class
 from .motion import Motion
-from .movement import STILL, Movement, movement
+from .movement import STILL, WORDS, Movement, movement
 from .shot_scale import SCALE_NAMES, SCALES, shot_scale
 
+DOUBTFUL = ("dolly zoom", *WORDS["orbit"])  # read from a person who keeps their place before a background that moves
 ENDS = 4  # the classes of a clip's first and last quarter say how it begins and ends
 
 
@@ -136,12 +137,17 @@ def describe_features(
         Track("staging", STAGINGS, staging, no_depth or "a layer is missing"),
     )
     named = {track.name: track for track in tracks}
-    return Description(title, times, named, motion, movement(motion), orientation, _flags(motion))
+    moves = movement(motion)
+    return Description(title, times, named, motion, moves, orientation, _flags(motion, moves))
 
 
-def _flags(motion: Motion) -> tuple[str, ...]:
+def _flags(motion: Motion, moves: Movement) -> tuple[str, ...]:
     unread = len(motion.times) - motion.read
-    return (f"the motion of {unread} frames could not be read",) if unread else ()
+    flags = [f"the motion of {unread} frames could not be read"] if unread else []
+    if not math.isnan(motion.parallax):  # of a camera that is known, nothing is in doubt
+        held = [word for word in (moves.name, *moves.beside) if word in DOUBTFUL]
+        flags += [f"{word}, or the camera keeps pace with the person: the picture does not tell" for word in held]
+    return tuple(flags)
 
 
 def _rounded(value: float, digits: int) -> float | None:

@@ -2,7 +2,8 @@
 
 Turning and zooming move everything alike, whatever its distance; a camera that travels moves near things more. So the
 background's flow is fitted by what turning and zooming can do; what is left over is parallax, and tells a dolly from a
-zoom and a truck from a pan. Then the person, who is nearer, tells which way the camera travels.
+zoom and a truck from a pan. Then the person, who stands still and not far behind most of the scenery, tells which way
+the camera travels.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ LENS = 1.6  # focal length that the curvature of a turn is worked out for [frame
 ROUNDS = 6  # of reweighting
 PARALLAX = 0.18  # above which the camera travels; pans, tilts, rolls and zooms stay below 0.15, travels above 0.22
 TRIMMED = 0.02  # of the cells, those that fit worst: flow has outliers
-SAME = 0.6  # a person moving by less than this part of the background's motion is held in place
+HELD = (-0.6, 0.35)  # parts of the background's motion between which a person is held in place; travel makes it > 0
 FLOOR = (0.009, 0.009, 0.025)  # right, down [frame sides], growth [log size]: less is no motion of the background
 
 
@@ -51,7 +52,8 @@ def _travelling(rates: Tensor, background: Tensor, person: Tensor) -> None:
     """Fill in the rates (N, 8) of a camera that travels, one word for each direction over the whole clip."""
     both = person.isfinite() & background.isfinite()  # where either is unknown neither tells of the other
     moved, beside = (torch.where(both, motion, 0.0).sum(0) for motion in (person, background))
-    held = abs(moved) < SAME * abs(beside)
+    share = moved / beside
+    held = (share > HELD[0]) & (share < HELD[1])
     grows = bool(abs(background[:, 2].nansum()) > FLOOR[2])
     if grows and held[2]:  # a dolly zoom
         rates[:, 3], rates[:, 4] = background[:, 2], person[:, 2].nan_to_num(0) - background[:, 2]

@@ -7,8 +7,9 @@ from kornia.geometry.conversions import rotation_matrix_to_axis_angle
 
 from ..subject import Subject
 from ..trajectory import Trajectory
-from .flow_motion import SAME
 from .motion import PRIMITIVES, Motion, frame_side
+
+HELD = 0.6  # a subject moving by less than this part of what the travel alone would move it is held in place
 
 
 def path_motion(path: Trajectory, subject: Subject) -> Motion:
@@ -40,7 +41,7 @@ def _split(turn: torch.Tensor, travel: torch.Tensor, spare: bool) -> torch.Tenso
     other, as both may come back to where they were.
     """
     along = (travel * travel).sum()
-    held = bool(along > 0) and bool((1 + (turn * travel).sum() / along).abs() < SAME)
+    held = bool(along > 0) and bool((1 + (turn * travel).sum() / along).abs() < HELD)
     none = torch.zeros_like(turn)
     if not spare:
         return torch.cat([none if held else turn, travel], dim=1)

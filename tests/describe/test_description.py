@@ -15,6 +15,7 @@ from cltransfer.describe import sources, strip
 from cltransfer.describe.angle import dutch_class, height_class, side_class, staging_class
 from cltransfer.describe.description import Description, describe_features
 from cltransfer.describe.flow_motion import flow_motion
+from cltransfer.describe.motion import PRIMITIVES, Motion
 from cltransfer.describe.sources import describe, describe_path, path_features
 from cltransfer.describe.strip import write_strip
 from cltransfer.errors import InputError
@@ -79,6 +80,26 @@ def test_motion_that_is_undefined_is_null(frames: int, reason: str) -> None:
     moves = json.loads(json.dumps(value, allow_nan=False))["movement"]
     assert (moves["name"], moves["handheld"], moves["shake"], moves["reason"]) == (None, None, None, reason)
     assert set(moves["net"].values()) == {None}
+
+
+@pytest.mark.parametrize(
+    ("moves", "flags"),
+    [
+        ({"orbit": 0.02}, ("orbit right, or the camera keeps pace with the person: the picture does not tell",)),
+        (
+            {"dolly": 0.04, "zoom": -0.04},
+            ("dolly zoom, or the camera keeps pace with the person: the picture does not tell",),
+        ),
+        ({"truck": 0.02}, ()),
+    ],
+)
+def test_what_a_camera_beside_a_walking_person_shows_too_is_flagged_where_no_cameras_are_known(
+    moves: dict[str, float], flags: tuple[str, ...]
+) -> None:
+    rates = torch.tensor([moves.get(name, 0.0) for name in PRIMITIVES]).double().expand(6, -1)
+    for parallax, expected in ((0.5, flags), (math.nan, ())):
+        described = describe_features("sample", sample_features(0, 6), TIMES, Motion(rates, TIMES, parallax), {})
+        assert described.flags == expected
 
 
 def test_a_whole_person_before_the_camera_is_a_long_shot_from_the_front(tmp_path: Path) -> None:

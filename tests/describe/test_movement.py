@@ -87,6 +87,18 @@ def test_a_person_seen_in_some_frames_alone_is_not_held_in_place(
     assert named(replace(far, flow=flow, layers=layers)) == name
 
 
+@pytest.mark.parametrize(
+    ("far", "near", "name"),
+    [({"growth": 0.02}, {"growth": 0.08}, "push in"), ({"right": -0.01}, {"right": -0.04}, "truck right")],
+)
+def test_a_person_who_is_farther_than_most_of_the_scenery_is_not_held_in_place(
+    far: dict[str, float], near: dict[str, float], name: str
+) -> None:
+    features = flowing(**far)
+    below = (torch.arange(SIZE[1]) >= SIZE[1] / 2)[:, None] & ~features.layers[:, 1:2]
+    assert named(replace(features, flow=torch.where(below, flowing(**near).flow, features.flow))) == name
+
+
 def test_fast_zooms_and_pans_have_names_of_their_own() -> None:
     assert named(flowing(growth=0.15)) == "crash zoom"
     assert named(flowing(right=-0.2)) == "whip pan"
