@@ -20,10 +20,11 @@ from typing import Any, ClassVar
 import pytest
 from torch import Tensor
 
+import cltransfer
 from cltransfer.cli.app import main
 from cltransfer.computer import threads
 from cltransfer.features import Features
-from cltransfer.registry import LOSSES, RENDERERS
+from cltransfer.registry import LOSSES, RENDERERS, plugin_code
 
 STANDARD = "import asyncio, http.client, unittest.mock, xml.dom.minidom, email.mime.text, multiprocessing.pool"
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -259,3 +260,20 @@ def within() -> Callable[[float, float], bool]:
         return took < limit or took < limit * max(seconds() for _ in range(3)) / USUAL
 
     return check
+
+
+@pytest.fixture
+def edited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+    """Goes on as if a module of cltransfer, as ``clips/cuts.py``, were another from now on."""
+    copy = tmp_path / "edited" / "cltransfer"
+
+    def edit(module: str) -> None:
+        if not copy.exists():
+            shutil.copytree(Path(cltransfer.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+            monkeypatch.setattr(plugin_code, "__file__", str(copy / "registry" / "plugin_code.py"))
+        with (copy / module).open("a") as file:
+            file.write("# edited\n")
+        plugin_code.own_code.cache_clear()
+
+    yield edit
+    plugin_code.own_code.cache_clear()

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from cltransfer.models.content import READERS
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "cltransfer").rglob("*.py"))
 
@@ -114,6 +116,15 @@ def crossings(sources: tuple[str, ...], targets: tuple[str, ...]) -> list[str]:
 
 def test_values_import_no_component_and_nothing_that_drives() -> None:
     assert crossings(VALUES, COMPONENTS + DRIVING) == []
+
+
+def test_whatever_reads_a_picture_imports_what_its_readings_are_known_by_or_what_cannot_change_them() -> None:
+    known = tuple(part.replace("/", ".") for part in READERS)
+    beside = ("computer", "config", "errors", "near_plane", "progress", "registry", "storage")
+    readers = (*(part for part in known if part != "reading"), "reading.frames")  # the others read scenes
+    modules = {module_of(path) for path in SOURCES} - {"cltransfer.scenes"}
+    found = {one for path in SOURCES if inside(module_of(path), readers) for one in imports(path)}
+    assert {one for one in found & modules if not inside(one, known + beside)} == set()
 
 
 def test_components_import_nothing_that_drives() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 
 from .persons import BRIEF, Persons, overlap
 
-RULES = 4  # raised where the same boxes become other persons, so that what was read by other rules is read anew
 RATE = 24.0  # frames a second of a clip without times
 OVERLAP = 0.1  # least intersection over union of one person with where it was going
 HIDDEN = 0.3  # overlap by which one who was seen in the last frame goes before one who was not

@@ -14,6 +14,13 @@ from ..storage.files import content_hash
 from .catalogue import entry_of_file
 from .places import found_model, model_places
 
+READERS = (
+    "along_clip", "camera", "clips", "extractors", "feature_shapes", "features", "models", "orientation", "pipeline",
+    "placement", "reading", "scenes/person/find_people", "scenes/person/triangulate", "sfm", "skeleton", "subject",
+    "trajectory",
+)  # fmt: skip
+"""Parts of cltransfer by which pictures are read, for :func:`cltransfer.registry.plugin_code.own_code`."""
+
 
 def reading(extractor: Any) -> dict[str, Any]:
     """What an extractor's answers depend on: its options, what its files hold, and its code where it is a plugin."""

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from .. import __version__
-from ..clips.join_persons import RULES
 from ..errors import InputError
 from ..features import Features
-from ..models.content import reading
+from ..models.content import READERS, reading
 from ..pipeline.components import SCENE_SOURCE, Components
 from ..pipeline.graph import run_clip
 from ..pipeline.plan import Family, Plan
 from ..progress import Progress, silent
+from ..registry.plugin_code import own_code
 from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import kept_frames
@@ -132,7 +131,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
     digest = content_hash(where.path)
-    asked = [frames, str(where.span), where.fps, where.person, RULES]
+    asked = [frames, str(where.span), where.fps, where.person]
     key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
     cached = cache_dir() / "features" / f"{key}.safetensors"
     stored = _kept(cached)
@@ -185,7 +184,7 @@ def _pixels(image: Tensor) -> str:
 
 def _key(what: list[Any], plan: Plan) -> str:
     steps = [[s.name, reading(s.extractor), list(s.hidden)] for s in plan.steps]
-    text = json.dumps([__version__, what, sorted(plan.wanted), steps], sort_keys=True, default=str)
+    text = json.dumps([own_code(*READERS), what, sorted(plan.wanted), steps], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 

@@ -1,7 +1,7 @@
 """What a plugin's code is known again by, so that nothing is kept of other code than gave it.
 
 A result is cached, a run taken up and a trial left out where what it depends on is the same; a plugin's code is part of
-that. What comes with cltransfer is known by its version, or by :func:`own_code`. No torch, nothing is imported here.
+that. What comes with cltransfer is known by :func:`own_code`. No torch, nothing is imported here.
 """
 
 from __future__ import annotations
@@ -61,9 +61,16 @@ def code_in(package: Path) -> str:
 
 
 @functools.cache
-def own_code() -> str:
-    """SHA-256 of the code of cltransfer itself, as it lies here when a process first asks."""
-    return code_in(Path(__file__).parents[1])
+def own_code(*parts: str) -> str:
+    """SHA-256 of the code of cltransfer itself, as it lies here when a process first asks.
+
+    Of ``parts`` alone, if any are named: packages and modules by their paths, as ``scenes/person`` and ``features``.
+    """
+    root = Path(__file__).parents[1]
+    if not parts:
+        return code_in(root)
+    places = (root / part if (root / part).is_dir() else root / f"{part}.py" for part in sorted(parts))
+    return hashlib.sha256("".join(map(_code_at, places)).encode()).hexdigest()
 
 
 def _ours(cls: type[Any]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -194,13 +195,15 @@ def test_a_scene_that_is_asked_for_a_frame_again_has_shown_it_once(mean_flow: tu
     torch.testing.assert_close(read.features.require("mine")[:, 0], read.image.float().div(255).flatten(1).mean(1))
 
 
-def test_a_reading_by_other_rules_of_who_is_who_is_not_used(
-    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_reading_by_other_code_of_ours_is_not_used(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path, edited: Callable[[str], None]
 ) -> None:
-    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
     source, parts = str(mirrored(tmp_path / "frames")), Components.build(load_config(overrides=mean_flow))
-    with monkeypatch.context() as before:
-        before.setattr(reference, "RULES", 1)
-        read_reference(source, parts, Reading())
     read_reference(source, parts, Reading())
-    assert len(list((cache_dir() / "features").iterdir())) == 2
+    for count, module in enumerate(("clips/join_persons.py", "extractors/_dense_flow.py", "orientation.py"), start=2):
+        edited(module)
+        read_reference(source, parts, Reading())
+        assert len(readings) == count
+    edited("describe/description.py")  # reads no picture
+    read_reference(source, parts, Reading())
+    assert len(readings) == count

@@ -12,15 +12,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ... import __version__
 from ...camera import Camera
 from ...errors import InputError
 from ...features import Features
-from ...models.content import reading
+from ...models.content import READERS, reading
 from ...pipeline.graph import run
 from ...pipeline.plan import CLIP_SOURCE, Plan, make_plan
 from ...registry import RENDERERS
-from ...registry.plugin_code import code_of
+from ...registry.plugin_code import code_of, own_code
 from ...renderers._request import drawn_by
 from ...storage.files import cache_dir, into_cache
 from ...storage.run_files import LABELS, SUBJECT
@@ -167,11 +166,15 @@ def lifted_scene(
 
 
 def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any]) -> Path:
-    """Where the cache keeps the person of this scene, drawn with this renderer and read with these extractors."""
+    """Where the cache keeps the person of this scene, drawn with this renderer and read with these extractors.
+
+    By other code of ours that draws or reads, a person is lifted anew.
+    """
     steps = make_plan(WANTED, extractors, CLIP_SOURCE, "image").steps
     used = [[step.name, reading(step.extractor), step.hidden] for step in steps]
     drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
     shown = [scene.digest, scene.harmonics]
-    known = [__version__, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
+    ours = own_code(*READERS, "renderers", "scenes")
+    known = [ours, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
     text = json.dumps(known, default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import ClassVar
@@ -30,6 +31,17 @@ def test_the_cache_keeps_a_person_for_what_has_drawn_it() -> None:
     assert cached_lift(scene, GaussianSplats(near=1.0), {}) != kept
     assert cached_lift(scene, Mesh(), {}) != cached_lift(scene, NerfGridRenderer(), {})
     assert cached_lift(scene, GaussianSplats(threads=2), {}) == kept
+
+
+def test_the_cache_keeps_a_person_for_the_code_of_ours_that_has_found_it(edited: Callable[[str], None]) -> None:
+    scene = named_scene("courtyard")
+    kept = {cached_lift(scene, GaussianSplats(), {})}
+    for module in ("scenes/person/vote.py", "scenes/ply.py", "renderers/gaussian_splats.py", "models/onnx.py"):
+        edited(module)
+        kept.add(cached_lift(scene, GaussianSplats(), {}))
+    assert len(kept) == 5
+    edited("describe/description.py")
+    assert cached_lift(scene, GaussianSplats(), {}) in kept
 
 
 @dataclass(frozen=True)
