@@ -125,6 +125,17 @@ def people_of(cameras: Camera, boxes: Boxes) -> list[Found]:
         left = [found[~gone] for found, gone in zip(left, np.split(agreed.numpy(), np.cumsum([*map(len, left)])[:-1]))]
 
 
+def side_by_side(boxes: Boxes) -> int:
+    """How many of V views show two people: a box whose middle lies in another's may be the head of the same one."""
+    count = 0
+    for view in boxes:
+        low, high = view[:, :2], view[:, :2] + view[:, 2:4]
+        middle = ((low + high) / 2)[:, None]
+        within = ((low <= middle) & (middle <= high)).all(-1)  # (P, P), of each middle whether each box has it
+        count += not (within | within.T).all()
+    return count
+
+
 def boxes_of(person: Found, body: Tensor, cameras: Camera, boxes: Boxes) -> Tensor:
     """In each of V views the box nearest to where the person must be, (V, 5) [px]; NaN where there is none.
 

@@ -20,7 +20,7 @@ from ...features import Features
 from ...skeleton import JOINTS, VISIBLE, standing_height
 from ...subject import Subject
 from .. import Scene
-from .find_people import BY_VIEWS, See, boxes_of, chosen, find_people, people_of, ring, standing
+from .find_people import BY_VIEWS, See, boxes_of, chosen, find_people, people_of, ring, side_by_side, standing
 from .triangulate import Triangulated, triangulate
 from .vote import vote_labels
 
@@ -77,7 +77,8 @@ class LiftOptions:
     Args:
         views: how many to look from.
         given: views to use instead of a ring of our own.
-        person: which one, 0 for the one that most views see; None is that one, or the main one of the given views.
+        person: which one, 0 for the one that most views see; None is that one, or the main one of each given view where
+            hardly any shows two.
     """
 
     views: int = 16
@@ -107,10 +108,12 @@ def lift(scene: Scene, renderer: Any, look: Look, see: See, options: LiftOptions
         given = ring(who.middle, who.height, scene.up, options.views)
         box = boxes_of(who, standing(who, scene.up), given, see(given))
     else:
-        people = people_of(given, see(given))
-        if options.person is not None:
-            who = chosen(people, options.person, scene, renderer)
-            box = boxes_of(who, standing(who, scene.up), given, see(given))
+        boxes = see(given)
+        people = people_of(given, boxes)
+        several = bool(people) and side_by_side(boxes) >= MINIMUM_VIEWS  # then who is largest may change
+        if options.person is not None or several:
+            who = chosen(people, options.person or 0, scene, renderer)
+            box = boxes_of(who, standing(who, scene.up), given, boxes)
     seen = look(given, box)
     found = torch.isfinite(seen.require("box")[:, 0])
     if int(found.sum()) < MINIMUM_VIEWS:

@@ -59,6 +59,39 @@ def test_who_is_lifted_by_maps_of_fewer_pixels_is_nearly_the_same() -> None:
     assert int(((half.label > 0.5) & ~theirs).sum()) < 0.03 * int(theirs.sum())
 
 
+def standing_at(cameras: Camera, middle: Tensor, height: float) -> np.ndarray:
+    """Boxes (V, 5) of one who stands there, as a perfect detector sees them."""
+    pixels, depth = cameras.project(middle[None])
+    tall = height * cameras.focal[:, None] / depth
+    size = torch.cat([0.4 * tall, tall], dim=1)
+    return torch.cat([pixels[:, 0] - size / 2, size, torch.ones_like(tall)], dim=1).numpy()
+
+
+def test_of_several_people_in_given_views_one_is_read_in_all_of_them_but_a_head_is_nobody_else() -> None:
+    scene, parts = named_scene("courtyard"), Components.build(load_config())
+    plan, person = parts.plan("scene"), scene.subject
+    assert person is not None
+    cameras = ring(person.anchor, 1.5 * person.height, scene.up, 8)
+    places = (person.anchor, person.anchor + 0.8 * person.height * person.left)
+    several = list(np.stack([standing_at(cameras, place, person.height) for place in places], axis=1))
+    several[3] = several[3][:1]  # most views see the first
+    theirs = [view[:1] for view in several]
+    heads = [box * [1, 1, 1, 0.3, 1] if v < 4 else box for v, box in enumerate(theirs)]  # two whose boxes meet
+    nested = [np.concatenate([box, box * [1, 1, 1, 0.3, 1]]) for box in theirs]
+    looked = list[Tensor | None]()
+
+    def look(cameras: Camera, box: Tensor | None) -> Features:
+        looked.append(box)
+        seen = run(plan, parts.renderer.render(scene, cameras, plan.buffers - SCENE_SOURCE), None)
+        return replace(seen, box=torch.ones(len(cameras), 5))
+
+    for boxes in (several, heads, nested):
+        found = lift(scene, parts.renderer, look, lambda cameras, boxes=boxes: boxes, LiftOptions(given=cameras))
+        assert found.subject.people == 2
+    torch.testing.assert_close(looked[0], torch.tensor(np.concatenate(theirs)).float())
+    assert looked[1:] == [None, None]  # the main one of each view is the same
+
+
 def test_a_person_of_whom_nothing_tells_where_they_face_is_refused() -> None:
     parts, scene = Components.build(load_config()), named_scene("courtyard")
     plan, person = parts.plan("scene"), scene.subject
