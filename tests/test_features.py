@@ -251,3 +251,12 @@ def test_maps_of_fewer_pixels_are_spread_and_keep_their_type(dtype: torch.dtype,
     assert spread.dtype == dtype
     assert torch.equal(spread, stacked.repeat_interleave(2, -2).repeat_interleave(3, -1))
     assert on_grid(stacked, (2, 2)) is stacked
+
+
+def test_features_index_concatenate_and_require() -> None:
+    features = Features((4, 2), image=torch.rand(3, 3, 2, 4), extras={"gaze": torch.rand(3, 2)})
+    assert len(features[1]) == 1
+    joined = Features.concatenate([features[0], features[1:]])
+    assert torch.equal(joined.require("gaze"), features.require("gaze"))
+    with pytest.raises(KeyError, match="feature 'depth' was not extracted; add an extractor"):
+        features.require("depth")

@@ -10,7 +10,15 @@ import torch
 from torch import Tensor
 
 from cltransfer.scenes.builtin.mannequin import Body
-from cltransfer.skeleton import JOINTS, standing_height, stature
+from cltransfer.skeleton import (
+    HEAD_TOP_BEYOND_EARS,
+    JOINTS,
+    from_blazepose,
+    from_coco,
+    key_joints,
+    standing_height,
+    stature,
+)
 
 
 def joints(height: float) -> Tensor:
@@ -40,3 +48,22 @@ def test_who_lies_is_as_tall_as_who_stands() -> None:
     for reach in (0.02, 1.34, math.nan):  # lying, seated, unknown
         assert standing_height(reach, body) == pytest.approx(1.78, rel=0.03)
     assert standing_height(0.4, torch.full((14, 3), torch.nan)) == 0.4
+
+
+def test_key_joints_are_midpoints_of_crowdpose_joints() -> None:
+    keypoints = torch.rand(3, 14, 3, generator=torch.Generator().manual_seed(0))
+    at = {n: keypoints[:, i] for i, n in enumerate(JOINTS)}
+    expected = (at["left_hip"] + at["right_hip"])[:, :2] / 2
+    torch.testing.assert_close(key_joints(keypoints)[:, 2, :2], expected)
+    torch.testing.assert_close(key_joints(keypoints)[:, 0], at["head_top"])
+
+
+@pytest.mark.parametrize(
+    ("convert", "count", "ears", "shoulders"), [(from_coco, 17, 3, 5), (from_blazepose, 33, 7, 11)]
+)
+def test_the_head_top_lies_beyond_the_ears_by_one_rule(convert, count: int, ears: int, shoulders: int) -> None:
+    keypoints = torch.ones(1, count, 3)
+    keypoints[0, ears : ears + 2, 1] = 10.0
+    keypoints[0, shoulders : shoulders + 2, 1] = 20.0
+    top = convert(keypoints)[0, JOINTS.index("head_top")]
+    assert float(top[1]) == pytest.approx(10 - HEAD_TOP_BEYOND_EARS * 10)

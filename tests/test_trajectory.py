@@ -1,13 +1,16 @@
-"""A path between its frames."""
+"""A path between its frames, and as it is saved and read back, refused when damaged."""
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import pytest
 import torch
 
 from cltransfer.camera import Camera
+from cltransfer.errors import InputError
 from cltransfer.trajectory import Trajectory
 
 UP = torch.tensor([0.0, 0, 1], dtype=torch.float64)
@@ -68,3 +71,61 @@ def test_a_frame_alone_stands() -> None:
 def test_outside_its_times_there_is_no_path() -> None:
     with pytest.raises(ValueError, match=r"times must be within 0 to 2 s, got -0\.1 to 1"):
         dolly_zoom_around(moments(3)).at(torch.tensor([-0.1, 1.0], dtype=torch.float64))
+
+
+def trajectory() -> Trajectory:
+    eye = torch.tensor([[3.0, 0, 1], [3, 0.5, 1], [3, 1, 1]])
+    camera = Camera.look_at(eye, torch.zeros(1, 3), torch.tensor([0.0, 0, 1]), 0.7, (64, 36))
+    return Trajectory(camera, torch.tensor([0.0, 0.1, 0.2], dtype=torch.float64))
+
+
+def test_a_trajectory_comes_back_exactly(tmp_path: Path) -> None:
+    trajectory().save(tmp_path / "t.json")
+    again = Trajectory.load(tmp_path / "t.json")
+    assert torch.equal(again.camera.w2c, trajectory().camera.w2c)
+    assert torch.equal(again.camera.K, trajectory().camera.K)
+    assert again.fps == pytest.approx(10)
+
+
+def test_a_trajectory_may_be_named_by_a_text(tmp_path: Path) -> None:
+    path = str(tmp_path / "t.json")
+    trajectory().save(path)
+    Trajectory.load(path)
+    with pytest.raises(InputError, match="no such file"):
+        Trajectory.load(f"{path}.lost")
+
+
+def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
+    path = tmp_path / "t.json"
+    good = trajectory().to_json()
+
+    def refuse(message: str, **change: object) -> None:
+        path.write_text(json.dumps({**good, **change}))
+        with pytest.raises(InputError, match=message):
+            Trajectory.load(path)
+
+    mirrored = json.loads(json.dumps(good["frames"]))
+    mirrored[1]["w2c"][0][0] *= -1
+    backwards = json.loads(json.dumps(good["frames"]))
+    backwards[1]["time"] = 9.0
+    refuse("expected rotations", frames=mirrored)
+    refuse("times must increase", frames=backwards)
+    refuse("expected a list of 1 to 2000", frames=[])
+    for size in ("wide", [math.inf, 90], [160.5, 90], [10**400, 90], [0, 90], [True, 90], [160], None):
+        refuse("size: expected a width and a height, whole numbers in", size=size)
+
+    def changed(number: int, **fields: object) -> list[dict[str, object]]:
+        return [{**frame, **(fields if i == number else {})} for i, frame in enumerate(good["frames"])]
+
+    refuse("time: expected finite numbers", frames=changed(2, time=math.inf))
+    refuse("time: expected at most 1e[+]09 s", frames=changed(2, time=1e300))
+    soon = good["frames"][0]["time"] + 1e-9
+    refuse("time: expected at most 1e[+]09 s, in steps of 1e-06 s", frames=changed(1, time=soon))
+    refuse("not a trajectory", frames=changed(2, time=10**400))
+    refuse(
+        "w2c: expected 0 0 0 1 as the last row", frames=changed(1, w2c=[*good["frames"][1]["w2c"][:3], [0, 0, 0, 2]])
+    )
+    K = good["frames"][1]["K"]
+    refuse("K: expected no skew", frames=changed(1, K=[[K[0][0], 0.1, K[0][2]], *K[1:]]))
+    refuse("K: expected no skew", frames=changed(1, K=[K[0], [0.1, *K[1][1:]], K[2]]))
+    refuse("K: expected 0 0 1 as the last row", frames=changed(1, K=[*good["frames"][1]["K"][:2], [0, 0.1, 1]]))

@@ -1,0 +1,65 @@
+"""A subject: saved and read back, refused when damaged."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+from cltransfer.errors import InputError
+from cltransfer.subject import Subject
+
+
+def subject() -> Subject:
+    joints = torch.arange(42, dtype=torch.float64).reshape(14, 3)
+    joints[3] = torch.nan
+    confidence = torch.ones(14, dtype=torch.float64)
+    confidence[3] = 0
+    facing, up = torch.eye(3, dtype=torch.float64)[[0, 2]]
+    return Subject(joints, confidence, facing, up, 1.7, 1.0)
+
+
+def test_a_subject_comes_back_and_an_unknown_joint_is_null(tmp_path: Path) -> None:
+    subject().save(tmp_path / "subject.json", note="a report")
+    assert json.loads((tmp_path / "subject.json").read_text())["joints"]["right_elbow"] is None
+    again = Subject.load(tmp_path / "subject.json")
+    torch.testing.assert_close(again.joints, subject().joints, equal_nan=True)
+    assert again.height == 1.7
+
+
+def test_a_subject_may_be_named_by_a_text(tmp_path: Path) -> None:
+    path = str(tmp_path / "subject.json")
+    subject().save(path)
+    Subject.load(path)
+    with pytest.raises(InputError, match="no such file"):
+        Subject.load(f"{path}.lost")
+
+
+def test_left_is_left_of_facing() -> None:
+    torch.testing.assert_close(subject().left, torch.tensor([0.0, 1, 0], dtype=torch.float64))  # x ahead, z up
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "other"}, "format: expected 'cltransfer.subject'"),
+        ({"facing": [2, 0, 0]}, "facing: expected a unit vector"),
+        ({"height": -1}, "height must be positive"),
+        ({"height": 10**400}, "not a subject: int too large"),
+        ({"metres_per_unit": -1}, "metres_per_unit: expected a number above 0 or null, got -1.0"),
+        ({"metres_per_unit": 0}, "metres_per_unit: expected a number above 0 or null, got 0.0"),
+        ({"metres_per_unit": math.inf}, "metres_per_unit: expected a number above 0 or null, got inf"),
+        ({"up": [1, 0]}, "up must be"),
+        ({"joints": {}}, "left_shoulder: field is missing"),
+    ],
+)
+def test_a_damaged_subject_is_refused_by_field(tmp_path: Path, change: dict, message: str) -> None:
+    path = tmp_path / "subject.json"
+    path.write_text(json.dumps({**subject().to_json(), **change}))
+    with pytest.raises(InputError) as caught:
+        Subject.load(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
