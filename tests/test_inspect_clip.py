@@ -77,6 +77,8 @@ def test_the_name_to_paste_is_one_word_for_the_shell(laid_open: Any, tmp_path: P
 
 def test_a_page_of_something_else_is_not_written_over(command: Any, laid_open: Any, tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("mine")
+    idle = command("inspect", "builtin:push_in", "engine=cma", "--out", tmp_path)
+    assert (idle.code, "engine: changes nothing of an inspection" in idle.err) == (2, True)
     said = command("inspect", "builtin:push_in", "frames=1", "output_side=96", "--out", tmp_path)
     assert (said.code, "is neither empty nor a page of `inspect`" in said.err) == (2, True), said.err
     assert (tmp_path / "index.html").read_text() == "mine"

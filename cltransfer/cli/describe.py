@@ -9,7 +9,10 @@ import typer
 
 from ..storage.files import check_out, write_json, write_text
 from ..storage.pages import check_page
-from .shared import Allow, Config, Json, Overrides, Quiet, settings_of, show
+from .shared import Allow, Config, Json, Overrides, Quiet, check_keys, settings_of, show
+
+# keys of the config that a reading looks at
+READING = ("frames", "output_side", "renderer", "extractors", "losses", "threads", "preset")
 
 
 def describe(
@@ -33,6 +36,7 @@ def describe(
     With --out it leaves description.json, description.txt and strip.svg in that folder.
     """
     settings = settings_of(config, overrides or [], allow_plugin)
+    check_keys(overrides or [], READING, "a description")
     if out is not None:
         check_out(out)
     from ..computer.threads import set_threads, thread_count
@@ -67,6 +71,7 @@ def inspect(
     Two networks read a clip; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
+    check_keys(overrides or [], READING, "an inspection")
     from ..report.inspection_page import MARK
 
     check_page(out, MARK, "a page of `inspect`")

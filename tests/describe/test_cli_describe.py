@@ -81,6 +81,9 @@ def test_a_feature_file_that_lacks_something_is_named_whatever_the_config_reads(
     times, path = torch.arange(3).double(), tmp_path / "a.safetensors"
     FeatureFile(features, times, "a").save(path)
     assert command("describe", path, "losses.camera_angle=null").code == 0
+    idle = command("describe", path, "lod=2")
+    assert idle.code == 2
+    assert "lod: changes nothing of a description" in idle.err
     FeatureFile(replace(features, orientation=None), times, "a").save(path)
     said = command("describe", path)
     assert (said.code, "a.safetensors: orientation: not in the feature file" in said.err) == (3, True)
