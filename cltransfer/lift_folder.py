@@ -9,9 +9,9 @@ from pathlib import Path
 
 from .camera import VIEW_LIMIT, Camera, evenly_taken, in_one_frame
 from .config.options import RunConfig
+from .drawing import drawn_by
 from .pipeline.components import Components
 from .reading.named_scenes import remember
-from .renderers._request import drawn_by
 from .report.contact_sheet import write_contact_sheet
 from .scenes.load import load_scene
 from .scenes.person.find_people import SIZE

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..camera import fitted_size, resized
 from ..config.options import RunConfig
+from ..drawing import renderer_of
 from ..driver.stage import Stage, read_path
 from ..features import Features
 from ..losses.camera_movement import weight_note
@@ -22,7 +23,6 @@ from ..pipeline.scores import Scores, score
 from ..reading.depth_alignment import align_parts, needs_scene
 from ..reading.frames import render_features
 from ..reading.reference import Reading, Reference, beside, read_reference
-from ..renderers._request import renderer_of
 from ..run.readback import render_frames
 from ..run.result import Result
 from ..scenes.person.lifted import lifted_scene

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from ..config import load_config
 from ..config.layers import parse_overrides
+from ..drawing import renderer_of
 from ..errors import UsageError
 from ..extractors.layers import Layers
 from ..extractors.scene_flow import SceneFlow
@@ -28,7 +29,6 @@ from ..features import Features
 from ..losses.camera_movement import CameraMovement
 from ..pipeline.components import Components
 from ..registry import EXTRACTORS
-from ..renderers._request import renderer_of
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import lifted_scene

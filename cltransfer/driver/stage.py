@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..drawing import drawn_by
 from ..features import Features
 from ..pipeline.graph import run
 from ..pipeline.objective import Across, Objective
 from ..pipeline.plan import Plan
-from ..renderers._request import drawn_by
 from ..scenes import Scene
 from .guard import SCENE_DEPTH, Guard
 from .journal import Journal, small_print

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import torch
 
+from ..drawing import MAPS
 from ..errors import ModelError, UsageError, named
 from ..features import Features
 from ..models.onnx import Network
@@ -22,7 +23,6 @@ from ..registry import EXTRACTORS
 
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})
-DRAWN = frozenset({"image", "alpha", "label", "depth", "expected_depth"})  # by a renderer, of a scene
 OFF_AT_FIRST = {  # what no default reads off a clip, and what would
     "depth": " (extractors.depth_sfm={} does where the camera moves, extractors.depth_onnx by a network: README, Score)"
 }
@@ -219,7 +219,7 @@ class _Planner:
         if feature in path:
             raise UsageError("", "extractors", f"circle: {' -> '.join((*path, feature))}")
         name = self._provider(feature)
-        if name is None and self.family == "scene" and feature in DRAWN:
+        if name is None and self.family == "scene" and feature in MAPS:
             return f"the renderer draws no {feature!r} (it is to be named in its provides)"
         if name is None:
             return f"no {self.family} extractor provides {feature!r}{self._hint(feature)}"

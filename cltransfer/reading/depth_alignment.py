@@ -13,12 +13,12 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..config.options import RunConfig
+from ..drawing import drawn_by, renderer_of
 from ..errors import InputError, UsageError
 from ..extractors._disparity import Align, aligned, fit_affine
 from ..extractors.depth_onnx import DepthOnnx
 from ..pipeline.components import Components
 from ..pipeline.plan import Family
-from ..renderers._request import drawn_by, renderer_of
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import lifted_scene, load_person

@@ -200,7 +200,7 @@ def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
 
 
 def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
-    from ..renderers._request import drawn_by, renderer_of
+    from ..drawing import drawn_by, renderer_of
     from .named_scenes import load_reference_scene
 
     scene, path = load_reference_scene(source, reading.frames, reading.side)

@@ -11,6 +11,7 @@ from ..camera import Camera, concatenate
 from ..clips.decoding import PIXEL_LIMIT
 from ..clips.part import BYTE_LIMIT
 from ..computer.memory import require_free
+from ..drawing import drawn_by
 from ..driver.stage import Stage, read_path
 from ..errors import ResourceError
 from ..features import Features
@@ -19,7 +20,6 @@ from ..pipeline.scores import Scores, score
 from ..progress import Progress, silent
 from ..reading.frames import render_features
 from ..reading.reference import Reference, beside, quantised
-from ..renderers._request import drawn_by
 from ..scenes import Scene
 
 RENDER_BATCH = 8  # frames of a video rendered together

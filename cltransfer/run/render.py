@@ -14,13 +14,13 @@ from ..camera import Camera, fitted_size, resized
 from ..clips.clip import write_video
 from ..computer.threads import default_count, set_threads, threads_restored
 from ..config import load_config
+from ..drawing import drawn_by
 from ..driver.guard import Guard
 from ..errors import InputError, UsageError
 from ..features import Features
 from ..pipeline.components import Components
 from ..progress import Progress
 from ..reading.named_scenes import recall
-from ..renderers._request import drawn_by
 from ..scenes import Scene
 from ..scenes.load import BUILTIN, load_scene
 from ..storage.alone import alone

@@ -22,13 +22,13 @@ from torch import Tensor
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
+from cltransfer.drawing import drawn_by
 from cltransfer.errors import InputError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import SCENE_SOURCE, Components
 from cltransfer.pipeline.graph import run
 from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
-from cltransfer.renderers._request import drawn_by
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lift import LiftOptions, lift

@@ -17,9 +17,9 @@ from torch import Tensor
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.camera import Camera, intrinsics
 from cltransfer.computer import memory
+from cltransfer.drawing import renderer_of
 from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
-from cltransfer.renderers._request import renderer_of
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.kernels import mesh as kernels
 from cltransfer.renderers.mesh import Mesh as Renderer

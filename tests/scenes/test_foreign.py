@@ -15,12 +15,12 @@ from cltransfer.ablate.content import digest
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.camera import Camera
 from cltransfer.convert_scene import Simplification, simplify_file
+from cltransfer.drawing import drawn_by, renderer_of
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.plugins import allow
 from cltransfer.registry import RENDERERS
 from cltransfer.registry.declared import SCENE_SUFFIXES
-from cltransfer.renderers._request import drawn_by, renderer_of
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.floaters import without_floaters

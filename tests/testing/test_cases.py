@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
+from cltransfer.drawing import drawn_by
 from cltransfer.errors import ModelError
 from cltransfer.features import Features
-from cltransfer.renderers._request import drawn_by
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene

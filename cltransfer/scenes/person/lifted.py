@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera
+from ...drawing import drawn_by
 from ...errors import InputError
 from ...features import Features
 from ...models.content import READERS, reading
@@ -20,7 +21,6 @@ from ...pipeline.graph import run
 from ...pipeline.plan import CLIP_SOURCE, Plan, make_plan
 from ...registry import RENDERERS
 from ...registry.plugin_code import code_of, own_code
-from ...renderers._request import drawn_by
 from ...storage.files import cache_dir, into_cache
 from ...storage.run_files import LABELS, SUBJECT
 from ...storage.tensor_file import save_tensors
