@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44", "#66ccee", "#bbbbbb")
 COSTS = (("evaluations", "evaluations a frame"), ("seconds", "seconds a clip, search"))
-COLUMNS = ("preset", "target", "shot", "seed", "total", "judged", "evaluations", "seconds", "extra", "shaken", "smooth",
-           "true")  # fmt: skip
+COLUMNS = tuple(field.name for field in fields(Clip))
 LOWEST = 1e-3  # total below which nobody cares
 
 

@@ -15,6 +15,7 @@ from .rows import measured_at
 from .section import machine, table, write_section
 from .trial import Row
 
+Pair = tuple[Clip, Clip]  # ours, and the paper's of the same shot
 HEADER = (
     "preset", "target", "clips", "total, mean", "median", "worst", "at or below paper", "share of paper's mean",
     "judged, mean", "judged at or below", "judged share", "evaluations a frame", "seconds a clip", "position [heights]",
@@ -24,40 +25,51 @@ HEADER = (
 
 def summary(clips: Sequence[Clip]) -> list[list[str]]:
     """One row for each preset and target, under :data:`HEADER`."""
-    paper = {(c.target, c.shot, c.seed): c for c in clips if c.preset == PAPER}
     rows = []
     for preset, target in dict.fromkeys((c.preset, c.target) for c in clips):
         mine = [c for c in clips if (c.preset, c.target) == (preset, target)]
-        met = [] if preset == PAPER else [(c, paper[name]) for c in mine if (name := (target, c.shot, c.seed)) in paper]
+        pairs = met(preset, target, clips)
         alike = settings(preset, 0).losses.keys() == settings(PAPER, 0).losses.keys()  # else totals mean other things
         totals = [c.total for c in mine]
         poses = [[c.position for c in mine], [c.rotation for c in mine], [100 * c.focal for c in mine]]
         rows.append(
             [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
-            + _against([(c.total, rival.total) for c, rival in met if alike])
-            + [f"{fmean(c.judged for c in mine):.3f}"]
-            + _against([(c.judged, rival.judged) for c, rival in met])
+            + against([(c.total, rival.total) for c, rival in pairs if alike])
+            + [_mean([c.judged for c in mine])]
+            + against([(c.judged, rival.judged) for c, rival in pairs])
             + [f"{fmean(c.evaluations for c in mine):.1f}"]
             + [f"{median(c.seconds for c in mine):.2f}"]
-            + ["" if math.isnan(values[0]) else f"{median(values):.4f}" for values in poses]
+            + ["" if any(map(math.isnan, values)) else f"{median(values):.4f}" for values in poses]
             + [f"{fmean(c.extra for c in mine):+.3f}"]
-            + [" / ".join(_jerk([getattr(c, name) for c in mine]) for name in ("shaken", "smooth", "true"))]
+            + [" / ".join(_mean([getattr(c, name) for c in mine], "–", 4) for name in ("shaken", "smooth", "true"))]
         )
     return rows
 
 
-def _jerk(values: Sequence[float]) -> str:
-    """Their mean; a clip of fewer than four frames has none."""
-    return "–" if math.isnan(fmean(values)) else f"{fmean(values):.4f}"
+def met(preset: str, target: str, clips: Sequence[Clip]) -> list[Pair]:
+    """Clips of ``preset`` on ``target``, each with that of the paper's setting; those that it did not run are left out.
+
+    The paper's setting itself meets nothing.
+    """
+    paper = {(c.shot, c.seed): c for c in clips if (c.preset, c.target) == (PAPER, target)}
+    mine = [c for c in clips if (c.preset, c.target) == (preset, target) and preset != PAPER]
+    return [(c, paper[name]) for c in mine if (name := (c.shot, c.seed)) in paper]
 
 
-def _against(pairs: Sequence[tuple[float, float]]) -> list[str]:
-    """On how many clips ours is at or below the paper's, of ``pairs`` of both, and its mean as a share of theirs."""
-    if not pairs:
+def _mean(values: Sequence[float], unknown: str = "", digits: int = 3) -> str:
+    """Mean of the values that are known: a clip of fewer than four frames has no jerk, one of an older run no judge."""
+    known = [value for value in values if not math.isnan(value)]
+    return f"{fmean(known):.{digits}f}" if known else unknown
+
+
+def against(pairs: Sequence[tuple[float, float]]) -> list[str]:
+    """On how many clips ours is at or below the paper's, and its mean as a share of theirs; of pairs known on both."""
+    known = [(own, other) for own, other in pairs if not math.isnan(own + other)]
+    if not known:
         return ["", ""]
-    ours, theirs = zip(*pairs)
-    beaten = sum(own <= other for own, other in pairs)
-    return [f"{beaten} of {len(pairs)}", f"{fmean(ours) / fmean(theirs):.2f}"]
+    ours, theirs = zip(*known)
+    beaten = sum(own <= other for own, other in known)
+    return [f"{beaten} of {len(known)}", f"{fmean(ours) / fmean(theirs):.2f}"]
 
 
 def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:

@@ -17,6 +17,7 @@ SECTIONS = {  # of a page, by verb
     "flow": "Optical flow",
     "describe": "Description",
     "driver": "The driver",
+    "pool": "Runs together",
     "stress": "Stress",
     "table1": "Table 1",
     "chart": "Speed against accuracy",

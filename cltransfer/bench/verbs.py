@@ -157,6 +157,20 @@ def bench_driver(
         write_driver(measured, out, command_line())
 
 
+@app.command("pool")
+def bench_pool(
+    clips: Annotated[list[Path], typer.Argument(metavar="driver.csv...", help="What `bench driver --out` wrote.")],
+    out: Out = None,
+) -> None:
+    """Runs of the driver bench together, of seeds that differ: by preset and by shot, against the paper's setting."""
+    from .pool import read_together, report_lines, write_pool
+
+    together = read_together(clips)
+    print("\n".join(report_lines(together)))
+    if out is not None:
+        write_pool(together, out, command_line())
+
+
 @app.command("flow")
 def bench_flow(
     scene: Annotated[list[str] | None, typer.Argument(help="Scenes; the built-in ones where none is named.")] = None,

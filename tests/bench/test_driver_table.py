@@ -34,6 +34,14 @@ def test_clips_too_short_for_a_jerk_have_none_in_the_table() -> None:
     assert row["jerk before / after / of the reference"] == "– / – / –"
 
 
+def test_what_older_clips_do_not_tell_is_left_out_of_the_means() -> None:
+    old = replace(CLIP, seed=2, judged=NAN, true=NAN)
+    papers = [replace(CLIP, preset="paper", seed=seed, judged=0.9) for seed in (1, 2)]
+    row = dict(zip(HEADER, summary([CLIP, old, *papers])[0]))
+    assert (row["judged, mean"], row["judged at or below"], row["at or below paper"]) == ("0.600", "1 of 1", "2 of 2")
+    assert row["jerk before / after / of the reference"] == "0.2000 / 0.0200 / 0.0100"
+
+
 def test_a_preset_of_other_losses_is_held_against_the_paper_by_the_judge_alone() -> None:
     other = replace(CLIP, preset="jaws_clean", total=0.1)
     row = dict(zip(HEADER, summary([other, replace(CLIP, preset="paper", judged=1.2)])[0]))

@@ -1,0 +1,40 @@
+"""The chart of runs put together: each clip's total over what the paper's setting reaches on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING
+
+from .driver import PAPER, Clip
+from .driver_chart import COLOURS, LOWEST
+from .driver_table import met
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PANELS = (("total", "total, by the search's own losses"), ("judged", "total, by the judge"))
+
+
+def draw(figure: Figure, clips: Sequence[Clip]) -> None:
+    """Clips across scenes, one dot for each preset; below the diagonal ours is lower."""
+    from .plain_axis import plain
+
+    presets = [name for name in dict.fromkeys(clip.preset for clip in clips) if name != PAPER]
+    for ax, (value, label) in zip(figure.subplots(1, len(PANELS)), PANELS):
+        ends = [1.0]
+        for name, colour in zip(presets, cycle(COLOURS)):
+            dots = [(getattr(theirs, value), getattr(ours, value)) for ours, theirs in met(name, "cross", clips)]
+            dots = [(max(x, LOWEST), max(y, LOWEST)) for x, y in dots if x == x and y == y]
+            x, y = [x for x, _ in dots], [y for _, y in dots]
+            ax.scatter(x, y, 12, color=colour, alpha=0.55, linewidths=0, label=name)
+            ends += [end for dot in dots for end in dot]
+        low, high = min(ends) / 1.3, max(ends) * 1.3
+        ax.plot([low, high], [low, high], color="#999999", linewidth=0.8)
+        ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), aspect="equal", title=label)
+        ax.set_xlabel("the paper's setting")
+        ax.set_ylabel("ours; below the line it is lower")
+        plain(ax.xaxis)
+        plain(ax.yaxis)
+        ax.grid(alpha=0.25)
+        ax.legend(frameon=False, loc="upper left")
