@@ -24,7 +24,7 @@ from .scenes import bake, lift, simplify
 from .shared import STOPS, Json, Terminated, fail, show, stopped
 from .slips import check_once, command_of, meant_as_option, options_of, told
 from .study import study
-from .transfer import render, transfer
+from .transfer import export, render, transfer
 
 HELP = """Transfer the camera language of a reference clip into a 3D scene, and score it.
 
@@ -135,7 +135,7 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
         raise typer.Exit
 
 
-VERBS = (transfer, render, evaluate, ablate, inspect, describe, lift, fit, bake, simplify, study)
+VERBS = (transfer, render, evaluate, ablate, export, inspect, describe, lift, fit, bake, simplify, study)
 for verb in VERBS:  # as `--help` lists them
     app.command()(verb)
 

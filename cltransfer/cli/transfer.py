@@ -1,4 +1,4 @@
-"""The verbs that make cameras of a reference and a scene, and their video: transfer and render."""
+"""The verbs that make cameras of a reference and a scene, their video and their files: transfer, render and export."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def transfer(
 
     Leaves trajectory.json, camera/camera_path.json (nerfstudio), metrics.json, metrics.csv, video/render.mp4,
     video/side_by_side.mp4 and strip.jpg (not of a feature file, which has no pictures), video/frames.mkv, subject.json,
-    config.yaml and report.html in the run folder, and prints the five metrics. Clips and scenes of your own need two
-    networks: cltransfer models pull default.
+    config.yaml and report.html in the run folder, and prints the five metrics; `cltransfer export` takes the camera to
+    Blender, USD or COLMAP. Clips and scenes of your own need two networks: cltransfer models pull default.
     """
     paths, overrides = split(arguments or [], 2)
     if resume is not None and out is not None and out.resolve() != resume.resolve():
@@ -160,6 +160,37 @@ def render(
         film = render_run(run, overrides or [], fps, scene, out, report)
     print(film.video)
     tell(list(film.notes), as_json=False)
+
+
+def export(
+    path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a trajectory.json.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            help="shot.py: a script that makes the camera in Blender, its zoom too. shot.usda: USD, for Houdini, Maya, "
+            "Unreal. shot.json: nerfstudio. A folder: COLMAP's text model, for SuperSplat and gsplat.",
+        ),
+    ],
+    fps: Annotated[
+        float | None, typer.Option(help="Frames a second, between those of the run too; default: only those it has.")
+    ] = None,
+    y_up: Annotated[
+        bool | None,
+        typer.Option(help="The other program turns the scene's file, y to z; by default where RUN's is glTF or OBJ."),
+    ] = None,
+) -> None:
+    """Write the camera of RUN for other programs: focal length, roll and times are kept.
+
+    cltransfer export run --fps 24 --out shot.py
+
+    Coordinates are those of the scene's file, so that scene and camera meet where one program reads both.
+    """
+    from ..run.export import export_path
+
+    written = export_path(path, out, fps, y_up)
+    print(f"{out}: {len(written)} cameras over {float(written.times[-1] - written.times[0]):.2f} s")
 
 
 def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:

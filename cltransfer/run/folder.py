@@ -26,6 +26,7 @@ from ..report.metrics import metrics_json, metrics_table, write_metrics
 from ..report.page import write_report
 from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
+from ..scenes.meshes.moment import split_moment
 from ..scenes.person.lifted import save_labels
 from ..storage.files import write_json, write_text
 from ..storage.run_files import (
@@ -143,11 +144,12 @@ def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequen
     reference = {"name": result.reference.name, "sha256": result.reference.digest, "part": inputs.part}
     scene = result.scene
     about = {"name": scene.name, "sha256": scene.digest, "up": scene.up.tolist(), "harmonics": scene.harmonics}
+    file = split_moment(inputs.scene)[0].suffix.lower() if isinstance(inputs.scene, str) else ""
     return {
         "format": FORMAT,
         "version": 1,
         "cltransfer": __version__,
-        "scene": about,
+        "scene": {**about, "file": file},  # its suffix
         "reference": reference,
         "packages": versions(),
         "python": platform.python_version(),

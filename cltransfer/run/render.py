@@ -27,11 +27,11 @@ from ..storage.alone import alone
 from ..storage.files import read_json
 from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, is_run, require_done
 from ..subject import Subject
-from ..trajectory import FRAME_LIMIT, Trajectory
+from ..trajectory import Trajectory
+from .frame_rate import at_rate
 from .readback import RENDER_BATCH, render_frames
 
 ACTING = ("output_side", "renderer", "threads")  # keys of the config that change how a path is drawn
-MOST_FPS = 240
 LOOKED_AT = 160  # longer side at which the frames between are looked at [px]
 
 
@@ -89,7 +89,7 @@ def _filmed_run(
     config = load_config(run / CONFIG, overrides, whole=True)
     if not (run / CONFIG).stat().st_size:
         raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
-    trajectory = _filmed(Trajectory.load(run / TRAJECTORY), fps)
+    trajectory = at_rate(Trajectory.load(run / TRAJECTORY), fps)
     set_threads(config.threads or default_count())
     parts = Components.build(config)
     source = scene or recall(digest)
@@ -131,19 +131,6 @@ def _recalled(source: str, up: tuple[float, float, float] | None) -> Scene:
     except InputError as error:
         hint = error.hint or "it has been moved? name it: --scene FILE"
         raise InputError(error.where, error.field, error.reason, hint) from None
-
-
-def _filmed(trajectory: Trajectory, fps: float | None) -> Trajectory:
-    """The path at ``fps`` from its first frame on."""
-    if fps is None:
-        return trajectory
-    if not 0 < fps <= MOST_FPS:
-        raise UsageError("", "--fps", f"expected a rate in (0, {MOST_FPS}], got {fps:g}")
-    start, end = float(trajectory.times[0]), float(trajectory.times[-1])
-    count = int((end - start) * fps + 1e-6) + 1
-    if count > FRAME_LIMIT:
-        raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {FRAME_LIMIT}")
-    return trajectory.at((start + torch.arange(count, dtype=torch.float64) / fps).clamp(max=end))
 
 
 def _doubts(scene: Scene, parts: Components, cameras: Camera, times: Tensor, person: Subject | None) -> Iterator[str]:

@@ -35,6 +35,7 @@ VERBS = (
     "evaluate",
     "ablate",
     "render",
+    "export",
     "lift",
     "bench",
     "bench speed",

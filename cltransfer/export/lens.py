@@ -1,0 +1,54 @@
+"""What camera files of other programs share: a gate in place of pixels, frame numbers in place of seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..camera import Camera
+from ..errors import InputError
+from ..trajectory import Trajectory
+
+FULL_FRAME = 36.0  # [mm] wide, the gate that focal lengths are told for
+USUAL = 24.0  # frames a second, of a path too sparse to be one
+SPARSE = 12.0  # frames a second below which it is
+
+
+@dataclass(frozen=True)
+class Lens:
+    """N lenses behind a gate :data:`FULL_FRAME` wide.
+
+    Args:
+        focal: focal length, (N,) [mm].
+        shift: of the gate's middle from the optical axis, to the right and up, (N, 2), parts of its width.
+    """
+
+    focal: Tensor  # (N,) [mm]
+    shift: Tensor  # (N, 2)
+
+    @classmethod
+    def of(cls, camera: Camera, path: Path) -> Lens:
+        """Those of N cameras.
+
+        Raises:
+            InputError: pixels are not square; ``path``, which is written, has no room for it.
+        """
+        (width, height), K = camera.size, camera.K
+        if not torch.allclose(K[:, 0, 0], K[:, 1, 1], rtol=1e-9, atol=1e-6):
+            raise InputError(path, "K", "expected square pixels")
+        shift = torch.stack([width / 2 - K[:, 0, 2], K[:, 1, 2] - height / 2], dim=1)
+        return cls(camera.focal * FULL_FRAME / width, shift / width)
+
+
+def rate(trajectory: Trajectory) -> float:
+    """Frames a second to number frames by: those of the path, or :data:`USUAL` where it has only some of them."""
+    return trajectory.fps if trajectory.fps >= SPARSE else USUAL
+
+
+def frame_numbers(trajectory: Trajectory) -> list[float]:
+    """When each camera stands, in frames at :func:`rate` since the first; a fraction where it stands between two."""
+    since = (trajectory.times - trajectory.times[0]) * rate(trajectory)
+    return [round(number, 6) for number in since.tolist()]

@@ -1,0 +1,27 @@
+"""A path at a frame rate: what lies between the frames that were searched."""
+
+from __future__ import annotations
+
+import torch
+
+from ..errors import UsageError
+from ..trajectory import FRAME_LIMIT, Trajectory
+
+MOST_FPS = 240
+
+
+def at_rate(trajectory: Trajectory, fps: float | None) -> Trajectory:
+    """The path at ``fps`` from its first frame on, the camera led smoothly through those it has; None: as it is.
+
+    Raises:
+        UsageError: ``fps`` is out of range or makes too many frames.
+    """
+    if fps is None:
+        return trajectory
+    if not 0 < fps <= MOST_FPS:
+        raise UsageError("", "--fps", f"expected a rate in (0, {MOST_FPS}], got {fps:g}")
+    start, end = float(trajectory.times[0]), float(trajectory.times[-1])
+    count = int((end - start) * fps + 1e-6) + 1
+    if count > FRAME_LIMIT:
+        raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {FRAME_LIMIT}")
+    return trajectory.at((start + torch.arange(count, dtype=torch.float64) / fps).clamp(max=end))

@@ -1,0 +1,124 @@
+"""The path of a run, or a trajectory alone, as a camera of other programs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltransfer.errors import InputError, UsageError
+from cltransfer.run.export import export_path
+from cltransfer.storage.run_files import CAMERA_PATH, DONE, MANIFEST, TRAJECTORY
+from cltransfer.trajectory import Trajectory
+
+NAMES = {"shot.usda": "#usda 1.0\n", "shot.py": "# A camera path of cltransfer.", "shot.json": "{", "colmap": ""}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_ending_says_for_which_program(tiny_run: Path, tmp_path: Path, name: str) -> None:
+    written = export_path(tiny_run, tmp_path / "new" / name, None, None)
+    assert (written.times == Trajectory.load(tiny_run / TRAJECTORY).times).all()
+    made = tmp_path / "new" / name
+    if made.suffix:
+        assert made.read_text().startswith(NAMES[name])
+    else:
+        assert sorted(file.name for file in made.iterdir()) == ["cameras.txt", "images.txt", "points3D.txt"]
+    alone = tmp_path / "alone" / name
+    export_path(tiny_run / TRAJECTORY, alone, None, None)  # a built-in scene is no file that is turned
+    files = [made] if made.suffix else sorted(made.iterdir())
+    assert all(file.read_bytes() == (alone.parent / file.relative_to(made.parent)).read_bytes() for file in files)
+
+
+def test_what_a_run_writes_for_nerfstudio_itself_is_the_same(tiny_run: Path, tmp_path: Path) -> None:
+    export_path(tiny_run, tmp_path / "shot.json", None, None)
+    assert (tmp_path / "shot.json").read_bytes() == (tiny_run / CAMERA_PATH).read_bytes()
+
+
+def test_frames_between_those_of_the_run(tiny_run: Path, tmp_path: Path) -> None:
+    own = Trajectory.load(tiny_run / TRAJECTORY)
+    written = export_path(tiny_run, tmp_path / "shot.usda", 48, None)
+    assert len(written) == int(float(own.times[-1] - own.times[0]) * 48 + 1e-6) + 1 > len(own)
+    assert "    timeCodesPerSecond = 48\n" in (tmp_path / "shot.usda").read_text()
+
+
+@pytest.mark.parametrize(("file", "axis"), [(".glb", "Y"), (".obj", "Y"), (".yaml", "Y"), (".ply", "Z"), ("", "Z")])
+def test_the_scene_of_the_run_says_whether_programs_turn_it(
+    tiny_run: Path, tmp_path: Path, file: str, axis: str
+) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    manifest = json.loads((run / MANIFEST).read_text())
+    assert manifest["scene"]["file"] == ""  # a built-in one
+    manifest["scene"]["file"] = file
+    (run / MANIFEST).write_text(json.dumps(manifest))
+    for y_up, told in ((None, axis), (True, "Y"), (False, "Z")):
+        export_path(run, tmp_path / "shot.usda", None, y_up)
+        assert f'upAxis = "{told}"' in (tmp_path / "shot.usda").read_text()
+    del manifest["scene"]["file"]
+    (run / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=r"scene: expected file \(say --y-up or --no-y-up\)"):
+        export_path(run, tmp_path / "shot.usda", None, None)
+
+
+def test_what_the_run_is_called_does_not_reach_the_script(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "'''); import os #")
+    manifest = json.loads((run / MANIFEST).read_text())
+    manifest["scene"]["name"] = "'''\nimport os"
+    (run / MANIFEST).write_text(json.dumps(manifest))
+    for source, name in ((tiny_run, "one.py"), (run, "two.py")):
+        export_path(source, tmp_path / name, None, None)
+    assert (tmp_path / "one.py").read_bytes() == (tmp_path / "two.py").read_bytes()
+
+
+def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
+    (tmp_path / "link.json").symlink_to(run / TRAJECTORY)
+    for source in (run, run / TRAJECTORY):
+        for out in (run / TRAJECTORY, run / CAMERA_PATH, run / "metrics.json", tmp_path / "link.json"):
+            with pytest.raises(UsageError, match="is a file of the run itself, or what is read"):
+                export_path(source, out, None, None)
+    assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
+    export_path(run, run / "camera" / "shot.usda", None, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "fps", "says"),
+    [
+        ("shot.fbx", None, r"expected a name that ends in .usda, .py \(Blender\), .json"),
+        ("here.py", None, "expected a file, there is something else"),
+        ("shot.py", 0.0, r"--fps: expected a rate in \(0, 240\], got 0"),
+        ("shot.py", 241.0, "expected a rate"),
+    ],
+)
+def test_what_cannot_be_meant(tiny_run: Path, tmp_path: Path, name: str, fps: float | None, says: str) -> None:
+    (tmp_path / "here.py").mkdir()
+    with pytest.raises(UsageError, match=says):
+        export_path(tiny_run, tmp_path / name, fps, None)
+
+
+def test_what_is_no_path(tiny_run: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    unfinished = shutil.copytree(tiny_run, tmp_path / "run")
+    (unfinished / DONE).unlink()
+    for source, says in (
+        (tmp_path / "empty", "manifest.json: no such file"),
+        (tmp_path / "gone.json", "no such file"),
+        (tiny_run / "metrics.json", "format: expected 'cltransfer.trajectory'"),
+        (unfinished, "this run was not finished"),
+    ):
+        with pytest.raises(InputError, match=says):
+            export_path(source, tmp_path / "shot.py", None, None)
+
+
+def test_the_verb_tells_what_it_wrote(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
+    said = command("export", tiny_run, "--fps", 24, "--out", tmp_path / "shot.py")
+    assert (said.code, said.err) == (0, "")
+    assert said.out.startswith(f"{tmp_path / 'shot.py'}: ")
+    assert command("export", tiny_run).code == 2
+    for y_up, axis in (("--y-up", "Y"), ("--no-y-up", "Z")):
+        assert command("export", tiny_run, y_up, "--out", tmp_path / "shot.usda").code == 0
+        assert f'upAxis = "{axis}"' in (tmp_path / "shot.usda").read_text()
