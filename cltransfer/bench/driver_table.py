@@ -15,11 +15,12 @@ from .rows import measured_at
 from .section import machine, table, write_section
 from .trial import Row
 
+FOUND = (0.006, 0.1, 0.005)  # subject heights (1 cm of 1.64 m), degrees, share: medians over the frames of a clip
 Pair = tuple[Clip, Clip]  # ours, and the paper's of the same shot
 HEADER = (
     "preset", "target", "clips", "total, mean", "median", "worst", "at or below paper", "share of paper's mean",
     "judged, mean", "judged at or below", "judged share", "evaluations a frame", "seconds a clip", "position [heights]",
-    "rotation [deg]", "focal [%]", "cost of the path", "jerk before / after / of the reference",
+    "rotation [deg]", "focal [%]", "camera found", "cost of the path", "jerk before / after / of the reference",
 )  # fmt: skip
 
 
@@ -29,21 +30,32 @@ def summary(clips: Sequence[Clip]) -> list[list[str]]:
     for preset, target in dict.fromkeys((c.preset, c.target) for c in clips):
         mine = [c for c in clips if (c.preset, c.target) == (preset, target)]
         pairs = met(preset, target, clips)
-        alike = settings(preset, 0).losses.keys() == settings(PAPER, 0).losses.keys()  # else totals mean other things
         totals = [c.total for c in mine]
-        poses = [[c.position for c in mine], [c.rotation for c in mine], [100 * c.focal for c in mine]]
+        posed = [c for c in mine if not math.isnan(c.position + c.rotation + c.focal)]
+        poses = [[c.position for c in posed], [c.rotation for c in posed], [100 * abs(c.focal) for c in posed]]
         rows.append(
             [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
-            + against([(c.total, rival.total) for c, rival in pairs if alike])
+            + against([(c.total, rival.total) for c, rival in pairs if comparable(preset)])
             + [_mean([c.judged for c in mine])]
             + against([(c.judged, rival.judged) for c, rival in pairs])
             + [f"{fmean(c.evaluations for c in mine):.1f}"]
             + [f"{median(c.seconds for c in mine):.2f}"]
-            + ["" if any(map(math.isnan, values)) else f"{median(values):.4f}" for values in poses]
+            + [f"{median(values):.4f}" if posed else "" for values in poses]
+            + [f"{sum(map(found, posed))} of {len(posed)}" if posed else ""]
             + [f"{fmean(c.extra for c in mine):+.3f}"]
             + [" / ".join(_mean([getattr(c, name) for c in mine], "–", 4) for name in ("shaken", "smooth", "true"))]
         )
     return rows
+
+
+def found(clip: Clip) -> bool:
+    """Whether the camera of a clip taught to its own scene is the true one, within :data:`FOUND`."""
+    return all(abs(error) <= most for error, most in zip((clip.position, clip.rotation, clip.focal), FOUND))
+
+
+def comparable(preset: str) -> bool:
+    """Whether totals of ``preset`` mean what those of the paper's setting do: they are of the same losses."""
+    return settings(preset, 0).losses.keys() == settings(PAPER, 0).losses.keys()
 
 
 def met(preset: str, target: str, clips: Sequence[Clip]) -> list[Pair]:
@@ -69,7 +81,7 @@ def against(pairs: Sequence[tuple[float, float]]) -> list[str]:
         return ["", ""]
     ours, theirs = zip(*known)
     beaten = sum(own <= other for own, other in known)
-    return [f"{beaten} of {len(known)}", f"{fmean(ours) / fmean(theirs):.2f}"]
+    return [f"{beaten} of {len(known)}", f"{fmean(ours) / fmean(theirs):.2f}" if fmean(theirs) else ""]
 
 
 def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
@@ -82,6 +94,7 @@ def write_driver(rows: Sequence[Row], path: Path, command: str) -> None:
         "median over frames. Paper: its parameters, ranges, steps and full budget on the same geometric features and",
         "robust losses. Total: by the search's own losses at its own size, 160 px. Judged: by the judge of protocol.md",
         f"at {SIDE} px, a size that nobody searches at, so that what was gained by single pixels does not count.",
+        "Camera found: clips whose median errors are at most {} heights (1 cm), {} degrees and {:.1%}.".format(*FOUND),
         "Jerk: of the frames as they were found, of the path taken, of the reference. Cost of the path: its",
         "total less that of the frames.",
         *machine(rows),

@@ -11,13 +11,14 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..config import presets
 from ..errors import InputError
 from ..report.svg import SMALL, svg
 from ..storage.files import read_text, write_text
 from ..study.intervals import exact_interval
 from .driver import PAPER, Clip
 from .driver_chart import COLUMNS
-from .driver_table import HEADER, Pair, against, met, summary
+from .driver_table import HEADER, Pair, against, comparable, met, summary
 from .pages import SECTIONS
 from .pool_chart import draw
 from .section import table, write_section
@@ -67,8 +68,10 @@ def _clip(row: dict[str, str], path: Path, line: int) -> Clip:
         clip = Clip(row["preset"], row["target"], row["shot"], int(row["seed"]), *numbers)
     except ValueError as error:
         raise InputError(path, f"line {line}", f"expected numbers behind the names, {error}") from None
-    if not math.isfinite(clip.total + clip.evaluations + clip.seconds):
-        raise InputError(path, f"line {line}", "expected a total, evaluations and seconds")
+    if not math.isfinite(clip.total + clip.evaluations + clip.seconds) or any(map(math.isinf, numbers)):
+        raise InputError(path, f"line {line}", "expected a total, evaluations and seconds, and no infinite number")
+    if clip.preset not in presets():
+        raise InputError(path, f"line {line}", f"expected a preset, got {clip.preset!r}", ", ".join(presets()))
     return clip
 
 
@@ -95,9 +98,10 @@ def by_shot(clips: Sequence[Clip]) -> tuple[list[str], list[list[str]]]:
 
 def _held(pairs: Sequence[Pair], interval: bool) -> list[str]:
     """At or below, share, judged at or below and evaluations, of clips of ours and the paper's."""
-    share, judged = [(c.total, p.total) for c, p in pairs], [(c.judged, p.judged) for c, p in pairs]
+    share = [(c.total, p.total) for c, p in pairs if comparable(c.preset)]
+    judged = [(c.judged, p.judged) for c, p in pairs]
     (beaten, part), (seen, _) = against(share), against(judged)
-    if interval and pairs:
+    if interval:
         beaten, seen = beaten + _span(share), seen + _span(judged)
     spent = f"{math.fsum(c.evaluations for c, _ in pairs) / len(pairs):.1f}" if pairs else ""
     return [beaten, part, seen, spent]

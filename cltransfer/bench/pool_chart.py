@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from .driver import PAPER, Clip
 from .driver_chart import COLOURS, LOWEST
-from .driver_table import met
+from .driver_table import comparable, met
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,8 @@ def draw(figure: Figure, clips: Sequence[Clip]) -> None:
     for ax, (value, label) in zip(figure.subplots(1, len(PANELS)), PANELS):
         ends = [1.0]
         for name, colour in zip(presets, cycle(COLOURS)):
-            dots = [(getattr(theirs, value), getattr(ours, value)) for ours, theirs in met(name, "cross", clips)]
+            pairs = met(name, "cross", clips) if value == "judged" or comparable(name) else []
+            dots = [(getattr(theirs, value), getattr(ours, value)) for ours, theirs in pairs]
             dots = [(max(x, LOWEST), max(y, LOWEST)) for x, y in dots if x == x and y == y]
             x, y = [x for x, _ in dots], [y for _, y in dots]
             ax.scatter(x, y, 12, color=colour, alpha=0.55, linewidths=0, label=name)

@@ -178,14 +178,16 @@ def export(
     ] = None,
     y_up: Annotated[
         bool | None,
-        typer.Option(help="The other program turns the scene's file, y to z; by default where RUN's is glTF or OBJ."),
+        typer.Option(help="Of .py, .usda: programs turn the scene's file, y to z. Default: where RUN's is glTF, OBJ."),
     ] = None,
 ) -> None:
-    """Write the camera of RUN for other programs: focal length, roll and times are kept.
+    """Write the camera of RUN for other programs, focal length and roll as they are.
 
     cltransfer export run --fps 24 --out shot.py
 
-    Coordinates are those of the scene's file, so that scene and camera meet where one program reads both.
+    Coordinates are those of the scene's file (of an .spz those of the .ply that it unpacks to), so that scene and
+    camera meet where one program reads both. COLMAP and nerfstudio play cameras evenly: give --fps where times are
+    uneven.
     """
     from ..run.export import export_path
 

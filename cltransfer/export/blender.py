@@ -13,7 +13,7 @@ import torch
 
 from ..storage.files import write_text
 from ..trajectory import Trajectory
-from .lens import FULL_FRAME, Lens, frame_numbers, rate
+from .lens import FAR, FULL_FRAME, NEAR, Lens, frame_numbers
 
 FIRST = 1  # frame of Blender's scenes
 _SCRIPT = """\
@@ -38,6 +38,7 @@ scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1
 scene.render.fps, scene.render.fps_base = round(RATE), round(RATE) / RATE
 scene.frame_start, scene.frame_end = {first}, {last}
 data.sensor_fit, data.sensor_width = "HORIZONTAL", {gate!r}
+data.clip_start, data.clip_end = {near!r}, {far!r}
 camera.rotation_mode = "QUATERNION"
 turned = None
 for frame, pose, lens, x, y in KEYS:
@@ -55,12 +56,13 @@ _TURNED = "y is turned to z, as they turn glTF and OBJ."
 _AS_IT_IS = "coordinates are those of the file, as they leave those of PLY."
 
 
-def write_blender(path: Path, trajectory: Trajectory, y_up: bool = False) -> None:
+def write_blender(path: Path, trajectory: Trajectory, rate: float, y_up: bool = False) -> None:
     """Write ``path``, whole or not at all.
 
     Args:
         path: the ``.py``.
         trajectory: N cameras; Blender leads the camera smoothly from one to the next.
+        rate: frames a second, by which its times are numbered.
         y_up: turn y to Blender's z, as it turns the scene's file, a glTF or OBJ; else coordinates stay as they are.
 
     Raises:
@@ -69,16 +71,18 @@ def write_blender(path: Path, trajectory: Trajectory, y_up: bool = False) -> Non
     poses, lens = trajectory.camera.to_opengl(), Lens.of(trajectory.camera, path)
     if y_up:
         poses = torch.tensor([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=poses.dtype) @ poses
-    frames = [FIRST + number for number in frame_numbers(trajectory)]
+    frames = [FIRST + number for number in frame_numbers(trajectory, rate)]
     rows = zip(frames, poses.tolist(), lens.focal.tolist(), lens.shift.tolist())
     keys = [f"    ({frame!r}, {pose!r}, {mm!r}, {x!r}, {y!r})," for frame, pose, mm, (x, y) in rows]
     script = _SCRIPT.format(
         world=_TURNED if y_up else _AS_IT_IS,
-        rate=rate(trajectory),
+        rate=rate,
         size=trajectory.camera.size,
         keys="\n".join(keys),
         first=FIRST,
         last=math.ceil(frames[-1]),
         gate=FULL_FRAME,
+        near=NEAR,
+        far=FAR,
     )
     write_text(path, script)

@@ -10,8 +10,27 @@ from pathlib import Path
 import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
-from ..storage.files import write_text
+from ..errors import UsageError
+from ..storage.files import check_out, write_text
 from ..trajectory import Trajectory
+
+NO_POINTS = "# 3D points: none\n"
+
+
+def check_model(folder: Path) -> None:
+    """Refuse a folder with a model that is not of :func:`write_colmap`: photographs may have made it.
+
+    Raises:
+        UsageError: it is one, or no folder.
+    """
+    check_out(folder)
+    points = folder / "points3D.txt"
+    if points.is_file() and points.stat().st_size == len(NO_POINTS) and points.read_text() == NO_POINTS:
+        return
+    for kind in ("cameras", "images", "points3D"):
+        for file in (folder / f"{kind}.txt", folder / f"{kind}.bin"):
+            if file.exists():
+                raise UsageError(folder, "--out", f"has a model of its own, {file.name}", "name another folder")
 
 
 def write_colmap(folder: Path, trajectory: Trajectory) -> None:
@@ -29,7 +48,7 @@ def write_colmap(folder: Path, trajectory: Trajectory) -> None:
     images = [
         f"{n} {_line(*pose)} {n if zooms else 1} frame_{n:05d}.png\n" for n, pose in enumerate(poses, 1)
     ]  # the line of its points is empty
-    write_text(folder / "points3D.txt", "# 3D points: none\n")
+    write_text(folder / "points3D.txt", NO_POINTS)
     write_text(folder / "cameras.txt", "\n".join(["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy", *cameras]) + "\n")
     write_text(folder / "images.txt", "\n".join(["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME", *images]) + "\n")
 

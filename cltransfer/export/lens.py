@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..trajectory import Trajectory
 
 FULL_FRAME = 36.0  # [mm] wide, the gate that focal lengths are told for
+NEAR, FAR = 1e-3, 1e6  # scene units that programs are told to draw between, wide: the units are not known
 USUAL = 24.0  # frames a second, of a path too sparse to be one
 SPARSE = 12.0  # frames a second below which it is
 
@@ -34,21 +35,20 @@ class Lens:
         """Those of N cameras.
 
         Raises:
-            InputError: pixels are not square; ``path``, which is written, has no room for it.
+            InputError: pixels are not square; what ``path`` is to hold has no room for it.
         """
         (width, height), K = camera.size, camera.K
         if not torch.allclose(K[:, 0, 0], K[:, 1, 1], rtol=1e-9, atol=1e-6):
-            raise InputError(path, "K", "expected square pixels")
+            raise InputError(path, "K", "expected square pixels", "a folder keeps others, as COLMAP's text model")
         shift = torch.stack([width / 2 - K[:, 0, 2], K[:, 1, 2] - height / 2], dim=1)
         return cls(camera.focal * FULL_FRAME / width, shift / width)
 
 
-def rate(trajectory: Trajectory) -> float:
+def rate_of(trajectory: Trajectory) -> float:
     """Frames a second to number frames by: those of the path, or :data:`USUAL` where it has only some of them."""
     return trajectory.fps if trajectory.fps >= SPARSE else USUAL
 
 
-def frame_numbers(trajectory: Trajectory) -> list[float]:
-    """When each camera stands, in frames at :func:`rate` since the first; a fraction where it stands between two."""
-    since = (trajectory.times - trajectory.times[0]) * rate(trajectory)
-    return [round(number, 6) for number in since.tolist()]
+def frame_numbers(trajectory: Trajectory, rate: float) -> list[float]:
+    """When each camera stands, in frames at ``rate`` since the first; a fraction where it stands between two."""
+    return [round(number, 6) for number in ((trajectory.times - trajectory.times[0]) * rate).tolist()]

@@ -12,25 +12,26 @@ from pathlib import Path
 
 from ..storage.files import write_text
 from ..trajectory import Trajectory
-from .lens import FULL_FRAME, Lens, frame_numbers, rate
+from .lens import FAR, FULL_FRAME, NEAR, Lens, frame_numbers
 
 MM = 0.01  # tenths of a metre
 AXES = "Coordinates are those of the scene's file; upAxis says how programs take them, not where its up is."
 
 
-def write_usd(path: Path, trajectory: Trajectory, y_up: bool = False) -> None:
+def write_usd(path: Path, trajectory: Trajectory, rate: float, y_up: bool = False) -> None:
     """Write ``path``, whole or not at all.
 
     Args:
         path: the ``.usda``.
         trajectory: N cameras; programs go straight from one to the next.
+        rate: frames a second, by which its times are numbered.
         y_up: tell that y is up, so that programs turn the camera as they turn the scene's file, a glTF or OBJ; else
             that z is, by which they leave coordinates as they are.
 
     Raises:
         InputError: pixels are not square.
     """
-    camera, frames = trajectory.camera, frame_numbers(trajectory)
+    camera, frames = trajectory.camera, frame_numbers(trajectory, rate)
     lens, (width, height) = Lens.of(camera, path), camera.size
     gate = FULL_FRAME * MM
     attributes = [
@@ -47,16 +48,16 @@ def write_usd(path: Path, trajectory: Trajectory, y_up: bool = False) -> None:
         '    defaultPrim = "camera"',
         f'    doc = "Camera path of cltransfer. {AXES}"',
         f"    endTimeCode = {_number(frames[-1])}",
-        f"    framesPerSecond = {_number(rate(trajectory))}",
+        f"    framesPerSecond = {_number(rate)}",
         "    metersPerUnit = 1",
         "    startTimeCode = 0",
-        f"    timeCodesPerSecond = {_number(rate(trajectory))}",
+        f"    timeCodesPerSecond = {_number(rate)}",
         f'    upAxis = "{"Y" if y_up else "Z"}"',
         ")",
         "",
         'def Camera "camera"',
         "{",
-        "    float2 clippingRange = (0.01, 10000)",
+        f"    float2 clippingRange = ({_number(NEAR)}, {_number(FAR)})",
         *attributes,
         '    uniform token[] xformOpOrder = ["xformOp:transform"]',
         "}",

@@ -7,15 +7,17 @@ from pathlib import Path
 
 from ..errors import InputError, UsageError
 from ..export.blender import write_blender
-from ..export.colmap import write_colmap
+from ..export.colmap import check_model, write_colmap
+from ..export.lens import rate_of
 from ..export.nerfstudio import write_camera_path
 from ..export.usd import write_usd
-from ..storage.files import check_out, check_out_file, read_json
+from ..storage.files import check_out_file, read_json
 from ..storage.run_files import MANIFEST, RESULTS, TRAJECTORY, is_run, require_done
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
 
-TURNED = (".glb", ".gltf", ".obj", ".yaml", ".yml")  # scenes, or their parts, whose y other programs take for up
+TURNED = (".glb", ".gltf", ".obj")  # files whose y other programs take for up
+WORLDS = (".usda", ".py")  # formats that say, or act on, which way is up
 
 
 def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None) -> Trajectory:
@@ -26,25 +28,32 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None) -
         out: ``.usda``, ``.py`` (Blender), ``.json`` (nerfstudio), or a folder (COLMAP).
         fps: frames a second, the camera led smoothly through those that the path has; None: only those.
         y_up: whether other programs turn the scene's file, as they do glTF and OBJ; None: where that of the run is of
-            :data:`TURNED`, and not of a trajectory alone.
+            :data:`TURNED`, and not of a trajectory alone. Of :data:`WORLDS` only.
 
     Raises:
-        UsageError: ``out`` has another ending, or is what a run has written itself; ``fps`` is out of range.
-        InputError: ``source`` is no such thing, a run that was not finished, or the format has no room for its lens.
+        UsageError: ``out`` has another ending, or is what a run or another program has written; ``fps`` is out of
+            range; ``y_up`` changes nothing.
+        InputError: ``source`` is no such thing, a run that was not finished or does not tell whether its scene is
+            turned, or the format has no room for its lens.
     """
-    _check_out(out, source)
+    kind = "" if out.is_dir() else out.suffix.lower()
+    _check_out(out, kind, source)
+    if y_up is not None and kind not in WORLDS:
+        raise UsageError("", "--y-up", f"changes nothing of this format, only of {' and '.join(WORLDS)}")
     run = source.is_dir()
     if run:
         if not is_run(source):
-            raise InputError(source, MANIFEST, "no such file", "expected the folder of a run, or a trajectory.json")
+            reason = "is no run's" if (source / MANIFEST).is_file() else "no such file"
+            raise InputError(source, MANIFEST, reason, "expected the folder of a run, or a trajectory.json")
         require_done(source)
     trajectory = at_rate(Trajectory.load(source / TRAJECTORY if run else source), fps)
-    turned = _turned(source) if y_up is None and run else bool(y_up)
-    if out.suffix == ".usda":
-        write_usd(out, trajectory, turned)
-    elif out.suffix == ".py":
-        write_blender(out, trajectory, turned)
-    elif out.suffix == ".json":
+    turned = _turned(source) if run and y_up is None and kind in WORLDS else bool(y_up)
+    rate = fps or rate_of(trajectory)
+    if kind == ".usda":
+        write_usd(out, trajectory, rate, turned)
+    elif kind == ".py":
+        write_blender(out, trajectory, rate, turned)
+    elif kind == ".json":
         write_camera_path(out, trajectory)
     else:
         write_colmap(out, trajectory)
@@ -55,19 +64,28 @@ def _turned(run: Path) -> bool:
     """Whether other programs turn the scene of a run.
 
     Raises:
-        InputError: its manifest does not tell of which file that is.
+        InputError: its manifest does not tell: an older version made it, or the scene is put together of files.
     """
     try:
-        return str(read_json(run / MANIFEST)["scene"]["file"]) in TURNED
+        file = str(read_json(run / MANIFEST)["scene"]["file"])
     except (KeyError, TypeError):
-        raise InputError(run / MANIFEST, "scene", "expected file", "say --y-up or --no-y-up") from None
+        file = ".yaml"
+    if file in (".yaml", ".yml"):
+        reason = "does not tell whether other programs turn the scene's files, y to z, as they do glTF and OBJ"
+        raise InputError(run / MANIFEST, "scene", reason, "say --y-up or --no-y-up")
+    return file in TURNED
 
 
-def _check_out(out: Path, source: Path) -> None:
-    if out.suffix not in (".usda", ".py", ".json", ""):
-        expected = "expected a name that ends in .usda, .py (Blender), .json (nerfstudio), or a folder (COLMAP)"
-        raise UsageError(out, "--out", expected)
-    check_out_file(out) if out.suffix else check_out(out)
-    kept = [source, *(folder / name for folder in (source, *out.parents[:2]) for name in RESULTS if is_run(folder))]
-    if os.path.realpath(out) in map(os.path.realpath, kept):
-        raise UsageError(out, "--out", "is a file of the run itself, or what is read", "name another")
+def _check_out(out: Path, kind: str, source: Path) -> None:
+    """Refuse an ``out`` of no known ``kind``, and one that a run or another program has written."""
+    if kind not in (*WORLDS, ".json", ""):
+        expected = "expected a name that ends in .usda, .py (Blender) or .json (nerfstudio), or a folder (COLMAP)"
+        raise UsageError(out, "--out", expected, "a new folder has no ending")
+    if str(out) == "-":
+        raise UsageError(out, "--out", "expected the name of a file or folder")
+    check_out_file(out) if kind else check_model(out)
+    target = Path(os.path.realpath(out))
+    runs = [folder for folder in (source.resolve(), *target.parents[:2]) if is_run(folder)]
+    kept = [source.resolve(), *(Path(os.path.realpath(folder / name)) for folder in runs for name in RESULTS)]
+    if target in kept:
+        raise UsageError(out, "--out", "is a file of a run itself, or what is read", "name another")

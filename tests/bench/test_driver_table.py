@@ -34,6 +34,15 @@ def test_clips_too_short_for_a_jerk_have_none_in_the_table() -> None:
     assert row["jerk before / after / of the reference"] == "– / – / –"
 
 
+def test_a_camera_is_found_where_place_turn_and_lens_are_right() -> None:
+    right = replace(CLIP, target="self", position=0.005, rotation=0.09, focal=-0.004)
+    wrong = [replace(right, position=0.007), replace(right, rotation=0.11), replace(right, focal=-0.006)]
+    row = dict(zip(HEADER, summary([right, *wrong, replace(right, position=NAN)])[0]))
+    assert row["camera found"] == "1 of 4"  # of one it is not known
+    assert (row["position [heights]"], row["rotation [deg]"], row["focal [%]"]) == ("0.0050", "0.0900", "0.4000")
+    assert dict(zip(HEADER, summary([CLIP])[0]))["camera found"] == ""
+
+
 def test_what_older_clips_do_not_tell_is_left_out_of_the_means() -> None:
     old = replace(CLIP, seed=2, judged=NAN, true=NAN)
     papers = [replace(CLIP, preset="paper", seed=seed, judged=0.9) for seed in (1, 2)]

@@ -25,6 +25,11 @@ WRONG = [
     (",".join(COLUMNS) + "\nfast,cross,pan,1.5,1,1,1,1,,,,,,,\n", "line 2: expected numbers behind the names"),
     (",".join(COLUMNS) + "\nfast,cross,pan,1,,1,1,1,,,,,,,\n", "line 2: expected a total, evaluations and seconds"),
     (",".join(COLUMNS) + '\n"fast,cross', "expected CSV"),
+    (
+        ",".join(COLUMNS) + "\nfast,cross,pan,1,1,inf,1,1,,,,,,,\n",
+        "line 2: expected a total, evaluations and seconds, and",
+    ),
+    (",".join(COLUMNS) + "\nfaster,cross,pan,1,1,1,1,1,,,,,,,\n", "line 2: expected a preset, got 'faster' (balanced,"),
 ]
 
 
@@ -67,6 +72,18 @@ def test_a_preset_that_met_the_paper_s_setting_nowhere_has_empty_cells() -> None
         ["zoom", "1", "1.000", "", "", "", ""],
         ["all", "1", "1.000", "", "", "", ""],
     ]
+
+
+def test_totals_of_other_losses_are_not_held_against_the_paper_s_setting() -> None:
+    clips = [replace(CLIP, preset="jaws_clean", total=0.1), PAPER]
+    assert by_shot(clips)[1][0] == ["pan", "1", "1.000", "", "", "0 of 1", "12.0"]
+    figure = Figure()
+    draw(figure, clips)
+    assert [len(ax.collections[0].get_offsets()) for ax in figure.axes] == [0, 1]
+
+
+def test_nothing_is_a_share_of_a_total_of_zero() -> None:
+    assert by_shot([CLIP, replace(PAPER, total=0.0)])[1][0] == ["pan", "1", "0.000", "0 of 1", "", "0 of 1", "12.0"]
 
 
 def test_without_the_paper_s_setting_there_is_nothing_to_hold_against() -> None:

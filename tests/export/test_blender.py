@@ -37,7 +37,7 @@ def assigned(text, name):
 
 
 def test_one_camera_worked_out_by_hand(tmp_path, still):
-    write_blender(tmp_path / "shot.py", still)
+    write_blender(tmp_path / "shot.py", still, 24)
     text = (tmp_path / "shot.py").read_text()
     assert assigned(text, "SIZE") == (200, 100)
     assert assigned(text, "RATE") == 24
@@ -46,9 +46,16 @@ def test_one_camera_worked_out_by_hand(tmp_path, still):
     assert pose == [[1, 0, 0, 1], [0, 0, -1, 2], [0, 1, 0, 3], [0, 0, 0, 1]]
 
 
+def test_a_lens_off_the_middle_worked_out_by_hand(tmp_path, path):
+    write_blender(tmp_path / "shot.py", path, 20)
+    for _, _, _, x, y in assigned((tmp_path / "shot.py").read_text(), "KEYS"):
+        # the axis is 40 px right of the middle and 25 above it: the gate lies to its left and below
+        assert (x, y) == (pytest.approx(-40 / 1280), pytest.approx(-25 / 1280))
+
+
 def test_what_blender_turns_is_turned(tmp_path, path):
     for name, y_up in (("as_it_is", False), ("turned", True)):
-        write_blender(tmp_path / f"{name}.py", path, y_up)
+        write_blender(tmp_path / f"{name}.py", path, 20, y_up)
     before, after = (assigned((tmp_path / f"{name}.py").read_text(), "KEYS") for name in ("as_it_is", "turned"))
     for (_, was, *lens), (_, pose, *same) in zip(before, after):
         assert pose == [was[0], [-value for value in was[2]], was[1], [0, 0, 0, 1]]
@@ -56,14 +63,14 @@ def test_what_blender_turns_is_turned(tmp_path, path):
 
 
 def test_cameras_stand_at_their_times_from_frame_one_on(tmp_path, path):
-    write_blender(tmp_path / "shot.py", path)
+    write_blender(tmp_path / "shot.py", path, 20)
     assert [key[0] for key in assigned((tmp_path / "shot.py").read_text(), "KEYS")] == [1, 1.8, 3, 3.6, 5]
 
 
 def test_pixels_that_are_not_square_are_refused(tmp_path, path):
     path.camera.K[:, 0, 0] *= 1.1
     with pytest.raises(InputError, match="expected square pixels"):
-        write_blender(tmp_path / "shot.py", path)
+        write_blender(tmp_path / "shot.py", path, 20)
     assert not (tmp_path / "shot.py").exists()
 
 
@@ -71,7 +78,7 @@ def test_pixels_that_are_not_square_are_refused(tmp_path, path):
 def test_blender_sees_what_we_see(tmp_path, path, seen, y_up):
     if subprocess.run([sys.executable, "-c", "import bpy"], capture_output=True).returncode:
         pytest.skip("Blender is not installed as a module: pip install bpy")
-    write_blender(tmp_path / "shot.py", path, y_up)
+    write_blender(tmp_path / "shot.py", path, 20, y_up)
     frames = [1 + 20 * time for time in path.times.tolist()]
     turned = [[[p[0], -p[2], p[1]] if y_up else p for p, _ in points] for points in seen]
     words = [sys.executable, "-c", LOOK, str(tmp_path / "shot.py"), json.dumps(list(zip(frames, turned)))]

@@ -1,9 +1,11 @@
-"""COLMAP's text model, read back by our own reader, and by COLMAP itself where it is installed."""
+"""COLMAP's text model: worked out by hand, read back by us, and by COLMAP itself where it is installed."""
 
 import pytest
 import torch
 
-from cltransfer.export.colmap import write_colmap
+from cltransfer.errors import UsageError
+from cltransfer.export.colmap import check_model, write_colmap
+from cltransfer.scenes.posed.colmap_text import read_tables
 from cltransfer.trajectory import Trajectory
 
 
@@ -22,6 +24,27 @@ def test_a_lens_that_stays_is_one_camera(tmp_path, path):
     write_colmap(tmp_path, path)
     assert len((tmp_path / "cameras.txt").read_text().splitlines()) == 2
     assert {line.split()[8] for line in (tmp_path / "images.txt").read_text().splitlines()[1::2]} == {"1"}
+
+
+def test_we_read_what_we_write(tmp_path, path: Trajectory):
+    write_colmap(tmp_path, path)
+    model = read_tables(tmp_path)
+    assert [shot.name for shot in model.images] == [f"frame_{number:05d}.png" for number in range(1, 6)]
+    assert len(model.cameras) == 5
+    assert len(model.points) == 0
+
+
+@pytest.mark.parametrize("name", ["cameras.txt", "images.bin", "points3D.txt"])
+def test_a_model_that_photographs_have_made_stays(tmp_path, name):
+    (tmp_path / name).write_text("# mine\n")
+    with pytest.raises(UsageError, match=f"has a model of its own, {name}"):
+        check_model(tmp_path)
+
+
+def test_our_own_model_is_written_anew(tmp_path, path):
+    write_colmap(tmp_path, path)
+    check_model(tmp_path)
+    check_model(tmp_path / "new")
 
 
 def test_colmap_sees_what_we_see(tmp_path, path: Trajectory, seen):

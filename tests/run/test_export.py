@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +46,7 @@ def test_frames_between_those_of_the_run(tiny_run: Path, tmp_path: Path) -> None
     assert "    timeCodesPerSecond = 48\n" in (tmp_path / "shot.usda").read_text()
 
 
-@pytest.mark.parametrize(("file", "axis"), [(".glb", "Y"), (".obj", "Y"), (".yaml", "Y"), (".ply", "Z"), ("", "Z")])
+@pytest.mark.parametrize(("file", "axis"), [(".glb", "Y"), (".obj", "Y"), (".ply", "Z"), ("", "Z")])
 def test_the_scene_of_the_run_says_whether_programs_turn_it(
     tiny_run: Path, tmp_path: Path, file: str, axis: str
 ) -> None:
@@ -57,10 +58,39 @@ def test_the_scene_of_the_run_says_whether_programs_turn_it(
     for y_up, told in ((None, axis), (True, "Y"), (False, "Z")):
         export_path(run, tmp_path / "shot.usda", None, y_up)
         assert f'upAxis = "{told}"' in (tmp_path / "shot.usda").read_text()
-    del manifest["scene"]["file"]
-    (run / MANIFEST).write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match=r"scene: expected file \(say --y-up or --no-y-up\)"):
-        export_path(run, tmp_path / "shot.usda", None, None)
+
+
+def test_where_the_run_does_not_tell_it_has_to_be_said(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    manifest = json.loads((run / MANIFEST).read_text())
+    composed = {**manifest["scene"], "file": ".yaml"}
+    older = {name: value for name, value in composed.items() if name != "file"}
+    for scene in (composed, older):
+        (run / MANIFEST).write_text(json.dumps({**manifest, "scene": scene}))
+        with pytest.raises(InputError, match=r"turn the scene's files.* \(say --y-up or --no-y-up\)"):
+            export_path(run, tmp_path / "shot.usda", None, None)
+        export_path(run, tmp_path / "shot.usda", None, True)
+        export_path(run, tmp_path / "shot.json", None, None)  # which has no up
+
+
+def test_what_changes_nothing_is_refused(tiny_run: Path, tmp_path: Path) -> None:
+    for name in ("shot.json", "colmap"):
+        with pytest.raises(UsageError, match="--y-up: changes nothing of this format"):
+            export_path(tiny_run, tmp_path / name, None, False)
+
+
+def test_the_rate_that_is_asked_for_numbers_the_frames(tiny_run: Path, tmp_path: Path) -> None:
+    first = Trajectory.load(tiny_run / TRAJECTORY)
+    Trajectory(first.camera[0], first.times[:1]).save(tmp_path / "one.json")
+    for source, fps in ((tiny_run, 8.0), (tmp_path / "one.json", 48.0)):
+        export_path(source, tmp_path / "shot.USDA", fps, None)
+        assert f"    timeCodesPerSecond = {fps:g}\n" in (tmp_path / "shot.USDA").read_text()
+
+
+def test_a_folder_that_is_there_may_have_any_name(tiny_run: Path, tmp_path: Path) -> None:
+    (tmp_path / "v1.2").mkdir()
+    export_path(tiny_run, tmp_path / "v1.2", None, None)
+    assert (tmp_path / "v1.2" / "images.txt").is_file()
 
 
 def test_what_the_run_is_called_does_not_reach_the_script(tiny_run: Path, tmp_path: Path) -> None:
@@ -73,14 +103,19 @@ def test_what_the_run_is_called_does_not_reach_the_script(tiny_run: Path, tmp_pa
     assert (tmp_path / "one.py").read_bytes() == (tmp_path / "two.py").read_bytes()
 
 
-def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path) -> None:
+def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
     (tmp_path / "link.json").symlink_to(run / TRAJECTORY)
     for source in (run, run / TRAJECTORY):
         for out in (run / TRAJECTORY, run / CAMERA_PATH, run / "metrics.json", tmp_path / "link.json"):
-            with pytest.raises(UsageError, match="is a file of the run itself, or what is read"):
+            with pytest.raises(UsageError, match="is a file of a run itself, or what is read"):
                 export_path(source, out, None, None)
+    (tmp_path / "cam").symlink_to(run / "camera")
+    monkeypatch.chdir(run / "camera")
+    for out in (Path(CAMERA_PATH.name), tmp_path / "cam" / CAMERA_PATH.name):
+        with pytest.raises(UsageError, match="is a file of a run itself"):
+            export_path(tiny_run, out, None, None)
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
     export_path(run, run / "camera" / "shot.usda", None, None)
 
@@ -88,16 +123,17 @@ def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "fps", "says"),
     [
-        ("shot.fbx", None, r"expected a name that ends in .usda, .py \(Blender\), .json"),
-        ("here.py", None, "expected a file, there is something else"),
+        ("shot.fbx", None, r"expected a name that ends in .usda, .py \(Blender\) or .json"),
+        ("here.usda", None, "expected a file, there is something else"),
+        ("-", None, "expected the name of a file or folder"),
         ("shot.py", 0.0, r"--fps: expected a rate in \(0, 240\], got 0"),
         ("shot.py", 241.0, "expected a rate"),
     ],
 )
 def test_what_cannot_be_meant(tiny_run: Path, tmp_path: Path, name: str, fps: float | None, says: str) -> None:
-    (tmp_path / "here.py").mkdir()
+    os.mkfifo(tmp_path / "here.usda")
     with pytest.raises(UsageError, match=says):
-        export_path(tiny_run, tmp_path / name, fps, None)
+        export_path(tiny_run, Path(name) if name == "-" else tmp_path / name, fps, None)
 
 
 def test_what_is_no_path(tiny_run: Path, tmp_path: Path) -> None:
