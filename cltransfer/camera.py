@@ -17,12 +17,14 @@ from kornia.geometry.conversions import camtoworld_graphics_to_vision_4x4, camto
 from kornia.geometry.linalg import inverse_transformation, transform_points
 from torch import Tensor
 
+from .orientation import unit
+
 VIEW_LIMIT = 64  # views that are looked from, evenly taken, of a set or path that has more
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
-    """B pinhole cameras that share one image size.
+    """B pinhole cameras that share one image size, on the CPU, whatever device they are made of.
 
     Args:
         w2c: world to camera, (B, 4, 4), kept as float64, rigid, OpenCV axes, scene units.
@@ -44,8 +46,8 @@ class Camera:
                 raise ValueError(f"{name} must be (B, {shape[0]}, {shape[1]}), got {got}; add a batch dimension")
         if len(self.w2c) != len(self.K):
             raise ValueError(f"w2c and K must have the same batch, got {len(self.w2c)} and {len(self.K)}")
-        object.__setattr__(self, "w2c", self.w2c.double())
-        object.__setattr__(self, "K", self.K.double())
+        object.__setattr__(self, "w2c", self.w2c.to("cpu", torch.float64))
+        object.__setattr__(self, "K", self.K.to("cpu", torch.float64))
 
     def __len__(self) -> int:
         return len(self.w2c)
@@ -53,7 +55,7 @@ class Camera:
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | Tensor) -> Camera:
         """Cameras of ``index``; an integer keeps a batch of one."""
         rows = batch_index(index)
-        several = [rows] if isinstance(rows, int) else rows
+        several = [rows] if isinstance(rows, int) else rows.cpu() if isinstance(rows, Tensor) else rows
         return replace(self, w2c=self.w2c[several], K=self.K[several])
 
     @property
@@ -82,10 +84,10 @@ class Camera:
         return replace(self, K=self.K * scale[:, None], size=size)
 
     def to_camera(self, points: Tensor) -> Tensor:
-        """World points (P, 3) or (B, P, 3) in each camera's axes, (B, P, 3), scene units."""
+        """World points (P, 3) or (B, P, 3) in each camera's axes, (B, P, 3) float64 on the CPU, scene units."""
         if points.dim() == 2:
             points = points[None]
-        batch = max(len(self), len(points))
+        batch = len(self) if len(points) == 1 else len(points)
         return transform_points(self.w2c.expand(batch, 4, 4), points.to(self.w2c).expand(batch, -1, 3))
 
     def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
@@ -118,17 +120,17 @@ class Camera:
     ) -> Camera:
         """Cameras at ``eye`` (B, 3) that see ``target`` (B, 3) in the middle, ``up`` (3,) upwards.
 
-        ``vertical_fov`` [rad] is a number or (B,). Looking along ``up`` is undefined.
+        ``vertical_fov`` [rad] is a number or (B,). One that looks along ``up``, or at where it stands, is NaN.
         """
         eye, target = torch.broadcast_tensors(eye.double(), target.double())
-        forward = torch.nn.functional.normalize(target - eye, dim=-1)
-        right = torch.nn.functional.normalize(torch.linalg.cross(forward, up.double().expand_as(eye)), dim=-1)
+        forward = unit(target - eye)
+        right = unit(torch.linalg.cross(forward, up.to(eye).expand_as(eye)))
         down = torch.linalg.cross(forward, right)
         rotation = torch.stack([right, down, forward], dim=1)
-        w2c = torch.eye(4, dtype=torch.float64).repeat(len(eye), 1, 1)
+        w2c = torch.eye(4, dtype=torch.float64, device=eye.device).repeat(len(eye), 1, 1)
         w2c[:, :3, :3] = rotation
         w2c[:, :3, 3] = -(rotation @ eye[..., None])[..., 0]
-        fov = torch.as_tensor(vertical_fov, dtype=torch.float64).expand(len(eye))
+        fov = torch.as_tensor(vertical_fov, dtype=torch.float64, device=eye.device).expand(len(eye))
         return cls(w2c, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
 
 
@@ -145,7 +147,7 @@ def batch_index(index: SupportsIndex | slice | Sequence[int] | Tensor) -> int | 
 
 def intrinsics(focal: Tensor, size: tuple[int, int]) -> Tensor:
     """K (B, 3, 3) of square pixels with ``focal`` (B,) [px] and the principal point in the middle."""
-    K = torch.eye(3, dtype=torch.float64).repeat(len(focal), 1, 1)
+    K = torch.eye(3, dtype=torch.float64, device=focal.device).repeat(len(focal), 1, 1)
     K[:, 0, 0] = K[:, 1, 1] = focal
     K[:, 0, 2], K[:, 1, 2] = size[0] / 2, size[1] / 2
     return K

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from .clips.pairs import open_pairs
 from .clips.source import ClipSource
+from .computer.threads import default_count, set_threads, threads_restored
 from .config.options import RunConfig
 from .errors import InputError
 from .features import Features, nobody
@@ -25,6 +26,7 @@ from .storage.run_files import kept_frames
 OWN_STEPS = "compares two frames of each side, whose steps are not equally long: give both one frame rate"
 
 
+@threads_restored()
 def evaluate(
     reference: str | os.PathLike[str], render: str | os.PathLike[str], config: RunConfig, progress: Progress = silent
 ) -> ReportData:
@@ -35,17 +37,25 @@ def evaluate(
     Flow goes from one pair to the next; the render's is taken in the time that passes in the reference.
 
     Args:
-        reference: a video, an image folder or the folder of a run, which has kept its frames; or a part of one
-            (:class:`cltransfer.clips.source.ClipSource`).
+        reference: a video, an image folder or the folder of a run, which has kept its frames; or a part of one, as in
+            ``clip.mp4#t=1.5,4`` (:meth:`cltransfer.clips.source.ClipSource.parse`).
         render: as the reference, and starts when it does.
-        config: which losses and extractors; ``frames`` thins the pairs, evenly by time.
+        config: which losses and extractors; ``frames`` thins the pairs, evenly by time. Meanwhile the threads of the
+            whole process are as it says.
         progress: called with a step, frames done, frames in all.
 
+    Returns:
+        What the report shows: ``scores`` with the raw terms of each pair, their weighted totals and coverage, ``flags``
+        and times.
+
     Raises:
+        UsageError: the config or the part of a clip cannot be meant.
         InputError: a clip is missing, damaged or of an unfinished run, the reference has a cut or shows no person, or
             the two do not overlap in time.
+        ModelError: a network or plugin is missing or fails.
         ResourceError: there is not memory enough for the frames of both, or to read them.
     """
+    set_threads(config.threads or default_count())
     start = time.perf_counter()
     reference, render = os.fspath(reference), os.fspath(render)
     for source in (reference, render):

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from .subject import Subject
+
 SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be anything
     "image": (3, None, None),
     "alpha": (None, None),
@@ -34,7 +36,7 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
         extras: plugins' own.
 
     Raises:
-        ValueError: a field has another shape, or another number of frames than the others.
+        ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name.
         TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
     first, count = "", -1
@@ -54,6 +56,8 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
         if (value := own[name]) is not None and value.dtype is not torch.bool:
             raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
     for name, value in (("camera", own["camera"]), *extras.items()):
+        if name in extras and name in own:
+            raise ValueError(f"{name} is a field of its own, expected another name among extras; give {name}=...")
         if name in extras and not (isinstance(value, Tensor) and value.ndim):
             raise _rowless(name, value)
         if count < 0 and value is not None:
@@ -75,7 +79,8 @@ def _misshapen(name: str, value: object) -> Exception:
     """What is wrong with a field that is not of its shape, and what to do."""
     wanted = ", ".join(["B", *("any" if want is None else str(want) for want in SHAPES[name])])
     if not isinstance(value, Tensor):
-        return TypeError(f"{name} must be a tensor ({wanted}), got {type(value).__name__}; torch.as_tensor makes one")
+        hint = "that is the field person" if isinstance(value, Subject) else "torch.as_tensor makes one"
+        return TypeError(f"{name} must be a tensor ({wanted}), got {type(value).__name__}; {hint}")
     hint = "see the fields of Features"
     if value.ndim == len(SHAPES[name]):
         hint = "add a batch dimension"

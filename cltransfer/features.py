@@ -21,7 +21,7 @@ class OfThisRun(str):
     """A reason that is not the clip's: another run may tell what this one could not, so it is kept in no cache."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Features:
     """What B frames show. Pixels are (x, y); the centre of the top-left pixel is (0.5, 0.5).
 
@@ -38,7 +38,7 @@ class Features:
         keypoints: the 14 joints of :mod:`cltransfer.skeleton`, (B, 14, 3) as x, y [px], confidence in [0, 1].
             Coordinates are kept for joints that are unseen or out of the frame; NaN where there is no person.
         box: person box as x, y, width, height [px], score, (B, 5); NaN where there is no person.
-        subject: the person's pixels, (B, H, W) bool.
+        subject: the person's pixels, (B, H, W) bool; the :class:`~cltransfer.subject.Subject` is ``person``.
         layers: foreground, character, background, (B, 3, H, W) bool, disjoint.
         flow: backward flow, frame i -> i-1, (B, 2, H, W) [px of ``size``]; NaN where undefined (first frame).
         flow_confidence: how far ``flow`` can be trusted, (B, H, W) in [0, 1] on its pixels; NaN where it is undefined.
@@ -47,12 +47,12 @@ class Features:
             as a camera shows it that is turned to look at it (:func:`cltransfer.orientation.orientation_from_axes`).
         camera: who looks, where known (a renderer knows, a clip does not).
         person: who stands in the scene, where known.
-        extras: plugins' own features, each with batch first.
+        extras: plugins' own features, each with batch first, none of them called like a field.
         reasons: why a feature is not there, by name, where an extractor looked and could not tell; see
             :class:`OfThisRun`.
 
     Raises:
-        ValueError: a field has another shape, or another number of frames than the others.
+        ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name.
         TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
 
@@ -86,7 +86,7 @@ class Features:
             return len(value)
         raise ValueError("features are empty: no field is set")
 
-    def __getitem__(self, index: SupportsIndex | slice | Sequence[int]) -> Features:
+    def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | Tensor) -> Features:
         """Frames of ``index``; an integer keeps a batch of one, the same object each time.
 
         Raises:

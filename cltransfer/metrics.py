@@ -115,7 +115,7 @@ class LossMetric(FrameMetric):
         self.name, self.loss = name, LOSSES.build(name, options)
 
     def values(self, reference: Features, rendered: Features | None) -> Tensor:
-        """Raw values of the loss, (N,); NaN where a side lacks what the loss needs.
+        """Raw values of the loss, (N,); all NaN where a side lacks any feature that the loss names in ``requires``.
 
         Raises:
             ValueError: there is nothing rendered, or the reference has neither 1 nor as many frames.
@@ -148,7 +148,7 @@ class TotalMetric(FrameMetric):
         self.objective = Objective({name: LOSSES.build(name, options) for name, options in losses.items()})
 
     def values(self, reference: Features, rendered: Features | None) -> Tensor:
-        """Totals (N,); NaN where the reference has none of the terms that weigh anything.
+        """Totals (N,) on the CPU; NaN where the reference has none of the terms that weigh anything.
 
         Raises:
             ValueError: as of :meth:`LossMetric.values`.
@@ -159,7 +159,7 @@ class TotalMetric(FrameMetric):
         )
 
     def _terms(self, reference: Features, rendered: Features) -> Tensor:
-        """Raw terms (N, L); on the CPU, where the objective's weights are."""
+        """Raw terms (N, L); on the CPU, where the objective's weights are, and so are the totals."""
         losses = self.objective.losses.values()
         return torch.stack([_values(loss, reference, rendered).double().cpu() for loss in losses], dim=1)
 

@@ -19,18 +19,21 @@ from .storage.files import read_json, write_json
 UNIT = 1e-3  # by which a unit vector may be longer or shorter, and lean
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Subject:
-    """One person in a scene.
+    """One person in a scene; tensors are kept as float64 on the CPU.
 
     Args:
-        joints: the 14 joints of :mod:`cltransfer.skeleton` in the world, (14, 3) float64; NaN where unknown.
+        joints: the 14 joints of :mod:`cltransfer.skeleton` in the world, (14, 3); NaN where unknown.
         confidence: how far each joint can be trusted, (14,) in [0, 1]; 0 where unknown.
         facing: unit vector the body faces, (3,), orthogonal to ``up``.
         up: unit vector upwards, (3,).
         height: standing height, scene units, > 0.
         metres_per_unit: scale where known.
         people: how many the scene shows, this one among them; None where nobody counted.
+
+    Raises:
+        ValueError: a shape is wrong or the height is not positive; :meth:`load` checks the other ranges too.
     """
 
     joints: Tensor  # (14, 3)
@@ -46,6 +49,7 @@ class Subject:
             got = tuple(getattr(self, name).shape)
             if got != shape:
                 raise ValueError(f"{name} must be {shape}, got {got}")
+            object.__setattr__(self, name, getattr(self, name).to("cpu", torch.float64))
         if not self.height > 0:
             raise ValueError(f"height must be positive, got {self.height}")
 

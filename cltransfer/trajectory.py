@@ -21,13 +21,16 @@ SIZE_LIMIT = 16384  # [px]
 LONGEST, SHORTEST = 1e9, 1e-6  # [s] of a time, and of the step to the next
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """N cameras over time.
 
     Args:
         camera: N cameras that share one size.
-        times: (N,) float64 [s], strictly increasing.
+        times: (N,) [s], kept as float64 on the CPU, strictly increasing.
+
+    Raises:
+        ValueError: there are not as many times as cameras, or they do not increase.
     """
 
     camera: Camera
@@ -38,6 +41,7 @@ class Trajectory:
             raise ValueError(f"times must be ({len(self.camera)},), got {tuple(self.times.shape)}")
         if not bool((self.times[1:] > self.times[:-1]).all()):
             raise ValueError("times must increase strictly")
+        object.__setattr__(self, "times", self.times.to("cpu", torch.float64))
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -57,6 +61,8 @@ class Trajectory:
 
         Raises:
             ValueError: a time is outside the path.
+
+        No gradient goes through it.
         """
         from scipy.interpolate import CubicSpline
         from scipy.spatial.transform import Rotation, RotationSpline
@@ -66,7 +72,7 @@ class Trajectory:
             raise ValueError(f"times must be within {span}, got {float(times.min()):g} to {float(times.max()):g}")
         if len(self) == 1:
             return self
-        camera, knots = self.camera, self.times.numpy()
+        camera, knots = Camera(self.camera.w2c.detach(), self.camera.K.detach(), self.camera.size), self.times.numpy()
         turned = RotationSpline(knots, Rotation.from_matrix(camera.w2c[:, :3, :3].numpy()))(times.numpy())
         R = torch.from_numpy(turned.as_matrix())
         focal = camera.K[:, [0, 1], [0, 1]].log()

@@ -1,4 +1,7 @@
-"""The story of a transfer: reference + scene + config -> cameras, measured, rendered and written down."""
+"""The story of a transfer: reference + scene + config -> cameras, rendered and measured.
+
+:func:`cltransfer.run.folder.write_run` writes the folder of a run.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,10 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         progress: called with a step, frames done, frames in all.
         record: where every batch of candidates for one frame is kept, so that a run that was killed can go on; whole
             paths are not, a resumed run scores them again. None keeps nothing.
+
+    Returns:
+        What was found: ``trajectory`` of the cameras, ``image`` of their frames, ``searched`` and ``attempts`` with the
+        losses as the search and the networks read them, ``spent``.
 
     Raises:
         UsageError: the config asks for what the scene or the reference cannot give, or this very run was begun in the

@@ -116,3 +116,28 @@ def test_a_camera_of_torch_s_default_type_is_kept_as_float64() -> None:
     made = Camera(camera.w2c.float(), camera.K.float(), SIZE)
     assert (made.w2c.dtype, made.K.dtype) == (torch.float64, torch.float64)
     torch.testing.assert_close(made.center, camera.center, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("eye", [[0.0, 0, 5], [0.0, 0, 0]], ids=["along up", "from where it looks"])
+def test_a_view_that_has_no_direction_is_undefined(eye: list[float]) -> None:
+    assert looking(eye, [0, 0, 0], [0, 0, 1]).w2c[:, :3, :3].isnan().any()
+    assert looking([0, 3, 5], [0, 0, 0], [0, 0, 1]).w2c.isfinite().all()
+
+
+def test_no_cameras_see_no_points() -> None:
+    none = looking([0, 0, 5], [0, 0, 0], [0, 1, 0])[[]]
+    assert none.to_camera(torch.zeros(4, 3)).shape == (0, 4, 3)
+
+
+def test_cameras_are_kept_on_the_cpu_whatever_they_are_made_of() -> None:
+    elsewhere = torch.eye(4, device="meta")[None], torch.eye(3, device="meta")[None]
+    with pytest.raises(NotImplementedError, match="meta"):  # which has nothing to bring
+        Camera(*elsewhere, SIZE)
+
+
+def test_cameras_are_told_apart_by_which_they_are() -> None:
+    one, other = (looking([0, 0, 5], [0, 0, 0], [0, 1, 0]) for _ in range(2))
+    assert one == one
+    assert one != other
+    assert other in [one, other]
+    assert len({one, other}) == 2

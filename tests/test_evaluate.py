@@ -62,6 +62,13 @@ def clip(tmp_path: Path) -> Path:
     return tmp_path / "clip.mkv"
 
 
+def test_threads_are_the_config_s_and_afterwards_the_caller_s(clip: Path, config: RunConfig) -> None:
+    before, during = torch.get_num_threads(), set[int]()
+    cv2.setNumThreads(3)
+    evaluate(clip, clip, replace(config, threads=1), lambda step, done, of: during.add(cv2.getNumThreads()))
+    assert (during, cv2.getNumThreads(), torch.get_num_threads()) == ({1}, 3, before)
+
+
 def test_the_images_of_a_clip_at_its_rate_score_zero(clip: Path, config: RunConfig) -> None:
     folder = clip.with_name("frames")
     for first, second in ((str(clip), f"{folder}#fps=30"), (f"{folder}#fps=30", str(clip))):

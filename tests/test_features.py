@@ -260,3 +260,23 @@ def test_features_index_concatenate_and_require() -> None:
     assert torch.equal(joined.require("gaze"), features.require("gaze"))
     with pytest.raises(KeyError, match="feature 'depth' was not extracted; add an extractor"):
         features.require("depth")
+
+
+def test_an_extra_may_not_be_called_like_a_field() -> None:
+    features = sample_features(0, 2)
+    with pytest.raises(ValueError, match="depth is a field of its own, expected another name among extras"):
+        replace(features, extras={"depth": features.depth})
+    with pytest.raises(ValueError, match="size is a field of its own"):
+        features.having("size", torch.zeros(2, 1))
+
+
+def test_a_person_for_a_mask_is_told_where_to_go() -> None:
+    with pytest.raises(TypeError, match=r"subject must be a tensor .*, got Subject; that is the field person"):
+        replace(sample_features(0, 2), subject=sample_subject())
+
+
+def test_features_are_told_apart_by_which_they_are() -> None:
+    one, other = sample_features(0, 2), sample_features(0, 2)
+    assert one != other
+    assert [one, other].index(other) == 1
+    assert len({one, other}) == 2

@@ -30,6 +30,13 @@ def test_a_subject_comes_back_and_an_unknown_joint_is_null(tmp_path: Path) -> No
     assert again.height == 1.7
 
 
+def test_what_a_person_is_made_of_is_kept_as_float64() -> None:
+    one = subject()
+    rough = Subject(one.joints.float(), one.confidence.float(), one.facing.float(), one.up, 1.7)
+    assert {rough.joints.dtype, rough.confidence.dtype, rough.facing.dtype, rough.left.dtype} == {torch.float64}
+    assert one != rough
+
+
 def test_a_subject_may_be_named_by_a_text(tmp_path: Path) -> None:
     path = str(tmp_path / "subject.json")
     subject().save(path)

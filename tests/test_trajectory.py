@@ -51,6 +51,15 @@ def test_between_its_frames_a_path_goes_on_smoothly() -> None:
     assert all(fine < coarse / 6 for fine, coarse in zip(errors[17], errors[9]))
 
 
+def test_times_are_kept_as_float64_and_no_gradient_goes_through_a_path_between() -> None:
+    path = dolly_zoom_around(moments(5))
+    w2c = path.camera.w2c.clone().requires_grad_()
+    learned = Trajectory(Camera(w2c, path.camera.K, path.camera.size), path.times.float())
+    assert learned.times.dtype == torch.float64
+    between = learned.at(torch.tensor([0.3, 0.7], dtype=torch.float64))
+    assert not between.camera.w2c.requires_grad
+
+
 def test_between_two_frames_a_path_is_straight() -> None:
     path = dolly_zoom_around(torch.tensor([0.0, 1.0], dtype=torch.float64))
     middle = path.at(torch.tensor([0.5], dtype=torch.float64)).camera

@@ -52,19 +52,24 @@ def require_person(source: str, features: Features, hint: str = ELSEWHERE) -> No
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times: Tensor | None = None) -> Features:
-    """Features of frames (N, 3, H, W) uint8, read by the image extractors of ``plan``; the largest person's.
+    """Features of the N frames of one clip, read by the image extractors of ``plan``; the largest person's.
+
+    Frames follow one another: flow goes from each to the next and is NaN in the first, and one person is followed
+    through all of them. So a clip is read in one call; images that are none have no movement to compare.
 
     What a reader of whole clips cannot tell of them (``extractors.depth_sfm`` where nothing moves) is in ``reasons``;
     of two clips that are compared, :func:`read_alike` has them read by one rule all the same.
 
     Args:
-        image: the frames.
+        image: consecutive frames, (N, 3, H, W) uint8.
         plan: of image extractors.
         progress: called with a step, frames done, frames in all.
         times: of the frames, (N,) [s], by which the person is followed; None takes 24 a second.
 
     Raises:
         ValueError: ``image`` is anything else.
+        ModelError: a network that the plan reads by is not there.
+        ResourceError: what is read takes more memory than is free.
     """
     _check_frames(image)
     return read_frames(image, plan, None, progress, times)[0]
@@ -170,7 +175,7 @@ def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tupl
         found += _persons(detector, _loaded(image, None, start, start + CHUNK))
         progress("finding persons", min(start + CHUNK, count), count)
     box, flags = follow(found)
-    return _of_person(image, plan, torch.from_numpy(box).float(), progress), flags
+    return _of_person(image, plan, torch.from_numpy(box).float().to(image.device), progress), flags
 
 
 def _of_person(image: Tensor, plan: Plan, box: Tensor | None, progress: Progress) -> Features:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .splats import Splats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A geometry with a person in it.
 

@@ -18,6 +18,11 @@ def _same(first: Tensor, second: Tensor) -> None:
     torch.testing.assert_close(first, second, rtol=1e-5, atol=1e-6, equal_nan=True)
 
 
+def _unchanged(features: Features, copied: Features) -> None:
+    for name in features.names() - {"camera", "person"}:
+        _same(features.require(name), copied.require(name))
+
+
 def _only(features: Features, names: frozenset[str]) -> Features:
     keep: Mapping[str, Any] = {n: features.require(n) for n in names if n not in features.extras}
     extras = {n: v for n, v in features.extras.items() if n in names}
@@ -88,6 +93,22 @@ class LossCase(ComponentCase):
         value = self.component(reference, rendered)
         assert bool((value.isnan() if about_person else ~(value < 0)).all())
 
+    def test_nobody_in_the_reference_is_undefined(self) -> None:
+        """Else its frames without a person would count as ones that have the loss, which nothing rendered has."""
+        if not PERSON_FEATURES & set(self.component.requires):
+            return
+        nobody, rendered = without_person(self._sample(1, 2)), self._sample(2, 2)
+        assert bool(self.component(nobody, rendered).isnan().all())
+        assert bool(self.component(nobody, without_person(rendered)).isnan().all())
+
+    def test_changes_nothing_in_place(self) -> None:
+        """One reference is compared with many renders."""
+        sides = self._sample(1, 2), self._sample(2, 2)
+        kept = copy.deepcopy(sides)
+        self.component(*sides)
+        for features, copied in zip(sides, kept):
+            _unchanged(features, copied)
+
     def test_declared_features_suffice(self) -> None:
         """What it requires and uses is all that it reads; what it only uses may be absent."""
         reference, rendered = self._sample(1, 2), self._sample(2, 2)
@@ -154,10 +175,8 @@ class ExtractorCase(ComponentCase):
         kept = copy.deepcopy((now, before))
         self.run(now, before)
         for features, copied in zip((now, before), kept):
-            if features is None or copied is None:
-                continue
-            for name in features.names() - {"camera", "person"}:
-                _same(features.require(name), copied.require(name))
+            if features is not None and copied is not None:
+                _unchanged(features, copied)
 
     def test_batch_equals_single(self) -> None:
         if getattr(self.component, "whole_clip", False):

@@ -50,6 +50,32 @@ def test_a_feature_that_the_frames_lack_is_named_with_how_to_give_it(test: str) 
 
 
 @dataclass(frozen=True)
+class Careless:
+    """How large the person is; of nobody 0, and it writes on what it was given."""
+
+    weight: float = 1.0
+    requires: ClassVar[tuple[str, ...]] = ("subject",)
+    unit: ClassVar[str] = "frame"
+    penalty: ClassVar[float] = 1.0
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        sizes = [side.require("subject").float().mean((1, 2)) for side in (reference, rendered)]
+        value = (sizes[1] - sizes[0]).abs().masked_fill(sizes[1] == 0, torch.nan)
+        reference.require("subject")[:, 0] = True
+        return value
+
+
+class OfCareless(LossCase):
+    component: ClassVar[Any] = Careless()
+
+
+@pytest.mark.parametrize("test", ["test_nobody_in_the_reference_is_undefined", "test_changes_nothing_in_place"])
+def test_a_careless_loss_is_found_out(test: str) -> None:
+    with pytest.raises(AssertionError):
+        getattr(OfCareless(), test)()
+
+
+@dataclass(frozen=True)
 class Sure(GazeMatch):
     """Counts for less where nobody is sure."""
 
