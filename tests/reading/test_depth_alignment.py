@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from pathlib import Path
 
 import pytest
@@ -135,6 +136,15 @@ def test_the_verb_reads_a_network_off_a_scene_and_says_how_steady_it_is(blue):
     assert found["affine"][0] == 1
     assert found["error"][1] < found["error"][0]
     assert found["spread"] > 0.1
+
+
+def test_what_the_verb_prints_goes_behind_the_options_that_it_was_given(blue, command, tmp_path):
+    printed = shlex.split(command("models", "align", "builtin:plaza", blue, "--views", "4").out.splitlines()[0])
+    network = load_config(overrides=[blue, *printed]).extractors["depth_onnx"]
+    assert network["align"] == "shift"
+    assert network["affine"][0] == 1
+    answer = command("inspect", tmp_path / "gone.mp4", blue, *printed)
+    assert (answer.code, "gone.mp4: no such file" in answer.err) == (3, True), answer.err
 
 
 def test_the_verb_looks_at_a_person_and_by_an_up_that_it_is_given(blue, tmp_path):
