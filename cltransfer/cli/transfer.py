@@ -42,7 +42,12 @@ def transfer(
             "(COLMAP, transforms.json, cameras.json, poses_bounds.npy, EasyMocap)."
         ),
     ] = "auto",
-    subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,
+    subject: Annotated[
+        str | None,
+        typer.Option(
+            help="subject.json of `cltransfer lift`, or who is lifted: 1 for the next after the one seen most."
+        ),
+    ] = None,
     up: Up = None,
     resume: Annotated[
         Path | None,
@@ -84,7 +89,8 @@ def transfer(
     from ..storage.run_files import refuse_written
     from ..transfer import Inputs
 
-    inputs = Inputs(scene, reference, init, subject, up_of(up))
+    person = int(subject) if subject is not None and subject.isdecimal() and not Path(subject).is_file() else subject
+    inputs = Inputs(scene, reference, init, Path(person) if isinstance(person, str) else person, up_of(up))
     folder = resume or out or default_folder(scene, reference)
     if resume is None:  # what is resumed was begun so, or its journal refuses it
         configs = (config, *settings.origins.values())  # a file that another is based on too

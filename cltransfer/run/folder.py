@@ -99,7 +99,8 @@ def _settled(config: RunConfig, result: Result) -> RunConfig:
 def report_data(folder: Path, result: Result, inputs: Inputs, plugins: Sequence[str]) -> ReportData:
     """The run as its report shows it."""
     spent: dict[str, int | float | str] = dict(asdict(result.spent))
-    spent["evaluations_per_frame"] = round(result.spent.evaluations / len(result.trajectory), 1)
+    for name in ("evaluations", "network_passes"):
+        spent[f"{name}_per_frame"] = round(getattr(result.spent, name) / len(result.trajectory), 1)
     spent |= {f"seconds, {step}": round(seconds, 2) for step, seconds in result.seconds.items()}
     spent["seconds"] = round(sum(result.seconds.values()), 2)
     stops = Counter(minimum.stop for minimum in result.kept.found.frames)

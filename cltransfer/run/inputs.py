@@ -22,7 +22,8 @@ class Inputs:
         scene: a scene file, ``builtin:NAME``, or from Python a scene, whose digest stands for it in caches and journal.
         reference: see :func:`cltransfer.reading.reference.read_reference`.
         init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
-        subject: a subject.json; None lifts the scene, or takes the lift from the cache.
+        subject: a subject.json; or which person is lifted, or taken from the cache, 0 for the one that most views see;
+            None is that one, and who the scene tells by itself.
         up: the scene's up; None takes the format's usual one, or the scene's own.
 
     A :class:`~pathlib.Path` is kept as text.
@@ -31,7 +32,7 @@ class Inputs:
     scene: str | Scene
     reference: str
     init: str = "auto"
-    subject: Path | None = None
+    subject: Path | int | None = None
     up: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -56,7 +57,7 @@ def given_scene(inputs: Inputs) -> Scene:
     scene = (
         _checked(inputs.scene, inputs.up) if isinstance(inputs.scene, Scene) else load_scene(inputs.scene, inputs.up)
     )
-    return scene if inputs.subject is None else load_person(scene, inputs.subject)
+    return load_person(scene, inputs.subject) if isinstance(inputs.subject, Path) else scene
 
 
 def _checked(scene: Scene, up: tuple[float, float, float] | None) -> Scene:

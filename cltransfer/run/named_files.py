@@ -25,7 +25,7 @@ def named_files(inputs: Inputs) -> Iterator[Path]:
     if inputs.init != "auto":
         path, colon, index = inputs.init.rpartition(":")
         yield Path(path if colon and index.isdecimal() else inputs.init)
-    if inputs.subject is not None:
+    if isinstance(inputs.subject, Path):
         yield from (inputs.subject, inputs.subject.parent / LABELS)
 
 

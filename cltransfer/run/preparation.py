@@ -19,6 +19,7 @@ from ..driver.journal import VIEW, fingerprint
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
 from ..driver.starts import Starting, Starts
+from ..errors import UsageError
 from ..features import Features
 from ..pipeline.components import Components
 from ..pipeline.objective import Objective
@@ -93,7 +94,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
     view = None if inputs.init == "auto" else given_view(inputs.init)
     clock.lap("scene")
-    lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors)
+    lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors, person=_person(inputs, scene))
     alignment = None
     if needs_scene(parts, inputs.reference, family):
         scene = lift(scene)  # what the reference's depth means is read off it
@@ -134,6 +135,19 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     return Job(
         parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts, by_networks, alignment
     )
+
+
+def _person(inputs: Inputs, scene: Scene) -> int | None:
+    """Which person of ``scene`` is to be lifted.
+
+    Raises:
+        UsageError: the scene tells by itself who its person is.
+    """
+    if not isinstance(inputs.subject, int):
+        return None
+    if scene.subject is not None:
+        raise UsageError("", "--subject", "this scene tells its person itself, nobody is lifted", "leave it out")
+    return inputs.subject
 
 
 def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Reference, family: Family) -> Stage:

@@ -19,6 +19,7 @@ from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import load_person
 from cltransfer.scenes.ply import write_splats
 from cltransfer.scenes.splats import Splats
+from cltransfer.subject import Subject
 
 Command = Callable[..., Any]
 SMALL = ("search_side=96", "output_side=240", "threads=1", "preset=fast", "--quiet")
@@ -84,6 +85,22 @@ def test_either_of_two_persons_is_lifted_and_nobody_else(
     truths[0, : len(own)][own], truths[1, len(own) :] = 1, 1
     for scene in scenes:
         assert max(share(scene.geometry.label, truth) for truth in truths) > 0.95
+
+
+def test_a_transfer_films_the_person_that_is_asked_for(
+    command: Command, networks: tuple[str, ...], pair: tuple[Path, Tensor], tmp_path: Path
+) -> None:
+    file, way = pair
+    filmed = []
+    for person in (0, 1):
+        run, small = tmp_path / f"run {person}", ("frames=1", "search_side=48", "output_side=64", "preset=fast")
+        words = (file, "builtin:static", "--subject", person, "--out", run, *small, "threads=1", "--quiet")
+        answer = command("transfer", *words, *networks)
+        assert answer.code == 0, answer.err
+        assert "2 people in the scene, one is filmed: --subject 1 takes the next" in answer.out
+        filmed.append(Subject.load(run / "subject.json").anchor)
+    apart = filmed[1] - filmed[0]
+    assert min(float((apart - way).norm()), float((apart + way).norm())) < 0.25
 
 
 def test_a_person_who_is_not_there_cannot_be_lifted(

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.errors import CltransferError
+from cltransfer.errors import CltransferError, UsageError
 from cltransfer.run.folder import write_run
 from cltransfer.run.inputs import Inputs, given_scene
 from cltransfer.scenes import Scene
@@ -61,3 +61,9 @@ def test_a_scene_has_its_own_up() -> None:
 def test_a_path_is_taken_where_text_is() -> None:
     given = Inputs(Path("scene.ply"), Path("clip.mp4"), Path("view.json"))
     assert (given.scene, given.reference, given.init) == ("scene.ply", "clip.mp4", "view.json")
+
+
+def test_nobody_is_lifted_where_the_scene_tells_its_person() -> None:
+    small = load_config(overrides=["preset=fast", "frames=1", "search_side=48", "output_side=64", "threads=1"])
+    with pytest.raises(UsageError, match=r"--subject: this scene tells its person itself, nobody is lifted"):
+        transfer(Inputs("builtin:plaza", "builtin:static", subject=1), small)

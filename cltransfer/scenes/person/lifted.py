@@ -147,26 +147,30 @@ def load_person(scene: Scene, subject_file: Path) -> Scene:
 
 
 def lifted_scene(
-    scene: Scene, renderer: Any, extractors: Mapping[str, Any], progress: Callable[[str], None] = lambda step: None
+    scene: Scene,
+    renderer: Any,
+    extractors: Mapping[str, Any],
+    progress: Callable[[str], None] = lambda step: None,
+    person: int | None = None,
 ) -> Scene:
     """The scene with its person: its own, that of the cache by content, or lifted now (and cached).
 
-    Who is marked in the scene's files stays marked.
+    Who is marked in the scene's files stays marked, if no ``person`` is asked for (:class:`.lift.LiftOptions`).
     """
     if scene.subject is not None:
         return scene
-    cached = cached_lift(scene, renderer, extractors)
+    cached = cached_lift(scene, renderer, extractors, person)
     if cached.is_file():
         found = load_person(scene, cached)
     else:
-        lifted = lift_scene(scene, renderer, extractors, progress=progress)
+        lifted = lift_scene(scene, renderer, extractors, LiftOptions(person=person), progress)
         cache_lift(cached.parent, lifted)
         found = with_person(scene, lifted.subject, (lifted.label > 0.5).float())
-    return replace(found, geometry=scene.geometry) if bool(scene.geometry.label.any()) else found
+    return replace(found, geometry=scene.geometry) if person is None and bool(scene.geometry.label.any()) else found
 
 
-def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any]) -> Path:
-    """Where the cache keeps the person of this scene, drawn with this renderer and read with these extractors.
+def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any], person: int | None = None) -> Path:
+    """Where the cache keeps a person of this scene, drawn with this renderer and read with these extractors.
 
     By other code of ours that draws or reads, a person is lifted anew.
     """
@@ -175,6 +179,7 @@ def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any]) -> P
     drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
     shown = [scene.digest, scene.harmonics]
     ours = own_code(*READERS, "renderers", "scenes")
-    known = [ours, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code])]
+    which = None if person is None else f"person {person}"
+    known = [ours, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code, which])]
     text = json.dumps(known, default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT
