@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from .scenes.load import load_scene
 from .scenes.person.find_people import SIZE
 from .scenes.person.lift import Lift, LiftOptions
 from .scenes.person.lifted import cache_lift, cached_lift, lift_scene, save_lift, summary
+from .storage.files import told_from_here
 from .storage.run_files import LABELS, SUBJECT
 from .trajectory import Trajectory
 
@@ -87,5 +87,5 @@ def lift_lines(folder: Path, found: Lift) -> str:
     for name, joint in told["joints"].items():
         shown = "not known" if joint["error_widths"] is None else f"{100 * joint['error_widths']:.2f}"
         lines.append(f"{name:<16}{joint['seen']:>6}{joint['agreed']:>8}{shown:>18}")
-    lines += [f"{name:<20} {os.path.relpath(folder / name)}" for name in (SUBJECT, LABELS, SHEET)]
+    lines += [f"{name:<20} {told_from_here(folder / name)}" for name in (SUBJECT, LABELS, SHEET)]
     return "\n".join(lines)

@@ -114,9 +114,10 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     runs = options.out.resolve() / "runs"
     kept_in = str(runs) if options.keep_runs else None
     job = Job(tuple(settle(options.plugins)), kept_in, plugin_codes(), own_code())
-    before = [t.key for t in asked if t not in missing and not known[t.key].failed]
+    wanting = {t.key for t in missing}
+    before = [t.key for t in asked if t.key not in wanting and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0
-    old = sum(bool(known[t.key].failed) for t in asked if t not in missing)
+    old = sum(bool(known[t.key].failed) for t in asked if t.key not in wanting)
     if missing:  # what lies there is of another sweep, or not of all of this
         for name in TABLES:
             (options.out / name).unlink(missing_ok=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TypeVar
 
 import torch
 
-from ..computer.processor import processor
+from ..computer.processor import load_average, processor
 from ..computer.revision import commit
 from ..errors import CltransferError
 from ..storage.alone import alone
@@ -70,7 +69,7 @@ def kept_rows(
                 lost.append(row)
                 told(f"{count} of {len(todo)}: {row}; {left}")
                 continue
-            done[key] = {**row, "key": key, **where, "load": round(os.getloadavg()[1], 2)}
+            done[key] = {**row, "key": key, **where, "load": load_average()}
             keep(folder / FILE, done[key])
             told(f"{count} of {len(todo)}: {named(done[key])}; {left}")
     if lost:

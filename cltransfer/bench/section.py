@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import torch
 
-from ..computer.processor import processor
+from ..computer.processor import load_average, processor
 from ..computer.revision import commit
 from ..storage.files import write_text
 from .pages import markers, page_text
@@ -34,7 +33,7 @@ def machine(rows: Sequence[Mapping[str, Any]] | None = None) -> list[str]:
         rows: that were kept, each with its load average, machine and torch; older ones have none. None: all was
             measured just now.
     """
-    load = f", load average {os.getloadavg()[1]:.1f} while measured" if rows is None else _load(rows)
+    load = _load([{"load": load_average()}] if rows is None else rows)
     return [
         f"Machine: {_each(rows, 'machine', processor())}{load};",
         f"torch {_each(rows, 'torch', torch.__version__)}; commit {commit()}.",
@@ -52,7 +51,7 @@ def _each(rows: Sequence[Mapping[str, Any]] | None, name: str, here: str) -> str
 
 def _load(rows: Sequence[Mapping[str, Any]]) -> str:
     """The range of the load averages that ``rows`` tell, and how many do; empty where none does."""
-    known = [row["load"] for row in rows if "load" in row]
+    known = [row["load"] for row in rows if row.get("load") is not None]
     if not known:
         return ""
     span = " to ".join(dict.fromkeys(f"{load:.1f}" for load in (min(known), max(known))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -101,8 +102,9 @@ def files_of(path: Path, fps: float | None) -> list[Path]:
 
 
 def _video_frames(path: Path, wanted: set[int]) -> Iterator[Frame]:
-    # decoded a second time, so that only the frames kept take memory
-    return (frame for index, frame in enumerate(decode(path)) if index in wanted)
+    # decoded a second time, so that only the frames kept take memory; what comes after them was looked at before
+    first = islice(decode(path), max(wanted) + 1)
+    return (frame for index, frame in enumerate(first) if index in wanted)
 
 
 def images_of(files: list[Path]) -> Iterator[Frame]:

@@ -7,6 +7,11 @@ import platform
 from pathlib import Path
 
 
+def load_average() -> float | None:
+    """How many programs wanted a core over the last five minutes; None where the system does not count them."""
+    return round(os.getloadavg()[1], 2) if hasattr(os, "getloadavg") else None
+
+
 def processor() -> str:
     """The processor's name, where the system tells it, and how many logical cores there are."""
     info = Path("/proc/cpuinfo")

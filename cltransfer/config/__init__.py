@@ -150,6 +150,8 @@ def _base(path: Path, base: Any) -> Path:
     """
     if not isinstance(base, str) or not base or "\0" in base:
         raise UsageError(path, "base", "expected the name of a file", f"got {base!r}")
+    if base.replace("\\", "/").startswith("//"):  # Windows would ask another computer for it
+        raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
     found = path.parent / base
     if not found.resolve().is_relative_to(path.parent.resolve().parent):
         raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")

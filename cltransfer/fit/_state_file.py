@@ -43,7 +43,7 @@ def read_state(path: Path) -> Any:
             meta: dict[str, str] = stream.metadata() or {}
             if meta.get("format") != FORMAT:
                 raise InputError(path, "format", f"expected {FORMAT!r}, got {meta.get('format')!r}")
-            tensors = {key: stream.get_tensor(key) for key in stream.keys()}  # noqa: SIM118
+            tensors = {key: stream.get_tensor(key).clone() for key in stream.keys()}  # noqa: SIM118
         return _unfold(json.loads(meta["tree"]), tensors)
     except (SafetensorError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise InputError(path, "", f"not a training state: {error}") from None

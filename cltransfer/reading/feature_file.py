@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..computer.memory import require_free
 from ..errors import InputError
 from ..features import NAMES, SHAPES, Features, OfThisRun
 from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
@@ -68,11 +69,13 @@ class FeatureFile:
         Raises:
             InputError: it is missing, too large, of another format, or its tensors are of a wrong type or do not
                 fit together.
+            ResourceError: there is not memory enough for it.
         """
         from safetensors import SafetensorError, safe_open
 
         path = Path(path)
         check_tensor_file(path, LIMIT, "feature file")
+        require_free(path.stat().st_size, path, "the features", "take fewer frames")
         try:
             with safe_open(path, framework="pt") as stream:
                 meta: dict[str, str] = stream.metadata() or {}

@@ -36,8 +36,17 @@ def check_maps(*images: Tensor) -> None:
     Raises:
         ResourceError: less is free than the maps of all their frames take.
     """
-    need = sum(MAPS * len(image) * image.shape[2] * image.shape[3] for image in images)
-    what = " and ".join(f"{len(image)} of {image.shape[3]}x{image.shape[2]}" for image in images)
+    check_room(*((len(image), image.shape[3], image.shape[2]) for image in images))
+
+
+def check_room(*clips: tuple[int, int, int]) -> None:
+    """:func:`check_maps` of clips that are not there yet: how many frames each has, how wide and how high.
+
+    Raises:
+        ResourceError: less is free than the maps of all their frames take.
+    """
+    need = sum(MAPS * count * width * height for count, width, height in clips)
+    what = " and ".join(f"{count} of {width}x{height}" for count, width, height in clips)
     require_free(need, "", f"the maps of frames, {what},", HINT)
 
 

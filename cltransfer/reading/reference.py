@@ -25,7 +25,7 @@ from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import kept_frames
 from .feature_file import LIMIT, FeatureFile
-from .frames import ELSEWHERE, check_maps, read_alike, read_frames, require_person
+from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, require_person
 from .scene_source import split_scene
 
 _log = logging.getLogger("cltransfer")
@@ -209,6 +209,7 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
     plan = parts.plan(reading.scene_family)
     buffers = (plan.buffers | {"image"}) - SCENE_SOURCE
     renderer = renderer_of(scene, parts.renderer)
+    check_room((len(path), *path.camera.size))
     image = torch.empty((len(path), 3, *path.camera.size[::-1]), dtype=torch.uint8)
 
     def load(start: int, stop: int) -> Features:

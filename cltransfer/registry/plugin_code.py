@@ -53,10 +53,12 @@ def raised_in(error: BaseException) -> Path | None:
 def code_in(package: Path) -> str:
     """SHA-256 of the names and contents of every Python file in a folder that is not hidden."""
     digest = hashlib.sha256()
-    for part in sorted(package.rglob("*.py")):
+    for part in sorted(package.rglob("*.py"), key=lambda part: part.relative_to(package).parts):  # on any system
         if not part.is_file() or any(name.startswith(".") for name in part.relative_to(package).parts):
             continue
-        digest.update(f"{part.relative_to(package)}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode())
+        digest.update(
+            f"{part.relative_to(package).as_posix()}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode()
+        )
     return digest.hexdigest()
 
 

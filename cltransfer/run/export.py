@@ -11,12 +11,13 @@ from ..export.colmap import check_model, write_colmap
 from ..export.lens import rate_of
 from ..export.nerfstudio import write_camera_path
 from ..export.usd import write_usd
-from ..storage.files import check_out_file, read_json
+from ..storage.files import check_out_file, read_json, same_file
 from ..storage.run_files import MANIFEST, RESULTS, TRAJECTORY, is_run, require_done
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
 
 TURNED = (".glb", ".gltf", ".obj")  # files whose y other programs take for up
+FRAMES = 100_000  # cameras of one file, about 20 MB
 WORLDS = (".usda", ".py")  # formats that say, or act on, which way is up
 
 
@@ -46,7 +47,7 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None) -
             reason = "is no run's" if (source / MANIFEST).is_file() else "no such file"
             raise InputError(source, MANIFEST, reason, "expected the folder of a run, or a trajectory.json")
         require_done(source)
-    trajectory = at_rate(Trajectory.load(source / TRAJECTORY if run else source), fps)
+    trajectory = at_rate(Trajectory.load(source / TRAJECTORY if run else source), fps, FRAMES)
     turned = _turned(source) if run and y_up is None and kind in WORLDS else bool(y_up)
     rate = fps or rate_of(trajectory)
     if kind == ".usda":
@@ -86,6 +87,5 @@ def _check_out(out: Path, kind: str, source: Path) -> None:
     check_out_file(out) if kind else check_model(out)
     target = Path(os.path.realpath(out))
     runs = [folder for folder in (source.resolve(), *target.parents[:2]) if is_run(folder)]
-    kept = [source.resolve(), *(Path(os.path.realpath(folder / name)) for folder in runs for name in RESULTS)]
-    if target in kept:
+    if any(same_file(target, kept) for kept in (source, *(folder / name for folder in runs for name in RESULTS))):
         raise UsageError(out, "--out", "is a file of a run itself, or what is read", "name another")

@@ -28,7 +28,7 @@ from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
 from ..scenes.meshes.moment import split_moment
 from ..scenes.person.lifted import save_labels
-from ..storage.files import write_json, write_text
+from ..storage.files import told_from_here, write_json, write_text
 from ..storage.run_files import (
     BESIDE,
     CAMERA_PATH,
@@ -172,5 +172,5 @@ def summary_lines(folder: Path, report: ReportData) -> str:
     lines += [f"note: {note}" for note in report.findings]
     for path in (folder / name for name in (BESIDE, VIDEO, STRIP, TRAJECTORY, CAMERA_PATH, REPORT)):
         if path.is_file():
-            lines.append(f"{path.name:<18} {os.path.relpath(path)}")
+            lines.append(f"{path.name:<18} {told_from_here(path)}")
     return "\n".join(lines)

@@ -10,8 +10,13 @@ from ..trajectory import FRAME_LIMIT, Trajectory
 MOST_FPS = 240
 
 
-def at_rate(trajectory: Trajectory, fps: float | None) -> Trajectory:
+def at_rate(trajectory: Trajectory, fps: float | None, most: int = FRAME_LIMIT) -> Trajectory:
     """The path at ``fps`` from its first frame on, the camera led smoothly through those it has; None: as it is.
+
+    Args:
+        trajectory: the path.
+        fps: frames a second.
+        most: frames that there may be.
 
     Raises:
         UsageError: ``fps`` is out of range or makes too many frames.
@@ -22,6 +27,6 @@ def at_rate(trajectory: Trajectory, fps: float | None) -> Trajectory:
         raise UsageError("", "--fps", f"expected a rate in (0, {MOST_FPS}], got {fps:g}")
     start, end = float(trajectory.times[0]), float(trajectory.times[-1])
     count = int((end - start) * fps + 1e-6) + 1
-    if count > FRAME_LIMIT:
-        raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {FRAME_LIMIT}")
+    if count > most:
+        raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {most}")
     return trajectory.at((start + torch.arange(count, dtype=torch.float64) / fps).clamp(max=end))

@@ -99,10 +99,12 @@ def _filmed_run(
         raise InputError(source, "sha256", "is not the scene of this run", "name the right one: --scene FILE")
     cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
     image = render_frames(loaded, parts, cameras, progress)
+    progress("writing the video", 0, 0)
     write_video(target, image, trajectory.times)
     if fps is None:
         return Film(target)
     person = Subject.load(run / SUBJECT) if (run / SUBJECT).is_file() else None
+    progress("looking at what lies between", 0, 0)
     return Film(target, tuple(_doubts(loaded, parts, cameras, trajectory.times, person)))
 
 

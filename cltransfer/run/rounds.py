@@ -105,6 +105,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
 def _counting(progress: Progress, step: str, count: int) -> Report:
     def report(frame: int, solved: Solved) -> None:
         progress(step, frame + 1, count)
+        if frame + 1 == count:
+            progress(f"{step}: the path", 0, 0)  # through them, of which nobody knows how long it takes
 
     return report
 

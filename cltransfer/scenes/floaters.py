@@ -23,6 +23,7 @@ from ..computer.threads import thread_count
 from ..errors import InputError
 from ..storage.files import atomic, cache_dir, into_cache
 from . import Scene
+from .columns import RESERVE, needed_bytes
 from .simplify import subset
 from .splats import Splats
 
@@ -62,7 +63,11 @@ def without_floaters(scene: Scene) -> Scene:
     count = len(scene.geometry)
     require_free(PEAK * count, scene.name, f"the neighbours of {count} Gaussians", "set floaters=keep")
     alone = floaters(scene.geometry)
-    return replace(scene, geometry=subset(scene.geometry, ~alone)) if bool(alone.any()) else scene
+    if not bool(alone.any()):
+        return scene
+    held = needed_bytes(count, scene.geometry.degree) - RESERVE  # a second scene, which is drawn beside the whole one
+    require_free(held, scene.name, f"{count} Gaussians without those that float", "set floaters=keep")
+    return replace(scene, geometry=subset(scene.geometry, ~alone))
 
 
 def _known(splats: Splats) -> Array:

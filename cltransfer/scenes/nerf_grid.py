@@ -124,7 +124,7 @@ def read_grid(path: Path) -> NerfGrid:
     try:
         with safe_open(path, framework="pt") as stream:
             _check_header(path, stream)
-            tensors = {key: stream.get_tensor(key).to(_KEPT[key]) for key in KEYS}
+            tensors = {key: stream.get_tensor(key).to(_KEPT[key], copy=True) for key in KEYS}
     except SafetensorError as error:
         raise InputError(path, "", f"not a grid in safetensors: {error}") from None
     _check_values(path, tensors)

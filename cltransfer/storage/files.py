@@ -127,10 +127,28 @@ def refuse_outside(folder: Path, paths: Iterable[Path], whole: str) -> None:
             raise InputError(path, "", f"leads out of the folder of its {whole}", "put the file itself there")
 
 
+def same_file(one: Path, other: Path) -> bool:
+    """Whether both are one file, by links or by a system that counts capitals for nothing too; there or not."""
+    if one.exists() and other.exists():
+        return one.samefile(other)
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
+def told_from_here(path: Path) -> str:
+    """``path`` from the folder we are in, or whole where no way leads there, as to another drive."""
+    try:
+        return os.path.relpath(path)
+    except ValueError:
+        return str(path)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write ``text`` as UTF-8, whole or not at all; bytes of a file's name that are none are shown as ``\\udce9``."""
+    """Write ``text`` as UTF-8, whole or not at all, the same bytes on every system.
+
+    Bytes of a file's name that are none are shown as ``\\udce9``.
+    """
     with atomic(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -253,7 +271,7 @@ def content_hash(path: Path) -> str:
     members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     for member in members:
         if path.is_dir():
-            digest.update(os.fsencode(f"{member.relative_to(path)}\0{member.stat().st_size}\0"))
+            digest.update(os.fsencode(f"{member.relative_to(path).as_posix()}\0{member.stat().st_size}\0"))
         with member.open("rb") as stream:
             while block := stream.read(2**20):
                 digest.update(block)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import InputError, UsageError
-from .files import check_out, read_json, refuse_outside, temporaries
+from .files import check_out, read_json, refuse_outside, same_file, temporaries
 
 FORMAT = "cltransfer.run"  # what the manifest of a run says it is
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
@@ -112,9 +111,9 @@ def refuse_written(folder: Path, read: Iterable[Path]) -> None:
     Raises:
         UsageError: one of those paths is the folder, or a file in it that runs write.
     """
-    written = {os.path.realpath(folder / name) for name in ("", JOURNAL, *RESULTS)}
+    written = [folder / name for name in ("", JOURNAL, *RESULTS)]
     for path in read:
-        if os.path.realpath(path) in written:
+        if any(same_file(path, name) for name in written):
             raise UsageError(path, "", "this run reads it and would replace it", "name another --out")
 
 

@@ -1,6 +1,7 @@
 """Cleaning a clip: which part, one shot, no bars; times by pts."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +11,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from cltransfer.clips import part as parts
 from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.cuts import find_cuts, small_pictures
+from cltransfer.clips.decoding import Frame
 from cltransfer.clips.letterbox import find_letterbox
 from cltransfer.clips.open_clip import ASSUMED, open_clip
 from cltransfer.clips.pairs import open_pairs
@@ -355,3 +358,19 @@ def test_frames_far_apart_in_time_are_flagged(tmp_path: Path, step: float, flagg
     where = saved(tmp_path / "clip.mkv", scenery(0), torch.arange(10).double() * step)
     _, flags = open_clip(where)
     assert [("frames are 2.5 s apart" in flag) for flag in flags] == ([True] if flagged else [])
+
+
+def test_nothing_is_decoded_behind_the_last_frame_that_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    where, taken = saved(tmp_path / "clip.mkv", scenery(0, 10)), list[int]()
+    decode = parts.decode
+
+    def counted(path: Path) -> Iterator[Frame]:
+        taken.append(0)
+        for frame in decode(path):
+            taken[-1] += 1
+            yield frame
+
+    monkeypatch.setattr(parts, "decode", counted)
+    clip, _ = open_clip(replace(where, span=(0.0, 0.3), cuts="keep"))
+    assert clip.times.tolist() == pytest.approx([0, 0.1, 0.2, 0.3])
+    assert taken == [10, 4]  # once to know it, once for what is kept

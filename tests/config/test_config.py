@@ -126,6 +126,8 @@ def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
         ('"a\\0"', "expected the name of a file (got 'a\\x00')"),
         ("[a]", "expected the name of a file (got ['a'])"),
         ("3", "expected the name of a file (got 3)"),
+        ("//host/share/a.yaml", "expected a file in this folder or the one above (got //host/share/a.yaml)"),
+        (r"'\\host\share\a.yaml'", r"expected a file in this folder or the one above (got \\host\share\a.yaml)"),
     ],
 )
 def test_a_base_that_is_no_file_is_told_with_the_file_and_key_that_name_it(

@@ -19,8 +19,10 @@ from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.graph import Load
 from cltransfer.reading import reference
+from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.storage.files import cache_dir
+from cltransfer.testing import sample_features
 
 MIRROR = 2  # orientation of EXIF
 
@@ -164,9 +166,24 @@ def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
     assert len(readings) == 1
     assert torch.equal(first.require("image"), second.require("image"))
     assert first.names() == second.names()
-    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 3 * 3 * 64 * 36)  # the clip, but not as floats
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 24 * 3 * 64 * 36)  # what is cached, not the maps
     with pytest.raises(ResourceError, match=r"the maps of frames, 3 of 64x36, need .* thin the clip by frames="):
         read_reference(source, parts, Reading())
+
+
+def test_a_scene_that_teaches_is_asked_for_before_its_frames_are_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = Components.build(load_config())
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 10**6)
+    with pytest.raises(ResourceError, match=r"the maps of frames, 3 of \d+x\d+, need"):
+        read_reference("builtin:pan", parts, Reading(frames=3))
+
+
+def test_a_feature_file_is_asked_for_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    FeatureFile(sample_features(0, 3), torch.arange(3) / 24, "").save(tmp_path / "seen.safetensors")
+    FeatureFile.load(tmp_path / "seen.safetensors")
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 1000)
+    with pytest.raises(ResourceError, match=r"seen\.safetensors: memory: the features need"):
+        FeatureFile.load(tmp_path / "seen.safetensors")
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from cltransfer.errors import InputError, UsageError
 from cltransfer.run.export import export_path
+from cltransfer.run.frame_rate import at_rate
 from cltransfer.storage.run_files import CAMERA_PATH, DONE, MANIFEST, TRAJECTORY
+from cltransfer.testing.samples import sample_cameras
 from cltransfer.trajectory import Trajectory
 
 NAMES = {"shot.usda": "#usda 1.0\n", "shot.py": "# A camera path of cltransfer.", "shot.json": "{", "colmap": ""}
@@ -158,3 +161,11 @@ def test_the_verb_tells_what_it_wrote(command: Callable[..., Any], tiny_run: Pat
     for y_up, axis in (("--y-up", "Y"), ("--no-y-up", "Z")):
         assert command("export", tiny_run, y_up, "--out", tmp_path / "shot.usda").code == 0
         assert f'upAxis = "{axis}"' in (tmp_path / "shot.usda").read_text()
+
+
+def test_a_camera_has_more_frames_than_a_video_keeps(tmp_path: Path) -> None:
+    minute = Trajectory(sample_cameras(0, 2), torch.tensor([0.0, 60.0]))
+    minute.save(tmp_path / "minute.json")
+    assert len(export_path(tmp_path / "minute.json", tmp_path / "shot.usda", 48, None)) == 2881
+    with pytest.raises(UsageError, match=r"240 makes 14401 frames of 60\.0 s, at most 2000"):
+        at_rate(minute, 240)

@@ -14,7 +14,15 @@ import yaml
 from safetensors.torch import save_file
 
 from cltransfer.errors import UsageError
-from cltransfer.storage.files import YAML_LEVELS, atomic, check_out, check_yaml, write_text
+from cltransfer.storage.files import (
+    YAML_LEVELS,
+    atomic,
+    check_out,
+    check_yaml,
+    same_file,
+    told_from_here,
+    write_text,
+)
 
 LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
@@ -116,3 +124,24 @@ def test_a_pipe_a_device_and_a_folder_stay_what_they_are(tmp_path: Path) -> None
             write_text(tmp_path / name, "x")
     assert sorted(tmp_path.iterdir()) == before
     assert not any(path.is_file() for path in before)
+
+
+def test_one_file_by_another_name_is_that_file_there_or_not(tmp_path: Path) -> None:
+    (tmp_path / "here").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "here")
+    os.link(tmp_path / "here", tmp_path / "again")  # as a system that counts no capitals tells of another spelling
+    assert same_file(tmp_path / "here", tmp_path / "link")
+    assert same_file(tmp_path / "again", tmp_path / "here")
+    assert same_file(tmp_path / "gone", tmp_path / "." / "gone")
+    assert not same_file(tmp_path / "gone", tmp_path / "here")
+
+
+def test_where_no_way_leads_a_path_is_told_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert told_from_here(tmp_path / "run" / "report.html") == os.path.join("run", "report.html")
+
+    def other_drive(path: object) -> str:
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr(os.path, "relpath", other_drive)
+    assert told_from_here(tmp_path) == str(tmp_path)

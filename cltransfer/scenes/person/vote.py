@@ -32,13 +32,13 @@ def vote_labels(means: Tensor, cameras: Camera, seen: Features, subject: Subject
     held = torch.zeros_like(inside)
     visible_in = torch.zeros_like(inside)
     visible = torch.zeros_like(inside)
-    pixels, depths = cameras.project(points)
     masks, surface = (on_grid(seen.require(name), cameras.size[::-1]) for name in ("subject", "depth"))
     for v in torch.isfinite(seen.require("box")[:, 0]).nonzero()[:, 0].tolist():
-        on, row, column = _pixel(pixels[v], depths[v], cameras.size)
+        pixels, depths = (of_one[0] for of_one in cameras[v].project(points))  # of all views it would be gigabytes
+        on, row, column = _pixel(pixels, depths, cameras.size)
         in_mask = masks[v][row, column] & on
         front = surface[v][row, column].double()
-        sees = on & (depths[v] < front + BEHIND * subject.height)
+        sees = on & (depths < front + BEHIND * subject.height)
         inside += on
         held += in_mask
         visible += sees

@@ -90,6 +90,8 @@ def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMA
     Raises:
         InputError: ``name`` leads out of ``root`` or can be no file's; ``where`` names the file that says so.
     """
+    if name.replace("\\", "/").startswith("//"):  # Windows would ask another computer for it
+        raise InputError(where, name[:80], "leads out of the folder of the set", "keep its images beside it")
     plain = root / name
     known = plain.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEOS)
     cased = [cased for suffix in suffixes for cased in (suffix, suffix.upper())]

@@ -18,6 +18,7 @@ from cltransfer.clips.decoding import Frame
 from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.posed import colmap_text, read_posed
+from cltransfer.scenes.posed.assemble import find_image
 from cltransfer.scenes.posed.llff import ROW
 from cltransfer.scenes.posed.opencv_yaml import read_opencv_yaml
 
@@ -134,6 +135,13 @@ def test_a_lens_of_any_size_does_not_enlarge_a_small_image(tmp_path: Path, monke
     _, images = read_posed(write(tmp_path, frames=[FRAME, FRAME, odd])).images([0, 1, 2], 8)
     assert images.unique().tolist() == [200]
     assert made == [(8, 6)] * 3
+
+
+@pytest.mark.parametrize("name", ["//host/share/a.png", r"\\host\share\a.png"])
+def test_no_other_computer_is_asked_for_an_image(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.path.realpath", lambda path: pytest.fail("which Windows would follow"))
+    with pytest.raises(InputError, match="leads out of the folder of the set"):
+        find_image(tmp_path, name, tmp_path / "transforms.json")
 
 
 def test_points_are_held_against_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
