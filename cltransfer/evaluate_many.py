@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .clips.image_folder import VIDEOS, natural_order
+from .config import to_yaml
 from .config.options import RunConfig
 from .errors import CltransferError, InputError, ModelError
 from .evaluate import evaluate
+from .models.content import reading
 from .pipeline.components import Components
 from .progress import Progress, silent
+from .registry.plugin_code import code_of, own_code
 from .report.metrics import rows as rows_of
+from .storage.alone import alone
+from .storage.files import content_hash
+from .storage.kept_lines import keep, read_kept
+from .storage.run_files import kept_frames
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 FEWEST = 6  # clips of which an interval says something
 FEW = 3  # clips that a note names; of more it says how many
+KEPT, KEPT_LIMIT = "scores.jsonl", 2**28  # file of scores that were kept, bytes that it may have
 
 
 @dataclass(frozen=True)
@@ -97,7 +109,11 @@ def clips_in(folder: Path) -> dict[str, Path]:
 
 
 def evaluate_many(
-    references: Path, methods: Mapping[str, Path], config: RunConfig, progress: Progress = silent
+    references: Path,
+    methods: Mapping[str, Path],
+    config: RunConfig,
+    progress: Progress = silent,
+    folder: Path | None = None,
 ) -> list[ClipScore]:
     """Score the clips of each method against the reference of the same name.
 
@@ -108,13 +124,17 @@ def evaluate_many(
         methods: folder of rendered clips by method.
         config: as for :func:`cltransfer.evaluate.evaluate`.
         progress: called with a step, clips done, clips in all.
+        folder: where each score is kept as soon as it is there, and taken from where it was kept before: of the same
+            two clips by the same config, networks and code. None keeps nothing.
 
     Raises:
-        InputError: a folder holds no clips, or a method has none that a reference has.
+        InputError: a folder holds no clips, or a method has none that a reference has, or what is kept is damaged.
+        ResourceError: another process keeps its scores there.
         UsageError: the config asks for what there is not.
         ModelError: a network is missing, or what failed is a network or a plugin, on every clip that could be tried.
     """
-    Components.build(config).plan("image").load_networks()  # what no clip could be scored by shows at once
+    parts = Components.build(config)
+    parts.plan("image").load_networks()  # what no clip could be scored by shows at once
     known = clips_in(references)
     rendered = {method: clips_in(folder) for method, folder in methods.items()}
     for method, clips in rendered.items():
@@ -122,17 +142,65 @@ def evaluate_many(
             raise InputError(methods[method], "clips", f"none has the name of a reference ({', '.join(known)})")
     rows: list[ClipScore] = []
     failures: list[Exception] = []
-    for name, reference in known.items():
-        for method, clips in rendered.items():
-            try:
-                rows.append(_scored(method, name, reference, clips.get(name), config))
-            except (CltransferError, OSError, MemoryError) as error:
-                failures.append(error)
-                rows.append(ClipScore(method, name, reason=str(error) or "out of memory"))
-            progress("scoring clips", len(rows), len(known) * len(rendered))
+    with nullcontext() if folder is None else alone(folder, "scores clips"):
+        kept = Kept.of(folder, parts, config)
+        for name, reference in known.items():
+            for method, clips in rendered.items():
+                try:
+                    rows.append(kept.scored(method, name, reference, clips.get(name), config))
+                except (CltransferError, OSError, MemoryError) as error:
+                    failures.append(error)
+                    rows.append(ClipScore(method, name, reason=str(error) or "out of memory"))
+                progress("scoring clips", len(rows), len(known) * len(rendered))
     if failures and not any(row.means for row in rows) and all(isinstance(e, ModelError) for e in failures):
         raise failures[0]
     return rows
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Scores on disk, by what they are of.
+
+    Args:
+        path: of the file; None keeps nothing.
+        about: what all of them depend on beside their clips.
+        known: those that are there, by key.
+    """
+
+    path: Path | None
+    about: str
+    known: Mapping[str, ClipScore]
+
+    @classmethod
+    def of(cls, folder: Path | None, parts: Components, config: RunConfig) -> Kept:
+        """Those in ``folder``.
+
+        Raises:
+            InputError: they are damaged.
+        """
+        if folder is None:
+            return cls(None, "", {})
+        readers = [[step.name, reading(step.extractor), step.hidden] for step in parts.plan("image").steps]
+        losses = [code_of(loss) for loss in parts.losses.values()]
+        about = json.dumps([own_code(), losses, to_yaml(config), readers], default=str)
+        lines = read_kept(folder / KEPT, KEPT_LIMIT, lambda line: (str(line.pop("key")), _row_of(line)), "score")
+        return cls(folder / KEPT, about, dict(lines))
+
+    def scored(self, method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:
+        """The row of a clip, computed and kept if it is not there."""
+        if self.path is None or render is None:
+            return _scored(method, name, reference, render, config)
+        clips = [content_hash(kept_frames(clip)) for clip in (reference, render)]
+        key = hashlib.sha256(json.dumps([self.about, method, name, *clips]).encode()).hexdigest()[:32]
+        if key in self.known:
+            return self.known[key]
+        row = _scored(method, name, reference, render, config)
+        keep(self.path, {"key": key, **asdict(row)})
+        return row
+
+
+def _row_of(line: dict[str, Any]) -> ClipScore:
+    return ClipScore(**{**line, "notes": tuple(line["notes"])})
 
 
 def _scored(method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:

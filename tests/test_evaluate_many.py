@@ -18,11 +18,14 @@ from cltransfer.cli.slips import is_override
 from cltransfer.clips.clip import write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.config import load_config
+from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ModelError, UsageError
+from cltransfer.evaluate import evaluate
 from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, left_over, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES
+from cltransfer.report.data import ReportData
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
@@ -253,7 +256,7 @@ def test_folders_are_scored_clip_by_clip(command: Any, mean_flow: tuple[str, ...
         "the method has no clip of this name",
     ]
     written = sorted(p.name for p in (tmp_path / "out").iterdir())
-    assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json"]
+    assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json", "scores.jsonl"]
 
 
 def test_a_clip_that_a_loss_fails_on_is_a_row_and_the_others_are_scored(
@@ -273,6 +276,33 @@ def test_a_clip_that_a_loss_fails_on_is_a_row_and_the_others_are_scored(
     rows = evaluate_many(references, {"ours": ours}, load_config(overrides=mean_flow))
     assert [bool(row.means) for row in rows] == [True, False, True]
     assert "it raised ArithmeticError: too fast" in rows[1].reason
+
+
+def test_what_was_scored_before_a_kill_is_not_scored_again(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
+    ours, config = folder_of(tmp_path / "ours", a=wall(0, 3), b=wall(1, 3)), load_config(overrides=mean_flow)
+    scored = list[str]()
+
+    def counted(reference: str, render: str, config: RunConfig) -> ReportData:
+        scored.append(Path(render).stem)
+        return evaluate(reference, render, config)
+
+    monkeypatch.setattr("cltransfer.evaluate_many.evaluate", counted)
+    first = evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")
+    kept = tmp_path / "out" / "scores.jsonl"
+    kept.write_bytes(kept.read_bytes()[:-20])  # killed while the second was written
+    assert evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out") == first
+    assert scored == ["a", "b", "b"]
+    evaluate_many(references, {"ours": ours}, replace(config, frames=3), folder=tmp_path / "out")
+    assert scored[3:] == ["a", "b"]  # otherwise
+    (ours / "a.mkv").write_bytes((ours / "b.mkv").read_bytes())
+    evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")
+    assert scored[5:] == ["a"]  # another clip
+    kept.write_text("{}\n")
+    with pytest.raises(InputError, match=r"scores\.jsonl: line 1: is no score"):
+        evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")
 
 
 def test_a_loss_that_fails_on_every_clip_is_to_blame_and_not_the_folder(

@@ -53,7 +53,8 @@ def evaluate(
     cltransfer evaluate references/ ours=runs/ theirs=clips/ --out table
 
     With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
-    and methods.csv, .md and .tex with bootstrap intervals over the clips, of six or more.
+    and methods.csv, .md and .tex with bootstrap intervals over the clips, of six or more. What was scored is kept in
+    scores.jsonl there, so that the same command goes on where it was stopped.
     """
     methods, overrides = methods_of(reference, render, more or [])
     settings = settings_of(config, overrides, allow_plugin)
@@ -191,7 +192,7 @@ def evaluate_folders(
     from ..progress import progress
 
     with progress(quiet) as report:
-        rows = evaluate_many(references, methods, settings, report)
+        rows = evaluate_many(references, methods, settings, report, out)
     summary, unknown = summarise(rows, settings.seed), left_over(references, methods)
     if out is not None:
         write_methods(out, rows, summary, unknown)

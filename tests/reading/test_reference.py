@@ -166,7 +166,7 @@ def test_a_second_reading_has_the_pixels_that_a_loss_asks_for(
     assert len(readings) == 1
     assert torch.equal(first.require("image"), second.require("image"))
     assert first.names() == second.names()
-    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 24 * 3 * 64 * 36)  # what is cached, not the maps
+    monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 24 * 3 * 64 * 36)  # the cached, not the maps
     with pytest.raises(ResourceError, match=r"the maps of frames, 3 of 64x36, need .* thin the clip by frames="):
         read_reference(source, parts, Reading())
 
