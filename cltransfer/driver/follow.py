@@ -102,7 +102,7 @@ def follow(
         starts = at_home
         if guide is not None and schedule.warm and hidden[: max(1, i)].all():  # nothing known yet tells where to stand
             starts = torch.cat([guide[i][None], at_home])
-        elif schedule.warm and i > 0 and memory.placed(stage.objective, schedule):
+        elif schedule.warm and i > 0 and not hidden[:i].all() and memory.placed(stage.objective, schedule):
             if guide is None or hidden[i]:
                 starts = predictions([solved.x for solved in found], at)
                 starts = torch.cat([starts, problem.aimed(starts[-1:])])
@@ -110,7 +110,7 @@ def follow(
                 starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
                 if schedule.thorough and found[-1].total < GOOD:  # its own motion may go on too, lest the guide leaps
                     starts = torch.cat([starts, predictions([solved.x for solved in found], at)[-1:]])
-        if schedule.still and schedule.engine == "refine" and schedule.warm and not hidden[:i].all():
+        if schedule.still and schedule.engine != "adam" and schedule.warm and not hidden[:i].all():
             solved = held(problem, found[-1].x, memory, schedule)
         elif hidden[i] and found and schedule.warm:
             if guide is not None:

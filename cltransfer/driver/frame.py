@@ -24,6 +24,7 @@ BASIN = Budget(generations=40, patience=12, popsize=12)
 TRIAL = 2  # steps with a new Jacobian that show whether it helps
 STUCK = 0.1  # total below which an old one is not doubted, half a tolerance of one term
 CARRIED = "carried"  # why a frame ended that was not searched, since nobody is seen in it
+AS_BEFORE = "as before"  # since nothing moves
 SAME = 1e-3  # by which residuals differ at most, that are taken for the same; 0.2 is one tolerance
 
 
@@ -82,9 +83,12 @@ def solve(
 ) -> Solved:
     """Search one frame from ``starts`` (S, D), moved onto the bounds where they lie beyond; from equal ones once.
 
-    A search that is recentred starts at 0, wherever the camera stands.
+    A search that is recentred starts at 0, wherever the camera stands. Where no term of the frame counts, there is
+    nothing to search for, and nothing is learned.
     """
     starts = distinct(_allowed(problem, starts, schedule))
+    if schedule.engine != "refine" and not bool((problem.defined & problem.stage.objective.weighs).any()):
+        return Solved(starts[0], 0.0, 0, CARRIED, memory)
     if schedule.engine == "cma":
         return _by_cma(problem, starts, memory, schedule, generator)
     if schedule.engine == "adam":
@@ -105,6 +109,8 @@ def carried(problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule
 
 def held(problem: Problem, x: Tensor, memory: Memory, schedule: Schedule) -> Solved:
     """A frame of a shot that stands still, as the last one ended, x (D,)."""
+    if schedule.engine != "refine":
+        return Solved(x, float(problem.totals(x[None])[0]), 0, AS_BEFORE, memory)
     return _Refining(problem, memory, schedule).as_before(x, problem.residuals(x[None])[0])
 
 
@@ -233,7 +239,7 @@ class _Refining:
         """A frame that is not searched, because it begins as the last one ended."""
         total = self.total(residuals)
         memory = replace(self.memory, totals=(*self.memory.totals, total), rescue=self.rescue)
-        return Solved(x, total, 0, "as before", memory)
+        return Solved(x, total, 0, AS_BEFORE, memory)
 
     def solved(self, found: Refined, renewal: Retry, stop: str, generations: int = 0) -> Solved:
         """What was found, and what it teaches the next frame."""

@@ -37,6 +37,7 @@ _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
 RECORD_LIMIT = 2**24  # bytes; a batch of 1,000 candidates with 30 residuals takes 240 kB
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
+PERSON = "person"  # who was lifted, or whom the file holds that --subject names
 
 
 class Journal:
@@ -204,8 +205,9 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
     if not isinstance(recorded, dict):
         raise InputError(path, "header", "not a journal")
     others = [key for key in sorted({*now, *recorded}) if recorded.get(key) != now.get(key)]
-    if "init" in others:  # of which it follows
-        others = [key for key in others if key != VIEW]
+    for given, follows in (("init", VIEW), ("subject", PERSON)):
+        if given in others:
+            others = [key for key in others if key != follows]
     for key in others[:1]:
         reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
         raise InputError(path, key, reason, _begun_so(key, recorded.get(key), len(others) - 1))
@@ -219,8 +221,10 @@ def _begun_so(key: str, value: object, more: int) -> str:
         return f"{more} more {differ}: repeat the command as it was with --resume, or {again}"
     if key == "threads":
         word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
-    elif key == "init":
-        word = f"--init {shlex.quote(str(value))}"
+    elif key == "init" or (key == "subject" and value is not None):
+        word = f"--{key} {shlex.quote(str(value))}"
+    elif key == "subject":
+        word = "no --subject"
     elif key.startswith("config.") and isinstance(value, str | int | float):
         said = str(value).lower() if isinstance(value, bool) else value
         word = shlex.quote(f"{key.removeprefix('config.')}={said}")

@@ -39,7 +39,7 @@ def write_colmap(folder: Path, trajectory: Trajectory) -> None:
     Images are named ``frame_00001.png`` on; they are not written.
     """
     camera, (width, height) = trajectory.camera, trajectory.camera.size
-    zooms = bool((camera.K.diff(dim=0) != 0).any())
+    zooms = not torch.allclose(camera.K, camera.K[:1].expand_as(camera.K), rtol=1e-9, atol=0)
     lenses = camera.K if zooms else camera.K[:1]
     values = [(K[0, 0], K[1, 1], K[0, 2], K[1, 2]) for K in lenses]
     cameras = [f"{n} PINHOLE {width} {height} {_line(*map(float, each))}" for n, each in enumerate(values, 1)]

@@ -17,6 +17,17 @@ CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB
 Load = Callable[[int, int], Features]
 
 
+def check_single(step: Step) -> None:
+    """Refuse an extractor that single renders cannot be read by.
+
+    Raises:
+        UsageError: it reads whole clips only.
+    """
+    if step.whole_clip:
+        hint = "use extract.inner=geometric"
+        raise UsageError("", f"extractor {step.name}", "reads a whole clip, not single renders", hint)
+
+
 def run(plan: Plan, now: Features, before: Features | None) -> Features:
     """``now`` with every step of ``plan`` done; ``before`` is the frame before, None for a first frame.
 
@@ -24,10 +35,7 @@ def run(plan: Plan, now: Features, before: Features | None) -> Features:
         UsageError: a step reads whole clips only.
     """
     for step in plan.steps:
-        if step.whole_clip:
-            raise UsageError(
-                "", f"extractor {step.name}", "reads a whole clip, not single renders", "use extract.inner=geometric"
-            )
+        check_single(step)
         if _needs_before(step) and before is None:
             now = _undefined(now, step)
         else:

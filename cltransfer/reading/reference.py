@@ -29,6 +29,7 @@ from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, 
 from .scene_source import split_scene
 
 _log = logging.getLogger("cltransfer")
+BY_GEOMETRY = "networks see nobody in its renders: extract.inner=geometric reads the scene itself"
 
 if TYPE_CHECKING:
     from ..clips.clip import Clip
@@ -98,7 +99,8 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         reference = _from_file(Path(source), parts, reading.frames)
     else:
         reference = _from_clip(source, parts, reading.frames, progress)
-    require_person(source, reference.features, ELSEWHERE if reference.family == "image" else "")
+    hint = BY_GEOMETRY if is_scene(source) else ELSEWHERE
+    require_person(source, reference.features, hint if reference.family == "image" else "")
     return reference
 
 

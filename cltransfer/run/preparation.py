@@ -22,6 +22,7 @@ from ..driver.starts import Starting, Starts
 from ..errors import UsageError
 from ..features import Features
 from ..pipeline.components import Components
+from ..pipeline.graph import check_single
 from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
 from ..pipeline.scores import frame_totals
@@ -33,6 +34,7 @@ from ..registry.plugin_code import own_code
 from ..scenes import Scene
 from ..scenes.floaters import without_floaters
 from ..scenes.person.lifted import lifted_scene
+from ..scenes.simplify import check_merged
 from ..search import check_search
 from .inputs import Inputs, given_scene
 from .readback import check_result
@@ -92,6 +94,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
     search = config.build_one("search")
     scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
+    if config.lod > 0:
+        check_merged(scene)
     view = None if inputs.init == "auto" else given_view(inputs.init)
     clock.lap("scene")
     lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors, person=_person(inputs, scene))
@@ -106,8 +110,10 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         parts.plan("image").load_networks()
     at = places(reference.times)
     wanted = cleaned(reference.features, config.clean, at) if reference.family == "image" else reference.features
+    for step in parts.plan(family, reference.features.names()).steps:
+        check_single(step)  # rather than at the first candidate
     clock.lap("reference")
-    if family == "scene" or search.needs_subject or view is None:
+    if family == "scene" or search.needs_subject or view is None or isinstance(inputs.subject, int):
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))
         clock.lap("lift")
     solid = scene

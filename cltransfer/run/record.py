@@ -12,7 +12,7 @@ from typing import Any
 from ..computer.packages import versions
 from ..computer.threads import thread_count
 from ..config.options import RunConfig
-from ..driver.journal import Journal
+from ..driver.journal import PERSON, Journal
 from ..errors import UsageError
 from ..models.content import files_content, model_content, own_model
 from ..models.onnx import VARIABLE
@@ -67,11 +67,12 @@ def run_header(
         "order of losses and extractors": [list(config.losses), list(config.extractors)],  # that of the terms recorded
         "scene": scene.digest,
         "harmonics of the scene": scene.harmonics,
-        "person": scene.person_digest,
+        PERSON: scene.person_digest,
         "reference": reference.digest,
         "unread of the reference": sorted(reference.features.reasons),  # this time: OfThisRun
         "part of the reference": inputs.part,
         "init": inputs.init,
+        "subject": None if inputs.subject is None else str(inputs.subject),
         **{f"network of {name}": model_content(model) for name, model in networks.items() if model is not None},
         **{f"files of {name}": content for name, part in named.items() if (content := files_content(part))},
         **{f"code of {name}": content for name, content in code.items() if content},

@@ -26,6 +26,7 @@ from .take import Report
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
+UNREAD = "no correction: extract.verify=false reads no render by the networks"
 PLACES = ("keypoints", "box", "orientation", "camera")  # of the features of a clip, those that are no maps
 
 
@@ -69,8 +70,9 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
 
     Maps are kept of the best alone.
     """
-    corrects = job.by_networks and config.extract.inner == "geometric"
-    rounds = config.extract.corrections if corrects else 0
+    corrects = job.reference.family == "image" and config.extract.inner == "geometric"
+    asked = config.extract.corrections if corrects else 0
+    rounds = asked if job.by_networks else 0
     stage = replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
     for number in range(rounds + 1):
@@ -99,7 +101,7 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             return made, f"no {'further ' if number else ''}{UNBIASED}"
         homes = cameras[0] if config.warm_start else concatenate([cameras[0], job.starts.homes])
         target, starts = corrected(job.wanted, bias), Starts(homes, take.clip.about(cameras[0], take.x))
-    return made, ""
+    return made, UNREAD if asked and not rounds else ""
 
 
 def _counting(progress: Progress, step: str, count: int) -> Report:

@@ -14,6 +14,7 @@ from ..driver.path_order import LeastPath, refined
 from ..driver.stage import Stage
 from ..driver.starts import Starts
 from ..driver.whole_clip import WholeClip, views
+from ..errors import InputError
 from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
@@ -58,7 +59,11 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     if not (replace(left_out, alone=before.alone) if stands else left_out).matters:
         return replace(first, left_out=left_out)
     target = first.clip.reference
-    second = searched(job, config, job.stage, target, job.starting.starts(job.stage, target), report)
+    try:
+        starts = job.starting.starts(job.stage, target)
+    except InputError:  # among them no view shows anything: what was found without is what there is
+        return replace(first, left_out=left_out)
+    second = searched(job, config, job.stage, target, starts, report)
     there = LeftOut(job.floaters, second.total_in(first.clip.stage), second.total)
     job.stage.spent.evaluations += views(second.x)
     return second if there.better(left_out) else replace(first, left_out=left_out)

@@ -204,7 +204,16 @@ def working_set(scene: Scene, cameras: Camera, k: float) -> Scene:
         UsageError: the scene is not made of splats.
         ResourceError: there is not enough memory to merge them.
     """
+    check_merged(scene)
+    return replace(scene, geometry=merged(scene.geometry, cameras, k))
+
+
+def check_merged(scene: Scene) -> None:
+    """Refuse a scene that cannot be merged.
+
+    Raises:
+        UsageError: it is not made of splats.
+    """
     if not isinstance(scene.geometry, Splats):
         kind = type(scene.geometry).__name__
         raise UsageError(scene.name, "lod", f"expected Gaussian splats, got {kind}", "set lod=0")
-    return replace(scene, geometry=merged(scene.geometry, cameras, k))

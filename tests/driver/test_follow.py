@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -16,8 +17,9 @@ from cltransfer.config import load_config
 from cltransfer.driver.closed_form import closed_form
 from cltransfer.driver.follow import Path as Followed
 from cltransfer.driver.follow import follow
-from cltransfer.driver.frame import Memory, Solved
+from cltransfer.driver.frame import Memory, Solved, solve
 from cltransfer.driver.initial_view import any_view
+from cltransfer.driver.problem import Problem
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip
@@ -204,3 +206,29 @@ def test_a_shot_that_stands_still_is_searched_once_and_stands(
     assert progress[-1] - progress[2] <= 2  # what the flow is, and what it stays
     assert found.local is not None
     assert found.local.total == pytest.approx(clip.total(found.x), abs=1e-6)
+
+
+def test_a_shot_that_stands_still_is_searched_once_by_cma_es_too(
+    late: Callable[..., tuple[Job, Features, Tensor]],
+) -> None:
+    job, reference, _ = late("static", 8, 2)
+    guide, homes, _ = led(job, reference)
+    schedule = replace(job.schedule, engine="cma", budget=replace(job.schedule.budget, generations=4))
+    found = follow(WholeClip(job.stage, job.search, reference, homes[0]), homes, schedule, guide=guide)
+    assert [frame.generations for frame in found.frames] == [0, 0, 4, 0, 0, 0, 0, 0]
+    assert torch.equal(found.x[3:], found.x[2:3].expand(5, -1))
+
+
+@pytest.mark.parametrize("engine", ["cma", "adam"])
+def test_of_a_frame_that_tells_nothing_nothing_is_learned(
+    late: Callable[..., tuple[Job, Features, Tensor]], engine: str
+) -> None:
+    job, reference, _ = late("static", 3, 2)
+    home, nothing = any_view(job.stage.scene.subject, SIZE), torch.zeros(len(job.stage.objective.losses)).bool()
+    problem = Problem(job.stage, job.search, home, reference[0], None, nothing, True)
+    starts, memory = torch.zeros(2, job.search.dimensions, dtype=torch.float64), Memory()
+    starts[1, 0] = 0.5
+    spent = job.stage.spent.evaluations
+    found = solve(problem, starts, memory, replace(job.schedule, engine=engine), np.random.default_rng(0))
+    assert torch.equal(found.x, starts[0])
+    assert (found.generations, found.memory, job.stage.spent.evaluations) == (0, memory, spent)

@@ -97,7 +97,7 @@ def test_a_transfer_films_the_person_that_is_asked_for(
         words = (file, "builtin:static", "--subject", person, "--out", run, *small, "threads=1", "--quiet")
         answer = command("transfer", *words, *networks)
         assert answer.code == 0, answer.err
-        assert "2 people in the scene, one is filmed: --subject 1 takes the next" in answer.out
+        assert "2 people in the scene, one is filmed: --subject 0, 1, ... takes each" in answer.out
         filmed.append(Subject.load(run / "subject.json").anchor)
     apart = filmed[1] - filmed[0]
     assert min(float((apart - way).norm()), float((apart + way).norm())) < 0.25
@@ -108,7 +108,7 @@ def test_a_person_who_is_not_there_cannot_be_lifted(
 ) -> None:
     answer = command("lift", scene_file, "--person", "1", "--out", tmp_path / "out", "--quiet", *networks)
     assert (answer.code, answer.err.count("\n")) == (2, 1)
-    assert "person=1: only person 0 is seen in this scene" in answer.err
+    assert "person 1: only person 0 is seen in this scene" in answer.err
     assert not (tmp_path / "out").exists()
 
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
 from cltransfer.config import load_config
+from cltransfer.errors import UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.reading.tracks import cleaned
-from cltransfer.run.preparation import noise_floor
+from cltransfer.run.inputs import Inputs
+from cltransfer.run.preparation import Clock, noise_floor, prepare
+from cltransfer.run.record import Record
 from cltransfer.testing import sample_features
 
+SMALL = ("preset=fast", "frames=2", "search_side=48", "output_side=64", "threads=1")
 KEPT = ("shot_size", "framing", "camera_angle")  # without movement a frame that shows nobody has no term
 
 
@@ -39,3 +44,12 @@ def test_frames_that_show_nobody_tell_no_noise() -> None:
     assert noise_floor(objective, blank, cleaned(blank, 1.0)) == pytest.approx(noise, rel=0.02)
     assert noise_floor(objective, clip, clip) == 0.0
     assert noise_floor(objective, blank[12:], blank[12:]) == 0.0
+
+
+def test_a_scene_that_cannot_be_merged_is_refused_before_anything_is_read(tmp_path: Path) -> None:
+    config = load_config(overrides=[*SMALL, "lod=2", "renderer.mesh={}"])
+    steps, inputs = list[str](), Inputs("builtin:plaza-0-mesh", "builtin:static")
+    with pytest.raises(UsageError, match="lod: expected Gaussian splats, got Mesh"):
+        prepare(inputs, config, Clock(), lambda step, *_: steps.append(step), Record(tmp_path / "journal"))
+    assert steps == []
+    assert not (tmp_path / "journal").exists()

@@ -167,6 +167,14 @@ def test_a_journal_is_of_what_the_initial_view_s_file_held(tmp_path: Path) -> No
         Journal(tmp_path / "a", {"init": "auto", "threads": 2}, True)
 
 
+def test_who_was_named_follows_from_subject_and_is_asked_for_again(tmp_path: Path) -> None:
+    begun = {"subject": "1", "person": "a" * 64}
+    Journal(tmp_path / "a", begun, False)
+    with pytest.raises(InputError, match=r"subject: the run was begun with '1', .* \(go on with --subject 1, or"):
+        Journal(tmp_path / "a", {"subject": None, "person": "b" * 64}, True)
+    assert _begun_so("subject", None, 0).startswith("go on with no --subject, or")
+
+
 def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
     assert (
         _begun_so("init", "my views/a.json", 0)

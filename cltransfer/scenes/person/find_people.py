@@ -100,7 +100,7 @@ def chosen(people: list[Found], person: int, scene: Scene, renderer: Any) -> Fou
     if person >= len(people):
         several = f"expected 0 to {len(people) - 1}: {len(people)} are seen"
         known = "only person 0 is seen in this scene" if len(people) == 1 else several
-        raise UsageError(scene.name, f"person={person}", known)
+        raise UsageError(scene.name, f"person {person}", known)
     return people[person]
 
 

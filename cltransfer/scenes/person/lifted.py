@@ -179,7 +179,7 @@ def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any], pers
     drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
     shown = [scene.digest, scene.harmonics]
     ours = own_code(*READERS, "renderers", "scenes")
-    which = None if person is None else f"person {person}"
+    which = f"person {person}" if person else None  # 0 is whom it takes where nobody is named
     known = [ours, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code, which])]
     text = json.dumps(known, default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

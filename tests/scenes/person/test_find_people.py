@@ -147,9 +147,9 @@ def test_nobody_and_too_few_are_errors() -> None:
         f"any view (if the scene is not upright, {up}; or lift it from views of your own: {views}, {subject}"
     )
     cameras = wide()
-    with pytest.raises(UsageError, match=r"person=1: only person 0 is seen in this scene$"):
+    with pytest.raises(UsageError, match=r"person 1: only person 0 is seen in this scene$"):
         chosen(people_of(cameras, seen(cameras, TALL)), 1, scene, renderer)
-    with pytest.raises(UsageError, match=r"person=2: expected 0 to 1: 2 are seen$"):
+    with pytest.raises(UsageError, match=r"person 2: expected 0 to 1: 2 are seen$"):
         chosen(2 * people_of(cameras, seen(cameras, TALL)), 2, scene, renderer)
 
 
