@@ -15,6 +15,7 @@ from ..bench.verbs import app as bench_app
 from ..errors import CltransferError, ModelError, UsageError, shortened
 from ..registry.plugin_code import raised_in
 from .ablate import ablate
+from .cache import app as cache_app
 from .describe import describe, inspect
 from .evaluate import evaluate
 from .fit import fit
@@ -48,6 +49,7 @@ app.add_typer(bench_app, name="bench")
 app.add_typer(plugins_app, name="plugins")
 app.add_typer(models_app, name="models")
 app.add_typer(assets_app, name="assets")
+app.add_typer(cache_app, name="cache")
 
 
 def main() -> NoReturn:

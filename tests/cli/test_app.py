@@ -57,6 +57,8 @@ VERBS = (
     "models pull",
     "assets",
     "assets list",
+    "cache list",
+    "cache clear",
 )
 LEFT: tuple[str, ...] = (
     "manifest.json",
