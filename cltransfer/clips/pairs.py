@@ -56,6 +56,7 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
     notes = (*_one_by_one(found, starts[0]), *_not_scored(starts[0], starts[1], first, frames))
     thin = evenly(starts[1][second], frames)
     first, second = first[thin], second[thin]
+    original.check_kept(len(first))  # before every frame is looked at for cuts
     gaps = check_one_shot(asked) if asked.cuts != "keep" else ()  # here, so that it advises what was asked for
     whole = replace(asked, letterbox="keep", cuts="keep")
     (reference, flags), (render, drawn) = open_part(whole, original, first), open_part(drawn_as, shown, second)

@@ -39,6 +39,15 @@ class ClipPart:
     index: Tensor  # (N,)
     times: Tensor  # (N,) [s]
 
+    def check_kept(self, count: int) -> None:
+        """Refuse to keep ``count`` frames if they are too many.
+
+        Raises:
+            InputError: they are.
+        """
+        if count > FRAME_LIMIT:
+            raise InputError(self.path, "frames", f"expected at most {FRAME_LIMIT} to keep, got {count}", HINT)
+
     def images(self, kept: Sequence[int], max_side: int) -> tuple[Tensor, tuple[int, int]]:
         """RGB of those that are ``kept``, (K, 3, H, W) uint8, and the size (W, H) they came in.
 
@@ -50,8 +59,7 @@ class ClipPart:
             InputError: one is damaged, or they are too many.
             ResourceError: they do not fit in memory.
         """
-        if len(kept) > FRAME_LIMIT:
-            raise InputError(self.path, "frames", f"expected at most {FRAME_LIMIT} to keep, got {len(kept)}", HINT)
+        self.check_kept(len(kept))
         if self.files:
             chosen = images_of([self.files[k] for k in kept])
         else:
