@@ -374,3 +374,11 @@ def test_nothing_is_decoded_behind_the_last_frame_that_is_kept(tmp_path: Path, m
     clip, _ = open_clip(replace(where, span=(0.0, 0.3), cuts="keep"))
     assert clip.times.tolist() == pytest.approx([0, 0.1, 0.2, 0.3])
     assert taken == [10, 4]  # once to know it, once for what is kept
+
+
+def test_too_many_pairs_are_refused_before_they_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    where = saved(tmp_path / "clip.mkv", scenery(0, 10))
+    monkeypatch.setattr(parts, "FRAME_LIMIT", 9)
+    monkeypatch.setattr("cltransfer.clips.pairs.check_one_shot", lambda where: pytest.fail("looked at every frame"))
+    with pytest.raises(InputError, match="frames: expected at most 9 to keep, got 10"):
+        open_pairs(where, where, None)
