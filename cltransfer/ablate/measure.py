@@ -96,7 +96,8 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     cameras = cameras if cameras.size == size else resized(cameras, size)
     if read.family == "image" and metrics.extract.verify:
         image = result.image if same else render_frames(scene, parts, cameras)
-        features = render_features(image, cameras, scene.subject, parts.plan("image", read.features.names()))
+        plan = parts.plan("image", read.features.names())
+        features = render_features(image, cameras, scene.subject, plan, read.times)
         read = beside(features, read, parts)
     else:
         if family == "scene":

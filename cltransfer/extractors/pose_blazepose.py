@@ -104,6 +104,7 @@ class PoseBlazepose:
     requires: ClassVar[tuple[str, ...]] = ("image", "box")
     provides: ClassVar[tuple[str, ...]] = GIVES
     family: ClassVar[Literal["image", "scene", "both"]] = "image"
+    doubts_boxes: ClassVar[bool] = True  # by min_presence
     model: str = "mp_pose_landmark_lite.onnx"
     second_crop: bool = True
     min_presence: float = 0.5

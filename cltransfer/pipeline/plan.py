@@ -112,6 +112,11 @@ class Plan:
         return next((step for step in self.steps if hasattr(step.extractor, "persons")), None)
 
     @property
+    def doubts_boxes(self) -> bool:
+        """Whether what reads the person says of a box that nobody is in it."""
+        return any(getattr(step.extractor, "doubts_boxes", False) for step in self.person_known.steps)
+
+    @property
     def person_known(self) -> Plan:
         """The same where the person's box is given: one that tells more reads that person, a mere detector goes."""
         if self.detector is None:

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..clips.gaps import filled
 from ..clips.join_persons import join
 from ..clips.persons import Who
 from ..computer.memory import require_free
@@ -94,7 +95,9 @@ def _check_frames(image: object) -> None:
     raise ValueError(f"expected uint8 frames (N, 3, H, W), got {came}")
 
 
-def render_features(image: Tensor, cameras: Camera, subject: Subject | None, plan: Plan) -> Features:
+def render_features(
+    image: Tensor, cameras: Camera, subject: Subject | None, plan: Plan, times: Tensor | None = None
+) -> Features:
     """Features of rendered frames (N, 3, H, W) uint8, read by the image extractors of ``plan``.
 
     Args:
@@ -102,12 +105,14 @@ def render_features(image: Tensor, cameras: Camera, subject: Subject | None, pla
         cameras: of the frames.
         subject: whose features are read: a bystander may be nearer; None is the largest person.
         plan: of image extractors.
+        times: of the frames, (N,) [s]; None takes 24 a second.
     """
     if subject is None:
-        return clip_features(image, plan)
+        return clip_features(image, plan, times=times)
     person = Found(subject.anchor, subject.height, len(cameras))
     body = subject.joints[torch.isfinite(subject.joints).all(1)]
-    return _read(image, plan, lambda boxes: (boxes_of(person, body, cameras, boxes).numpy(), ()), silent)[0]
+    shown = None if times is None else times.double().numpy()
+    return _read(image, plan, lambda boxes: (boxes_of(person, body, cameras, boxes).numpy(), ()), silent, shown)[0]
 
 
 def read_frames(
@@ -138,7 +143,7 @@ def read_frames(
         hint = "add extractors.detect_yolox={}, and a loss that asks for what is read off a person"
         raise UsageError(clip, "#person", "no extractor in use tells persons apart", hint)
     shown = None if times is None else times.double().cpu().numpy()
-    return _read(image, plan, lambda boxes: join(boxes, shown).follow(who, clip), progress)
+    return _read(image, plan, lambda boxes: join(boxes, shown).follow(who, clip), progress, shown)
 
 
 def read_alike(features: Features, image: Tensor, plan: Plan, other: Features, progress: Progress = silent) -> Features:
@@ -174,7 +179,9 @@ def _persons(detector: Step, frames: Features) -> list[np.ndarray]:
     return boxes
 
 
-def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tuple[Features, tuple[str, ...]]:
+def _read(
+    image: Tensor, plan: Plan, follow: Follow, progress: Progress, times: np.ndarray | None
+) -> tuple[Features, tuple[str, ...]]:
     check_maps(image)
     count, detector = len(image), plan.detector
     if detector is None:
@@ -184,6 +191,7 @@ def _read(image: Tensor, plan: Plan, follow: Follow, progress: Progress) -> tupl
         found += _persons(detector, _loaded(image, None, start, start + CHUNK))
         progress("finding persons", min(start + CHUNK, count), count)
     box, flags = follow(found)
+    box = filled(box, times) if plan.doubts_boxes else box
     return _of_person(image, plan, torch.from_numpy(box).float().to(image.device), progress), flags
 
 

@@ -101,7 +101,7 @@ def read_back(
     stage.spent.renders += len(image)
     if by_networks:
         plan = parts.plan("image", reference.features.names())
-        features = render_features(image, cameras, stage.scene.subject, plan)
+        features = render_features(image, cameras, stage.scene.subject, plan, reference.times)
         stage.spent.network_passes += len(image) * plan.clip_passes
         reference = beside(features, reference, parts, progress)
     else:
