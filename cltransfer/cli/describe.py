@@ -82,8 +82,7 @@ def inspect(
     set_threads(settings.threads or thread_count())
     with progress(quiet) as report:
         found = inspect_clip(source, settings, report)
-        report("writing the page", 0, 0)
-        page = write_inspection(out, found)
+    page = write_inspection(out, found)
     count = len(found.reference)
     coverage = {term.name: {"defined": term.defined, "reason": term.reason} for term in found.scores.terms}
     flags = list(found.reference.flags)
