@@ -146,11 +146,15 @@ def evaluate_many(
         kept = Kept.of(folder, parts, config)
         for name, reference in known.items():
             for method, clips in rendered.items():
+                key = ""
                 try:
-                    rows.append(kept.scored(method, name, reference, clips.get(name), config))
+                    key = kept.key(method, name, reference, clips.get(name))
+                    row = kept.known.get(key) or _scored(method, name, reference, clips.get(name), config)
                 except (CltransferError, OSError, MemoryError) as error:
                     failures.append(error)
-                    rows.append(ClipScore(method, name, reason=str(error) or "out of memory"))
+                    row = ClipScore(method, name, reason=str(error) or "out of memory")
+                rows.append(row)
+                kept.keep(key, row)  # where it cannot be kept, that is no fault of the clip
                 progress("scoring clips", len(rows), len(known) * len(rendered))
     if failures and not any(row.means for row in rows) and all(isinstance(e, ModelError) for e in failures):
         raise failures[0]
@@ -186,17 +190,17 @@ class Kept:
         lines = read_kept(folder / KEPT, KEPT_LIMIT, lambda line: (str(line.pop("key")), _row_of(line)), "score")
         return cls(folder / KEPT, about, dict(lines))
 
-    def scored(self, method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:
-        """The row of a clip, computed and kept if it is not there."""
+    def key(self, method: str, name: str, reference: Path, render: Path | None) -> str:
+        """What the score of a clip depends on; empty where it is not kept."""
         if self.path is None or render is None:
-            return _scored(method, name, reference, render, config)
+            return ""
         clips = [content_hash(kept_frames(clip)) for clip in (reference, render)]
-        key = hashlib.sha256(json.dumps([self.about, method, name, *clips]).encode()).hexdigest()[:32]
-        if key in self.known:
-            return self.known[key]
-        row = _scored(method, name, reference, render, config)
-        keep(self.path, {"key": key, **asdict(row)})
-        return row
+        return hashlib.sha256(json.dumps([self.about, method, name, *clips]).encode()).hexdigest()[:32]
+
+    def keep(self, key: str, row: ClipScore) -> None:
+        """Put a row on disk, if it has a score and does not lie there."""
+        if self.path is not None and key and not row.reason and key not in self.known:
+            keep(self.path, {"key": key, **asdict(row)})
 
 
 def _row_of(line: dict[str, Any]) -> ClipScore:

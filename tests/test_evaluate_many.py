@@ -1,8 +1,10 @@
 """Whole folders: clips matched by name, nothing left out, intervals over clips, tables without NaN."""
 
 import csv
+import errno
 import io
 import json
+import os
 import unicodedata
 from dataclasses import replace
 from pathlib import Path
@@ -303,6 +305,19 @@ def test_what_was_scored_before_a_kill_is_not_scored_again(
     kept.write_text("{}\n")
     with pytest.raises(InputError, match=r"scores\.jsonl: line 1: is no score"):
         evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")
+
+
+def test_a_score_that_cannot_be_kept_is_no_fault_of_its_clip(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    references, ours = folder_of(tmp_path / "references", a=wall(0, 2)), folder_of(tmp_path / "ours", a=wall(0, 3))
+
+    def full(path: Path, value: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("cltransfer.evaluate_many.keep", full)
+    with pytest.raises(OSError, match="No space left"):
+        evaluate_many(references, {"ours": ours}, load_config(overrides=mean_flow), folder=tmp_path / "out")
 
 
 def test_a_loss_that_fails_on_every_clip_is_to_blame_and_not_the_folder(
