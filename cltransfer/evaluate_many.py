@@ -2,66 +2,31 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .clips.image_folder import VIDEOS, natural_order
-from .config import to_yaml
 from .config.options import RunConfig
 from .errors import CltransferError, InputError, ModelError
 from .evaluate import evaluate
-from .models.content import reading
+from .evaluate_kept import ClipScore, Kept
 from .pipeline.components import Components
 from .progress import Progress, silent
-from .registry.plugin_code import code_of, own_code
 from .report.metrics import rows as rows_of
 from .storage.alone import alone
-from .storage.files import content_hash
-from .storage.kept_lines import keep, read_kept
-from .storage.run_files import kept_frames
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 FEWEST = 6  # clips of which an interval says something
 FEW = 3  # clips that a note names; of more it says how many
-KEPT, KEPT_LIMIT = "scores.jsonl", 2**28  # file of scores that were kept, bytes that it may have
-
-
-@dataclass(frozen=True)
-class ClipScore:
-    """One clip of one method.
-
-    Args:
-        method, clip: names.
-        means: raw mean of each term, and of the total, None where undefined.
-        defined: frames that have a value, by term.
-        frames: of the clip.
-        reason: why there is nothing, where nothing could be scored.
-        notes: what a reader should know of it.
-        lacking: why a term has no value, by term.
-        seconds: of the reference, from the first of the frames to the last.
-    """
-
-    method: str
-    clip: str
-    means: Mapping[str, float | None] = field(default_factory=dict)
-    defined: Mapping[str, int] = field(default_factory=dict)
-    frames: int = 0
-    reason: str = ""
-    notes: tuple[str, ...] = ()
-    lacking: Mapping[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -159,52 +124,6 @@ def evaluate_many(
     if failures and not any(row.means for row in rows) and all(isinstance(e, ModelError) for e in failures):
         raise failures[0]
     return rows
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Scores on disk, by what they are of.
-
-    Args:
-        path: of the file; None keeps nothing.
-        about: what all of them depend on beside their clips.
-        known: those that are there, by key.
-    """
-
-    path: Path | None
-    about: str
-    known: Mapping[str, ClipScore]
-
-    @classmethod
-    def of(cls, folder: Path | None, parts: Components, config: RunConfig) -> Kept:
-        """Those in ``folder``.
-
-        Raises:
-            InputError: they are damaged.
-        """
-        if folder is None:
-            return cls(None, "", {})
-        readers = [[step.name, reading(step.extractor), step.hidden] for step in parts.plan("image").steps]
-        losses = [code_of(loss) for loss in parts.losses.values()]
-        about = json.dumps([own_code(), losses, to_yaml(config), readers], default=str)
-        lines = read_kept(folder / KEPT, KEPT_LIMIT, lambda line: (str(line.pop("key")), _row_of(line)), "score")
-        return cls(folder / KEPT, about, dict(lines))
-
-    def key(self, method: str, name: str, reference: Path, render: Path | None) -> str:
-        """What the score of a clip depends on; empty where it is not kept."""
-        if self.path is None or render is None:
-            return ""
-        clips = [content_hash(kept_frames(clip)) for clip in (reference, render)]
-        return hashlib.sha256(json.dumps([self.about, method, name, *clips]).encode()).hexdigest()[:32]
-
-    def keep(self, key: str, row: ClipScore) -> None:
-        """Put a row on disk, if it has a score and does not lie there."""
-        if self.path is not None and key and not row.reason and key not in self.known:
-            keep(self.path, {"key": key, **asdict(row)})
-
-
-def _row_of(line: dict[str, Any]) -> ClipScore:
-    return ClipScore(**{**line, "notes": tuple(line["notes"])})
 
 
 def _scored(method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:

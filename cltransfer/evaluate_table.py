@@ -7,7 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .evaluate_many import CONFIDENCE, FEWEST, RESAMPLES, ClipScore, Interval
+from .evaluate_kept import ClipScore
+from .evaluate_many import CONFIDENCE, FEWEST, RESAMPLES, Interval
 from .report.metrics import number
 from .report.tables import Table, to_latex, to_markdown
 from .storage.files import csv_text, write_json, write_text

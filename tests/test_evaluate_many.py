@@ -23,7 +23,8 @@ from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.evaluate import evaluate
-from cltransfer.evaluate_many import ClipScore, clips_in, evaluate_many, interval, left_over, notes_of, summarise
+from cltransfer.evaluate_kept import ClipScore
+from cltransfer.evaluate_many import clips_in, evaluate_many, interval, left_over, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES
@@ -315,7 +316,7 @@ def test_a_score_that_cannot_be_kept_is_no_fault_of_its_clip(
     def full(path: Path, value: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("cltransfer.evaluate_many.keep", full)
+    monkeypatch.setattr("cltransfer.evaluate_kept.keep", full)
     with pytest.raises(OSError, match="No space left"):
         evaluate_many(references, {"ours": ours}, load_config(overrides=mean_flow), folder=tmp_path / "out")
 
