@@ -17,7 +17,7 @@ from cltransfer.ablate.outcome import Case, Metric, Outcome
 from cltransfer.ablate.summary import summarise
 from cltransfer.ablate.tables import COST, values_table
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.evaluate_many import ClipScore
+from cltransfer.evaluate_kept import ClipScore
 from cltransfer.evaluate_table import clips_csv
 from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.plugins import allow
