@@ -40,9 +40,10 @@ def ladder(
     return (*changed, Setting(family, f"{base} {unit}".strip(), method))
 
 
+BASELINES = ("jaws_clean", "jaws_code", "jaws_losses_cma", "five_adam", "replay", "replay_drift")
 SETTINGS = (
-    *(Setting("presets", name, name) for name in ("fast", "balanced", "paper")),
-    *(Setting("baselines", n, n) for n in ("jaws_clean", "jaws_code", "jaws_losses_cma", "five_adam", "replay")),
+    *(Setting("presets", name, name) for name in ("fast", "balanced", "max", "paper")),
+    *(Setting("baselines", name, name) for name in BASELINES),
     *ladder("resolution", "balanced", "search_side", (96, 128, 224, 320), "px", "160"),
     *ladder("level of detail", "balanced", "lod", (1.0, 2.0, 4.0), "px merged", "0"),
     *ladder("CMA-ES, generations", "cma", "generations", (5, 10, 25, 50), "gen", "100"),

@@ -35,6 +35,7 @@ class Method:
 METHODS = {
     "balanced": Method(("preset=balanced",)),
     "fast": Method(("preset=fast",)),
+    "max": Method(("preset=max",)),
     "paper": Method(("preset=paper", *ON_ROBUST_LOSSES)),
     # CMA-ES in place of least squares for every frame; what becomes of its path is as in balanced, refined as a whole
     "cma": Method(("preset=balanced", "engine=cma", "generations=100", "patience=20", "popsize=10")),

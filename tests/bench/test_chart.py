@@ -9,8 +9,10 @@ from matplotlib.figure import Figure
 from cltransfer.bench import chart
 from cltransfer.bench.chart import CHART_TIERS, SETTINGS, Point, Setting, chart_trials, hits, pareto, points, points_csv
 from cltransfer.bench.chart_svg import _draw_points, write_chart
+from cltransfer.bench.methods import METHODS
 from cltransfer.bench.protocol import Tier
 from cltransfer.bench.rows import Bench, run_trials
+from cltransfer.config import presets
 
 
 def _row(shot, evaluations, total):
@@ -48,6 +50,12 @@ def test_a_point_is_the_mean_of_its_own_clips_and_the_share_that_did_not_fail():
     other = {**rows[2], "options": ["lod=1.0"]}
     found = points((Setting("presets", "fast", "fast"),), [*rows, other])
     assert found == [Point("presets", "fast", 3, 30.0, 3.0, pytest.approx(3.3), 0.6, pytest.approx(2 / 3))]
+
+
+def test_every_preset_and_every_method_has_its_point():
+    own = {setting.method for setting in SETTINGS}
+    assert own == {*METHODS}
+    assert own >= {*presets()}
 
 
 def test_settings_are_told_apart_by_name_within_their_family():
