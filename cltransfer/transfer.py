@@ -30,8 +30,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         inputs: scene, reference and initial view.
         config: everything else.
         progress: called with a step, frames done, frames in all.
-        record: where every batch of candidates for one frame is kept, so that a run that was killed can go on; whole
-            paths are not, a resumed run scores them again. None keeps nothing.
+        record: where what was scored is kept, so that a run that was killed can go on. None keeps nothing.
 
     Returns:
         What was found: ``trajectory`` of the cameras, ``image`` of their frames, ``searched`` and ``attempts`` with the

@@ -12,11 +12,11 @@ from torch import Tensor
 
 from ..along_clip import counted
 from ..camera import Camera
-from ..features import Features
 from ..pipeline.objective import Objective
 from .frame import CARRIED, Memory, Schedule, Solved, carried, held, predictions, solve
 from .problem import Problem, motion_scale
 from .spline import Local
+from .view import View
 from .whole_clip import WholeClip
 
 GOOD = 0.3  # total of a frame that is about right
@@ -95,7 +95,7 @@ def follow(
         at_home = search.turned(at_home, guide[0])  # a whole turn away it would be another motion from there
     found: list[Solved] = []
     residuals: list[Tensor] = []
-    before: Features | None = None
+    before: View | None = None
     memory = Memory()
     for i in range(len(reference)):
         problem = Problem(stage, search, home, reference[i], before, defined[i], schedule.free_lens)
@@ -124,10 +124,11 @@ def follow(
         found.append(solved)
         camera = problem.cameras(solved.x[None])
         stage = stage.about(camera)
-        now = stage.features(camera, before)
+        before = stage.view(camera, before)
         if schedule.engine == "refine":
-            residuals.append(stage.priced(reference[i], now, defined[i])[0])
-        before = now
+            residuals.append(stage.told(reference[i], before, defined[i])[0])
+        if stage.working is not None:
+            before.settle()  # or it would hold the scene as it was merged for this frame
         progress(i, solved)
     x = torch.stack([solved.x for solved in found])
     local = _local(stage.objective, found, residuals, defined)

@@ -1,12 +1,11 @@
-"""The journal: every batch of candidates for one frame, appended and synced, so that a run that was killed goes on.
+"""The journal: what the losses make of whatever is rendered, appended and synced, so that a killed run goes on.
 
 A run is deterministic, so nothing but the answers has to be kept: a resumed run asks the same questions in the same
 order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
 version or thread count; it is refused.
 
-What the initial views, the closed form and the search of each frame ask is kept. What is scored of a path as a whole
-and its differences (:mod:`.whole_clip`) count as evaluations too but are not kept: a resumed run renders them again,
-like each frame as it was found and what is read back.
+A question is a batch of candidates for one frame, a path as a whole, or the views around one frame of a path. What was
+answered is rendered again only where the run goes on from there (:mod:`.view`).
 
 Record: length, crc32, then crc32 of what was asked, rows, columns, float64 answers. The first record is the header.
 """
@@ -34,7 +33,7 @@ from ..features import Features
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
-RECORD_LIMIT = 2**24  # bytes; a batch of 1,000 candidates with 30 residuals takes 240 kB
+RECORD_LIMIT = 2**26  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
 PERSON = "person"  # who was lifted, or whom the file holds that --subject names

@@ -11,6 +11,7 @@ from torch import Tensor
 from ..camera import Camera
 from ..features import Features
 from .stage import Stage
+from .view import View
 
 MOTION = 0.5  # of its weight that flow keeps while frames are refined one by one: where the last one erred, it misleads
 EQUAL = 1e-6  # by which two vectors differ at most that are one, in the units of x
@@ -25,7 +26,7 @@ class Problem:
         search: vectors to cameras.
         home: the initial view.
         reference: the frame.
-        before: features of the frame before as it was found, None for the first.
+        before: view of the frame before as it was found, None for the first.
         defined: which terms the reference has, (L,) bool.
         free_lens: whether x holds the lens.
     """
@@ -34,7 +35,7 @@ class Problem:
     search: Any
     home: Camera
     reference: Features
-    before: Features | None
+    before: View | None
     defined: Tensor  # (L,)
     free_lens: bool
 

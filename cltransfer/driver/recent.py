@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +10,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..features import Features
+from .view import View
 
 PIXELS = 1_500_000  # of all views that are remembered; the maps of one take 30 to 60 bytes a pixel
 
@@ -23,7 +23,7 @@ class Context:
         scene, renderer, plan: what is looked at, by what, and what reads the renders.
         guarded: whether the scene's own depth is kept beside what they read.
         size: (W, H) of the renders [px].
-        before: features of the frame before.
+        before: the view of the frame before.
     """
 
     scene: Any
@@ -31,7 +31,7 @@ class Context:
     plan: Any
     guarded: bool
     size: tuple[int, int]
-    before: Features | None
+    before: View | None
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -39,11 +39,10 @@ class Context:
         return id(self.scene), id(self.renderer), id(self.plan), self.guarded, self.size, id(self.before)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Batch:
     context: Context
-    cameras: Camera
-    features: Features | None  # None where a journal answered
+    view: View
 
 
 @dataclass
@@ -51,7 +50,7 @@ class Recent:
     """The last batches of views, as many as :data:`PIXELS` allow; a larger one is not remembered.
 
     A view that is found is a part of the batch that it was seen in, the same object each time. Where a journal answered
-    for that batch it is seen now, whole, so that a run that is gone on with has the same bits.
+    for that batch it is looked at now, whole, so that a run that is gone on with has the same bits.
     """
 
     pixels: int = PIXELS
@@ -59,47 +58,39 @@ class Recent:
     _views: dict[tuple[object, ...], tuple[_Batch, int]] = field(default_factory=dict)
     _held: int = 0
 
-    def add(self, context: Context, cameras: Camera, features: Features | None) -> None:
-        """Remember what was seen from B cameras; None where a journal answered."""
-        size = len(cameras) * context.size[0] * context.size[1]
+    def add(self, context: Context, view: View) -> None:
+        """Remember a view of B cameras."""
+        size = len(view.cameras) * context.size[0] * context.size[1]
         if size > self.pixels:
             return
-        batch, keys = _Batch(context, cameras, features), [(*context.key, *view) for view in _views(cameras)]
+        batch, keys = _Batch(context, view), [(*context.key, *one) for one in _views(view.cameras)]
         self._batches.append((batch, keys))
         self._views |= {key: (batch, index) for index, key in enumerate(keys)}
         self._held += size
         while self._held > self.pixels:
             self._forget()
 
-    def holds(self, context: Context, camera: Camera) -> bool:
-        """Whether ``camera`` (1) is remembered."""
-        return (*context.key, *_views(camera)[0]) in self._views
-
-    def find(self, context: Context, camera: Camera, see: Callable[[Camera], Features]) -> Features | None:
-        """What was seen from ``camera`` (1), None where it is not remembered; ``see`` looks at B cameras now."""
+    def find(self, context: Context, camera: Camera) -> View | None:
+        """The view of ``camera`` (1), None where it is not remembered."""
         batch, index = self._views.get((*context.key, *_views(camera)[0]), (None, 0))
-        if batch is None:
-            return None
-        if batch.features is None:
-            batch.features = see(batch.cameras)
-        return batch.features if len(batch.cameras) == 1 else batch.features[index]
+        return None if batch is None else batch.view.part(index)
 
     def _forget(self) -> None:
         batch, keys = self._batches.popleft()
-        self._held -= len(batch.cameras) * batch.context.size[0] * batch.context.size[1]
+        self._held -= len(batch.view.cameras) * batch.context.size[0] * batch.context.size[1]
         for key in keys:
             if key in self._views and self._views[key][0] is batch:
                 del self._views[key]
 
 
-def standing(seen: Features, before: Features | None) -> Features:
-    """The frame ``before`` where what was ``seen`` is the same to the bit, from one camera; else what was seen."""
-    return before if before is not None and len(seen) == 1 and _alike(seen, before) else seen
+def standing(view: View, before: View | None) -> View:
+    """The view ``before`` where this one, of one camera, is the same to the bit; else itself."""
+    if before is None or len(view.cameras) > 1 or _views(view.cameras) != _views(before.cameras):
+        return view
+    return before if _alike(view.features, before.features) else view
 
 
 def _alike(a: Features, b: Features) -> bool:
-    if a.camera is None or b.camera is None or _views(a.camera) != _views(b.camera):
-        return False
     names = a.names()
     if names != b.names() or a.size != b.size or a.reasons != b.reasons or a.person is not b.person:
         return False

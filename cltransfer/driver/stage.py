@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import Any
 
 import torch
@@ -19,6 +21,7 @@ from ..scenes import Scene
 from .guard import SCENE_DEPTH, Guard
 from .journal import Journal, small_print
 from .recent import Context, Recent, moving, standing
+from .view import View
 from .working_set import WorkingSet
 
 AHEAD = 8  # frames of a path rendered together: threads draw a view each, which is quicker than sharing one
@@ -47,8 +50,8 @@ class Stage:
         spent: the counter.
         working: what ``scene`` is merged from, where it is merged.
         guard: views that the search may not take, None where it may take all.
-        journal: answers of ``terms`` and ``residuals`` kept on disk and taken from there, None where a run is not to be
-            gone on with; paths are not kept.
+        journal: what the objective makes of what is seen, kept on disk and taken from there; None where a run is not to
+            be gone on with.
         recent: views that were seen last, and are not rendered again.
     """
 
@@ -81,41 +84,46 @@ class Stage:
         working = self.working.about(camera.at_size(self.size))
         return replace(self, scene=working.scene, working=working)
 
-    def features(self, cameras: Camera, before: Features | None) -> Features:
-        """Features of B cameras; ``before`` is the frame before, shared by all, or None for a first frame.
+    def features(self, cameras: Camera, before: View | None) -> Features:
+        """Features of B cameras, looked at now; see :meth:`view`."""
+        return self.view(cameras, before).features
+
+    def view(self, cameras: Camera, before: View | None) -> View:
+        """The view of B cameras, counted; ``before`` is the frame before, shared by all, or None for a first frame.
 
         A single one that was seen lately with the same frame before it is not rendered again. One that shows what the
         frame before does is that frame, the same object, so that a camera that stands is rendered but three times.
         """
         known = self._known(cameras, before) if len(cameras) == 1 else None
-        return self._kept(cameras, before, self._rendered(cameras)) if known is None else known
+        return self._new(cameras, before, lambda: self._rendered(cameras)) if known is None else known
 
-    def path(self, cameras: Camera) -> Iterator[Features]:
-        """Features of a path of N cameras, frame by frame, each with the one before it."""
-        before, ahead = None, list[Features]()
+    def path(self, cameras: Camera) -> Iterator[View]:
+        """Views of a path of N cameras, frame by frame, each with the one before it."""
+        before, ahead = None, deque[Callable[[], Features]]()
         for i in range(len(cameras)):
             now = self._known(cameras[i], before)
             if now is None:
                 if not ahead:
-                    rendered = self._rendered(cameras[i : i + moving(cameras[i : i + AHEAD])])
-                    ahead = [rendered[j] for j in range(len(rendered))]
-                now = self._kept(cameras[i], before, ahead.pop(0))
-            elif ahead:  # it was rendered with those before it, and is known by now
-                ahead.pop(0)
+                    ahead += self._ahead(cameras[i : i + moving(cameras[i : i + AHEAD])])
+                now = self._new(cameras[i], before, ahead.popleft())
+            elif ahead:  # it was to be rendered with those before it, and is known by now
+                ahead.popleft()
             yield now
             before = now
 
-    def _known(self, camera: Camera, before: Features | None) -> Features | None:
-        def see(cameras: Camera) -> Features:  # was counted when the journal answered
-            return standing(self._seen(self._rendered(cameras), before), before)
+    def _ahead(self, cameras: Camera) -> list[Callable[[], Features]]:
+        """Renders of each of B cameras, drawn together when the first is wanted."""
+        drawn = cache(lambda: self._rendered(cameras))
+        return [partial(lambda j: drawn()[j], j) for j in range(len(cameras))]
 
-        return self.recent.find(self._context(before), camera, see)
+    def _known(self, camera: Camera, before: View | None) -> View | None:
+        return self.recent.find(self._context(before), camera)
 
-    def _stands(self, cameras: Camera, before: Features | None) -> bool:
+    def _stands(self, cameras: Camera, before: View | None) -> bool:
         """Whether it is one camera that is known to show what the frame before does."""
         return len(cameras) == 1 and before is not None and self._known(cameras, before) is before
 
-    def _context(self, before: Features | None) -> Context:
+    def _context(self, before: View | None) -> Context:
         return Context(self.scene, self.renderer, self.plan, self.guard is not None, self.size, before)
 
     def _rendered(self, cameras: Camera) -> Features:
@@ -128,31 +136,44 @@ class Stage:
             return seen
         return replace(seen, extras={**seen.extras, SCENE_DEPTH: rendered.require("depth")})
 
-    def _kept(self, cameras: Camera, before: Features | None, rendered: Features) -> Features:
+    def _new(self, cameras: Camera, before: View | None, rendered: Callable[[], Features]) -> View:
+        def look() -> Features:
+            return self._seen(rendered(), None if before is None else before.features)
+
         self._count(len(cameras))
-        seen = standing(self._seen(rendered, before), before)
-        self.recent.add(self._context(before), cameras, seen)
-        return seen
+        view = standing(View(cameras, look, before), before)
+        self.recent.add(self._context(before), view)
+        return view
 
     def _count(self, renders: int) -> None:
         self.spent.renders += renders
         self.spent.network_passes += renders * self.plan.passes
 
-    def terms(self, reference: Features, cameras: Camera, before: Features | None) -> Tensor:
+    def terms(self, reference: Features, cameras: Camera, before: View | None) -> Tensor:
         """Raw terms (B, L) of B candidates for one reference frame; a view that is blocked has none."""
+        view = self._candidates(cameras, before)
+        return self._told("terms", reference, cameras, lambda: self._allowed(reference, view.features))
 
-        def compute() -> Tensor:
-            return self._allowed(reference, self.features(cameras, before))
-
-        return self._answer(reference, "terms", cameras, before, compute)
-
-    def residuals(self, reference: Features, cameras: Camera, before: Features | None, defined: Tensor) -> Tensor:
+    def residuals(self, reference: Features, cameras: Camera, before: View | None, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of B candidates for one reference frame; a blocked view pays every penalty."""
+        view = self._candidates(cameras, before)
+        return self._told("residuals", reference, cameras, lambda: self.priced(reference, view.features, defined))
 
-        def compute() -> Tensor:
-            return self.priced(reference, self.features(cameras, before), defined)
+    def _candidates(self, cameras: Camera, before: View | None) -> View:
+        self.spent.evaluations += 0 if self._stands(cameras, before) else len(cameras)
+        return self.view(cameras, before)
 
-        return self._answer(reference, "residuals", cameras, before, compute)
+    def told(self, reference: Features, view: View, defined: Tensor) -> Tensor:
+        """:meth:`residuals` (B, R) of a view that is there; no evaluation."""
+        return self._told("told", reference, view.cameras, lambda: self.priced(reference, view.features, defined))
+
+    def told_across(self, reference: Features, view: View, defined: Tensor) -> Across:
+        """:meth:`across` of a view that is there; no evaluation."""
+
+        def across() -> Tensor:
+            return self.across(reference, view.features, defined).beside
+
+        return Across.apart(self._told("across", reference, view.cameras, across))
 
     def priced(self, reference: Features, seen: Features, defined: Tensor) -> Tensor:
         """Weighted residuals (B, R) of what was seen from B cameras; a blocked view pays every penalty."""
@@ -182,24 +203,10 @@ class Stage:
             terms if self.guard is None else terms.masked_fill(self.guard.blocked(seen, reference)[:, None], torch.nan)
         )
 
-    def _answer(
-        self, reference: Features, kind: str, cameras: Camera, before: Features | None, compute: Callable[[], Tensor]
-    ) -> Tensor:
-        self.spent.evaluations += 0 if self._stands(cameras, before) else len(cameras)
-        if self.journal is None:
-            return compute()
-        replayed = self.journal.replayed
-        answer = self.journal.answer(cameras, compute, small_print(reference, kind))
-        context = self._context(before)
-        if self.journal.replayed > replayed and not (len(cameras) == 1 and self.recent.holds(context, cameras)):
-            self._count(len(cameras))  # the run that recorded it has rendered and read it
-            self.recent.add(context, cameras, None)
-        return answer
-
     def path_terms(self, reference: Features, cameras: Camera, guarded: bool = False) -> Tensor:
         """Raw terms (N, L) of a path, frame by frame; where ``guarded``, a view that is blocked has none."""
         score = self._allowed if guarded else self.objective.terms
-        return torch.cat([score(reference[i], seen) for i, seen in enumerate(self.path(cameras))])
+        return self._path_told("path terms", reference, cameras, lambda i, seen: score(reference[i], seen))
 
     def path_residuals(self, reference: Features, cameras: Camera, defined: Tensor) -> Tensor:
         """Weighted residuals (N, R) of a path, frame by frame against N reference frames; blocked views pay too.
@@ -211,10 +218,40 @@ class Stage:
         """
         if self.objective.groups is None:
             raise ValueError("a path is refined by the residuals of every loss")
-        return torch.cat([self.priced(reference[i], seen, defined[i]) for i, seen in enumerate(self.path(cameras))])
+
+        def priced(i: int, seen: Features) -> Tensor:
+            return self.priced(reference[i], seen, defined[i])
+
+        return self._path_told("path residuals", reference, cameras, priced)
+
+    def path_across(self, reference: Features, cameras: Camera, defined: Tensor) -> Across:
+        """:meth:`across` of a path, frame by frame against N reference frames, (N, R)."""
+
+        def across(i: int, seen: Features) -> Tensor:
+            return self.across(reference[i], seen, defined[i]).beside
+
+        return Across.apart(self._path_told("path across", reference, cameras, across))
+
+    def _path_told(
+        self, kind: str, reference: Features, cameras: Camera, tell: Callable[[int, Features], Tensor]
+    ) -> Tensor:
+        """What is told of each frame of a path, (N, C): its views are counted now, and looked at one by one."""
+        views = deque(self.path(cameras))
+
+        def compute() -> Tensor:
+            return torch.cat([tell(i, views.popleft().features) for i in range(len(cameras))])
+
+        return self._told(kind, reference, cameras, compute)
+
+    def _told(self, kind: str, reference: Features, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
+        """What is told of ``cameras``; where the journal answers nothing is looked at."""
+        if self.journal is None:
+            return compute()
+        return self.journal.answer(cameras, compute, small_print(reference, kind))
 
 
 def read_path(stage: Stage, cameras: Camera) -> Features:
     """Features of a path by the stage's extractors, each frame with the one before it; its pixels only for a loss."""
     kept = "image" in stage.plan.wanted
-    return Features.concatenate([seen if kept else replace(seen, image=None) for seen in stage.path(cameras)])
+    path = (view.features for view in stage.path(cameras))
+    return Features.concatenate([seen if kept else replace(seen, image=None) for seen in path])

@@ -1,13 +1,10 @@
-"""A clip as a whole: paths scored, and what the losses make of them.
-
-All of it counts as evaluations; of the journal are only frames by themselves, so a run that is resumed renders paths
-again.
-"""
+"""A clip as a whole: paths scored, and what the losses make of them. All of it counts as evaluations."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -128,9 +125,7 @@ class WholeClip:
         """Residuals of a path (N, D), and beyond jumps of the losses; one evaluation a frame if it was not ``seen``."""
         if not seen:
             self.stage.spent.evaluations += views(x)
-        path = self.stage.path(self.cameras(x))
-        told = [self.stage.across(self.reference[i], view, self.defined[i]) for i, view in enumerate(path)]
-        return Across(*(torch.cat([getattr(one, field.name) for one in told]) for field in fields(Across)))
+        return self.stage.path_across(self.reference, self.cameras(x), self.defined)
 
     def still_totals(self, x: Tensor, frame: int) -> Tensor:
         """Totals (B,) of x (B, D) for one frame, of the losses that need no other one; B evaluations."""
@@ -196,16 +191,14 @@ class WholeClip:
                 measured[having[len(having) // 2], d] = True
         steps = inward(x, step, self.limits(D))  # (N, D)
         jacobians = torch.zeros(N, rows.shape[1], D, dtype=torch.float64)
-        before = None
-        for i, (directions, now) in enumerate(zip(measured, stage.path(self.cameras(x)))):
+        for i, before in enumerate(chain([None], stage.path(self.cameras(x[:-1])))):
+            directions = measured[i]
             if directions.any():
                 around = x[i] + torch.diag(steps[i])[directions]
-                seen = stage.features(self.cameras(around), before)
-                told = (self.reference[i], seen, self.defined[i])
-                r = stage.priced(*told) if jumps is None else jumps.values(stage.across(*told))
+                told = (self.reference[i], stage.view(self.cameras(around), before), self.defined[i])
+                r = stage.told(*told) if jumps is None else jumps.values(stage.told_across(*told))
                 jacobians[i][:, directions] = ((r - residuals[i]) / steps[i][directions, None]).T
                 stage.spent.evaluations += len(around)
-            before = now
         return Local(residuals, between(jacobians, measured, rows), objective.groups, paired)
 
 

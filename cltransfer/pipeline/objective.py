@@ -29,6 +29,16 @@ class Across:
     beyond: Tensor  # (B, R)
     far: Tensor  # (B, R)
 
+    @property
+    def beside(self) -> Tensor:
+        """All three beside one another, (B, 3 R)."""
+        return torch.cat([self.residuals, self.beyond, self.far], dim=1)
+
+    @classmethod
+    def apart(cls, beside: Tensor) -> Across:
+        """What lies ``beside`` one another, (B, 3 R), taken apart."""
+        return cls(*beside.chunk(3, dim=1))
+
 
 @dataclass(frozen=True)
 class Objective:

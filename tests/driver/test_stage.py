@@ -13,6 +13,7 @@ from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.journal import Journal
+from cltransfer.driver.recent import Recent
 from cltransfer.driver.stage import Spent, Stage, read_path
 from cltransfer.errors import ModelError
 from cltransfer.features import Features
@@ -71,6 +72,46 @@ def test_a_replayed_answer_counts_its_renders_and_network_passes_like_a_computed
         assert journal.replayed == (2 if resume else 0)
     assert spent == [Spent(evaluations=5, renders=5, network_passes=10)] * 2
     assert torch.equal(terms[0].view(torch.int64), terms[1].view(torch.int64))
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """A renderer that nobody may ask."""
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        raise AssertionError("it was rendered")
+
+
+def test_what_is_told_of_paths_is_answered_without_a_render_and_costs_the_same(tmp_path: Path) -> None:
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts, cameras = Components.build(load_config()), shot("orbit", scene.subject, SIZE, 5).camera
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), SIZE)
+    reference = read_path(replace(stage, spent=Spent(), recent=Recent()), cameras)
+    defined = stage.objective.defined(reference)
+    told, spent = list[list[torch.Tensor]](), list[Spent]()
+    for resume, renderer in ((False, parts.renderer), (True, Unseen())):
+        asked = replace(
+            stage, renderer=renderer, spent=Spent(), journal=Journal(tmp_path / "j", {}, resume), recent=Recent()
+        )
+        across = asked.path_across(reference, cameras, defined)
+        before = list(asked.path(cameras[:3]))[-1]
+        around = asked.view(cameras[[2, 4]], before)
+        beyond = asked.told_across(reference[3], around, defined[3])
+        told.append(
+            [
+                asked.path_residuals(reference, cameras[[0, 1, 3, 2, 4]], defined),
+                asked.path_terms(reference, cameras, guarded=True),
+                *(across.residuals, across.beyond, across.far),
+                *(beyond.residuals, beyond.beyond, beyond.far),
+                asked.told(reference[3], around, defined[3]),
+            ]
+        )
+        spent.append(asked.spent)
+    assert spent[0] == spent[1]
+    assert spent[0].renders == 5 + 2 + 3  # the second path differs from the third frame on
+    for computed, answered in zip(*told, strict=True):
+        assert torch.equal(computed.view(torch.int64), answered.view(torch.int64))
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no paint"), SystemExit("no paint")])

@@ -18,16 +18,20 @@ import pytest
 import torch
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
+from cltransfer.camera import Camera
 from cltransfer.config import load_config
+from cltransfer.drawing import drawn_by
+from cltransfer.driver import stage
 from cltransfer.driver.journal import VIEW, Journal, _begun_so, _record
+from cltransfer.driver.stage import Spent
 from cltransfer.errors import InputError
-from cltransfer.features import OfThisRun
+from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.progress import silent
 from cltransfer.reading.reference import Reading, _from_scene, read_reference
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run.inputs import Inputs
-from cltransfer.run.record import run_header
+from cltransfer.run.record import Record, run_header
 from cltransfer.scenes import columns
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import cached_lift, with_person
@@ -36,6 +40,7 @@ from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.storage.files import content_hash
 from cltransfer.storage.run_files import DONE, JOURNAL, RESULTS
 from cltransfer.trajectory import Trajectory
+from cltransfer.transfer import transfer
 
 ARGS = ("builtin:courtyard", "builtin:orbit", "frames=3", "generations=6", "search_side=64", "output_side=96")
 ARGS += ("threads=1", "-q")
@@ -122,6 +127,58 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits_and_computes_only_what_
         assert (run / name).read_bytes() == (whole / name).read_bytes()
     assert spent(run) == spent(whole)
     assert min(spent(run)[what] for what in ("evaluations", "renders")) > answers(whole / JOURNAL)
+
+
+def _ends(journal: Path) -> list[int]:
+    """Where each record of a journal ends, that of its header first."""
+    with journal.open("rb") as stream:
+        return [stream.tell() for _ in iter(lambda: _record(stream), None)]
+
+
+CUTS = 6  # places at which a journal is cut, evenly spread, and once more after its last answer
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("builtin:courtyard", "builtin:orbit", "preset=fast"),
+        ("builtin:courtyard", "builtin:static", "preset=balanced"),  # it stands: frames are those before them
+        ("builtin:courtyard", "builtin:pan", "preset=fast", "lod=2"),  # scenes that are merged on the way
+        pytest.param(("builtin:plaza", "builtin:dolly_zoom", "preset=max"), marks=pytest.mark.slow),
+    ],
+)
+def test_wherever_a_run_was_killed_no_more_than_what_was_asked_last_is_rendered_again(
+    options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, reference, *overrides = options
+    small = ("frames=4", "search_side=48", "output_side=48", "threads=1", "extract.verify=false")
+    config, journal, drawn = load_config(overrides=[*overrides, *small]), tmp_path / JOURNAL, list[int]()
+
+    def counted(renderer: Any, scene: Any, cameras: Camera, buffers: frozenset[str]) -> Features:
+        drawn.append(len(cameras))
+        return drawn_by(renderer, scene, cameras, buffers)
+
+    monkeypatch.setattr(stage, "drawn_by", counted)
+
+    def made(resume: bool) -> tuple[bytes, bytes, Spent, int]:
+        drawn.clear()
+        found = transfer(Inputs(scene, reference), config, record=Record(journal, resume))
+        camera = found.trajectory.camera
+        return camera.w2c.numpy().tobytes(), camera.K.numpy().tobytes(), found.spent, sum(drawn)
+
+    *whole, most = made(False)
+    complete, ends = journal.read_bytes(), _ends(journal)
+    places = [ends[i * (len(ends) - 1) // CUTS] for i in range(1, CUTS)]
+    renders = []
+    for place in (*places, len(complete)):
+        journal.write_bytes(complete[: place + 1])  # the next answer is torn
+        *resumed, again = made(True)
+        assert resumed == whole
+        assert journal.read_bytes() == complete
+        renders.append(again)
+    assert most > renders[0]
+    assert renders == sorted(renders, reverse=True)
+    assert renders[-1] < 0.2 * most  # what is read back, and to see that nothing changes where a camera stands
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def view(scene: Scene, distance: float, fov: float = 0.7, away: bool = False) ->
 
 def totals(stage: Stage, camera: Camera) -> torch.Tensor:
     """Totals of ``camera`` as second frame after an ordinary first, against that frame."""
-    first = stage.features(view(stage.scene, 2.5), None)
+    first = stage.view(view(stage.scene, 2.5), None)
     reference: Features = stage.features(view(stage.scene, 2.4), first)
     defined = stage.objective.defined(reference)[0]
     assert bool(defined.all())
