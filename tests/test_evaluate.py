@@ -31,6 +31,7 @@ from cltransfer.pipeline.scores import score
 from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json, number
+from cltransfer.run.kept_reading import Read
 from cltransfer.run.readback import read_back, read_held
 from cltransfer.testing import sample_features, without_person
 
@@ -342,7 +343,7 @@ def test_a_result_is_read_back_by_the_rule_by_which_clips_are_scored(
     held = read_held(stage, parts, found, room_cameras(10, (64, 48)))
     assert held is not None
     assert held.term("camera_movement").mean > 0  # type: ignore[union-attr]
-    with_its_own = replace(found, features=reference.features, reference=reference)
+    with_its_own = replace(found, read=Read.of(reference.features, found.scores), reference=reference)
     assert read_held(stage, parts, with_its_own, room_cameras(10, (64, 48))) is None
 
 

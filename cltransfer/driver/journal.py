@@ -4,10 +4,12 @@ A run is deterministic, so nothing but the answers has to be kept: a resumed run
 order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
 version or thread count; it is refused.
 
-A question is a batch of candidates for one frame, a path as a whole, or the views around one frame of a path. What was
-answered is rendered again only where the run goes on from there (:mod:`.view`).
+A question is a batch of candidates for one frame, a path as a whole, the views around one frame of a path, or what
+networks read of the frames of a path. What was answered is rendered again only where the run goes on from there
+(:mod:`.view`).
 
-Record: length, crc32, then crc32 of what was asked, rows, columns, float64 answers. The first record is the header.
+Record: length, crc32, then crc32 of what was asked, rows, columns, float64 answers; a document has no rows and columns,
+and JSON after them. The first record is the header.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import torch
@@ -85,16 +87,34 @@ class Journal:
         """
         asked = fingerprint(cameras) ^ told
         if (payload := self._recorded()) is not None:
-            self.replayed += 1
             crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
-            if crc != asked or len(payload) != _SHAPE.size + 8 * rows * columns:
-                hint = "other machine, version or threads? start over with another --out"
-                raise InputError(self.path, f"record {self.replayed}", "is of another question", hint)
+            self._check(crc == asked and len(payload) == _SHAPE.size + 8 * rows * columns)
             values = np.frombuffer(payload, np.float64, offset=_SHAPE.size).reshape(rows, columns)
             return torch.from_numpy(values.copy())
         computed = compute().double()
         self._append(_SHAPE.pack(asked, *computed.shape) + computed.contiguous().numpy().tobytes())
         return computed
+
+    def document(self, cameras: Camera, compute: Callable[[], object]) -> Any:
+        """JSON values of N cameras: recorded if this question was asked before, else computed and recorded.
+
+        Raises:
+            InputError: another question was recorded here, or no JSON.
+        """
+        asked = fingerprint(cameras) ^ zlib.crc32(b"document")
+        if (payload := self._recorded()) is not None:
+            crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
+            self._check((crc, rows, columns) == (asked, 0, 0))
+        else:
+            payload = _SHAPE.pack(asked, 0, 0) + json.dumps(compute()).encode()
+            self._append(payload)
+        return _parsed(self.path, payload[_SHAPE.size :])
+
+    def _check(self, same: bool) -> None:
+        self.replayed += 1
+        if not same:
+            hint = "other machine, version or threads? start over with another --out"
+            raise InputError(self.path, f"record {self.replayed}", "is of another question", hint)
 
     def _recorded(self) -> bytes | None:
         """The next record, one in memory at a time; None from the last on, behind which what is torn is cut off."""
@@ -192,9 +212,9 @@ def _torn_at_once(path: Path) -> bool:
     return length <= RECORD_LIMIT and path.stat().st_size < _FRAME.size + length
 
 
-def _parsed(path: Path, header: bytes) -> object:
+def _parsed(path: Path, told: bytes) -> Any:
     try:
-        return json.loads(header)
+        return json.loads(told)
     except (ValueError, RecursionError):
         raise InputError(path, "header", "not a journal", "start over with another --out") from None
 

@@ -21,6 +21,7 @@ from ..progress import Progress, silent
 from ..reading.frames import render_features
 from ..reading.reference import Reference, beside, quantised
 from ..scenes import Scene
+from .kept_reading import Read, kept_reading
 
 RENDER_BATCH = 8  # frames of a video rendered together
 READ_BACK = 90  # bytes a pixel of the result, measured at the peak: maps of reference, result and first view
@@ -33,15 +34,23 @@ class Readback:
 
     Args:
         image: the rendered frames, (N, 3, H, W) uint8, as they are kept.
-        features: what the extractors saw in them.
-        scores: against the reference.
+        read: what the extractors saw in them, and how it scores.
         reference: by the rule by which the frames could be read (:func:`~cltransfer.reading.reference.beside`).
     """
 
     image: Tensor  # (N, 3, H, W) uint8
-    features: Features
-    scores: Scores
+    read: Read
     reference: Reference
+
+    @property
+    def features(self) -> Features:
+        """Places that the extractors saw in the frames; their maps were scored and let go."""
+        return self.read.features
+
+    @property
+    def scores(self) -> Scores:
+        """Against the reference."""
+        return self.read.scores
 
 
 def check_frames(count: int, size: tuple[int, int]) -> None:
@@ -99,15 +108,22 @@ def read_back(
     """Render a path at its own size and score it by networks (on the frames as kept) or by the stage's extractors."""
     image = render_frames(stage.scene, parts, cameras, progress)
     stage.spent.renders += len(image)
-    if by_networks:
-        plan = parts.plan("image", reference.features.names())
-        features = render_features(image, cameras, stage.scene.subject, plan, reference.times)
-        stage.spent.network_passes += len(image) * plan.clip_passes
-        reference = beside(features, reference, parts, progress)
-    else:
+    if not by_networks:
         features = read_path(replace(stage, size=cameras.size), cameras)
-    scores = score(stage.objective, reference.features, features, reference.missing)
-    return Readback(image, features, scores, reference)
+        scores = score(stage.objective, reference.features, features, reference.missing)
+        return Readback(image, Read.of(features, scores), reference)
+    plan = parts.plan("image", reference.features.names())
+    alike = reference
+
+    def read() -> Read:
+        nonlocal alike
+        features = render_features(image, cameras, stage.scene.subject, plan, reference.times)
+        alike = beside(features, reference, parts, progress)
+        return Read.of(features, score(stage.objective, alike.features, features, alike.missing))
+
+    seen = kept_reading(stage, cameras, read)
+    stage.spent.network_passes += len(image) * plan.clip_passes
+    return Readback(image, seen, beside(seen.features, alike, parts, progress))
 
 
 def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera) -> Scores | None:
@@ -118,14 +134,14 @@ def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera)
     anything would beat it.
     """
     twice, reference = still(cameras, min(2, len(cameras))), shown.reference
-    if shown.features.has("camera"):
+    if "camera" in shown.read.names:
         seen = read_path(replace(stage, size=cameras.size), twice)
     else:
         plan = parts.plan("image", reference.features.names())
         seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
         stage.spent.network_passes += len(twice) * plan.clip_passes
     asked = {name for loss in stage.objective.losses.values() for name in loss.requires} | seen.reasons.keys()
-    if any(shown.features.has(name) and not seen.has(name) for name in asked):
+    if any(name in shown.read.names and not seen.has(name) for name in asked):
         return None
     features = seen[[0] + [1] * (len(cameras) - 1)]
     return score(stage.objective, reference.features, features, reference.missing)

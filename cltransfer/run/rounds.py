@@ -27,7 +27,6 @@ BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be stea
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
 UNREAD = "no correction: extract.verify=false reads no render by the networks"
-PLACES = ("keypoints", "box", "orientation", "camera")  # of the features of a clip, those that are no maps
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,6 @@ class Attempt:
         """The path taken, (N, D)."""
         return self.found.x if self.path is None else self.path.x
 
-    def without_maps(self) -> Attempt:
-        """The same with no features but :data:`PLACES`: the maps of all rounds need not fit in memory."""
-        return replace(self, shown=replace(self.shown, features=self.shown.features.only(PLACES)))
-
 
 def best_of(made: Sequence[Attempt]) -> int:
     """Index of the round with the lowest total, the first of several."""
@@ -66,10 +61,7 @@ def best_of(made: Sequence[Attempt]) -> int:
 
 
 def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
-    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more.
-
-    Maps are kept of the best alone.
-    """
+    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
     corrects = job.reference.family == "image" and config.extract.inner == "geometric"
     asked = config.extract.corrections if corrects else 0
     rounds = asked if job.by_networks else 0
@@ -88,8 +80,6 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         made.append(
             Attempt(take.found, cameras, take.path, shown, _blocked(job.stage, seen, job.wanted), take.left_out)
         )
-        best = best_of(made)
-        made = [one if i == best else one.without_maps() for i, one in enumerate(made)]
         clock.lap("reading back")
         if last or seen is None:
             break

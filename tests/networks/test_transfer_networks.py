@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
+from cltransfer.driver.journal import _record
 from cltransfer.models.onnx import Network
 from cltransfer.run.rounds import UNBIASED
-from cltransfer.transfer import Inputs, Result, transfer
+from cltransfer.transfer import Inputs, Record, Result, transfer
 
 SMALL = ("search_side=96", "output_side=240", "threads=1")
 PASSES = 3  # of YOLOX one, of BlazePose two
@@ -32,9 +33,9 @@ def transferred(
     """Transfer a film of the painted stage back into it."""
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
 
-    def run(frames: int, *overrides: str, shot: str = "push_in") -> Result:
+    def run(frames: int, *overrides: str, shot: str = "push_in", record: Record | None = None) -> Result:
         inputs = Inputs(str(scene_file), str(film(shot, frames)), subject=scene_file.with_name("subject.json"))
-        return transfer(inputs, load_config(overrides=[*networks, *SMALL, *overrides]))
+        return transfer(inputs, load_config(overrides=[*networks, *SMALL, *overrides]), record=record)
 
     return run
 
@@ -82,11 +83,32 @@ def test_the_round_that_reads_best_is_kept_whichever_it_is(transferred: Transfer
     assert second < min(first, third)
     assert (result.best, result.note) == (1, "")
     assert result.verified is result.attempts[result.best].shown.scores
-    first_shown, kept, third_shown = (attempt.shown.features for attempt in result.attempts)
-    assert kept.has("flow")
-    nothing_more = {"keypoints", "box", "orientation"}  # no maps of what is not kept
-    assert first_shown.names() == third_shown.names() == nothing_more
+    for attempt in result.attempts:
+        assert attempt.shown.features.names() == {"keypoints", "box", "orientation"}  # no maps, once they were scored
+        assert attempt.shown.read.names > {"keypoints", "box", "orientation", "flow"}
     assert result.spent.network_passes == 3 * 3 * PASSES + 2 * PASSES
+
+
+def test_a_run_that_goes_on_has_networks_read_what_they_had_not_read(
+    transferred: Transfer, looks: list[int], tmp_path: Path
+) -> None:
+    """Killed at the end, while what the second round found is read, and while what the first one found is."""
+    journal, asked = tmp_path / "journal.bin", (5, "preset=fast", "extract.corrections=1")
+    whole = transferred(*asked, record=Record(journal))
+    complete, ends = journal.read_bytes(), [0]
+    with journal.open("rb") as stream:
+        while (payload := _record(stream)) is not None:
+            ends += [stream.tell()] if b'"places"' in payload else []
+    assert len(ends) == 1 + len(whole.attempts) == 3
+    for cut, rounds in ((len(complete), 0), (ends[2] - 1, 1), (ends[1] - 1, 2)):
+        journal.write_bytes(complete[:cut])
+        looks.clear()
+        again = transferred(*asked, record=Record(journal, resume=True))
+        assert sum(looks) == (5 * rounds + 2) * PASSES  # 2: the first view held still
+        assert journal.read_bytes() == complete
+        assert again.spent == whole.spent
+        assert torch.equal(again.trajectory.camera.w2c, whole.trajectory.camera.w2c)
+        assert (means(again), again.best, again.note) == (means(whole), whole.best, whole.note)
 
 
 def test_the_papers_setting_has_every_candidate_read_by_networks(transferred: Transfer, looks: list[int]) -> None:

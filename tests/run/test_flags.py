@@ -144,14 +144,14 @@ def undefined(result: Result) -> Result:
     values = {term.name: term.values.clone() for term in shown.scores.terms}
     values["framing"][1] = values["camera_movement"][0] = torch.nan  # the first frame never has flow
     terms = tuple(replace(term, values=values[term.name]) for term in shown.scores.terms)
-    return kept(result, shown=replace(shown, scores=replace(shown.scores, terms=terms)))
+    return kept(result, shown=replace(shown, read=replace(shown.read, scores=replace(shown.scores, terms=terms))))
 
 
 def test_a_term_that_every_frame_has_lost_is_told_of_every_frame(plain: Result) -> None:
     shown, reason = plain.kept.shown, "undefined on every frame of the render"
     lost = [replace(t, values=torch.full((2,), torch.nan), reason=reason) for t in shown.scores.terms]
     lost[2] = replace(lost[2], reason="the reference has no 'depth'")
-    gone = kept(plain, shown=replace(shown, scores=replace(shown.scores, terms=tuple(lost))))
+    gone = kept(plain, shown=replace(shown, read=replace(shown.read, scores=replace(shown.scores, terms=tuple(lost)))))
     reference = plain.reference.features
     bare = replace(plain.reference, features=replace(reference, depth=None, extras={}))
     flags = run_flags(replace(gone, reference=bare))
@@ -164,7 +164,9 @@ def test_a_result_worse_than_standing_still_or_than_the_search_took_it_for_is_to
     def told(found: float, searched: float = 1.0) -> list[str]:
         shown = plain.kept.shown
         scores, search = (replace(shown.scores, totals=torch.full((2,), total)) for total in (found, searched))
-        result = kept(replace(plain, searched=search, held=search), shown=replace(shown, scores=scores))
+        result = kept(
+            replace(plain, searched=search, held=search), shown=replace(shown, read=replace(shown.read, scores=scores))
+        )
         return [flag.reason for flag in run_flags(result) if "the total is" in flag.reason]
 
     assert told(1.04) == []
@@ -239,7 +241,7 @@ def test_that_nobody_is_read_in_the_render_is_told(plain: Result) -> None:
         for term in shown.scores.terms
     )
     scores = replace(shown.scores, terms=terms, totals=torch.full((2,), 62.0))
-    gone = replace(shown, features=replace(shown.features, keypoints=points), scores=scores)
+    gone = replace(shown, read=replace(shown.read, features=replace(shown.features, keypoints=points), scores=scores))
     told = [flag.reason for flag in run_flags(kept(replace(plain, read_by="image"), shown=gone)) if flag.frame is None]
     assert [
         reason for reason in told if "see nobody in 2 of 2 frames of the render" in reason and "total is 62" in reason

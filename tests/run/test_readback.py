@@ -23,6 +23,7 @@ from cltransfer.pipeline.scores import score
 from cltransfer.reading.reference import Reference
 from cltransfer.registry import LOSSES
 from cltransfer.run import readback
+from cltransfer.run.kept_reading import Read
 from cltransfer.run.readback import RENDER_BATCH, Readback, check_frames, check_result, read_held, render_frames, still
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
@@ -141,7 +142,7 @@ def test_a_view_that_is_held_is_not_compared_where_depth_is_read_off_the_movemen
     objective = Objective(parts.losses)
     stage = Stage(scene, parts.renderer, parts.plan("scene"), objective, (48, 27))
     shown = Readback(
-        render_frames(scene, parts, cameras), features, score(objective, features, features, {}), reference
+        render_frames(scene, parts, cameras), Read.of(features, score(objective, features, features, {})), reference
     )
     assert read_held(stage, parts, shown, cameras) is None
 
@@ -156,7 +157,7 @@ def test_a_view_that_is_held_is_rendered_twice_and_scored_for_every_frame(frames
     features = read_path(own, cameras)
     reference = Reference(features, torch.arange(frames), None, "plaza", "", "scene", {})
     scores = score(stage.objective, features, features, {})
-    shown = Readback(torch.zeros(frames, 3, 54, 96, dtype=torch.uint8), features, scores, reference)
+    shown = Readback(torch.zeros(frames, 3, 54, 96, dtype=torch.uint8), Read.of(features, scores), reference)
     before = stage.spent.renders
     held = read_held(replace(stage, recent=Recent()), parts, shown, cameras)
     assert stage.spent.renders - before == min(2, frames)
