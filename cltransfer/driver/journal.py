@@ -1,5 +1,8 @@
 """The journal: what the losses make of whatever is rendered, appended and synced, so that a killed run goes on.
 
+An answer is in the file before it is given: a run that is killed loses what it was asked last. A loss of power may take
+what was answered since the disk was last waited for (:data:`SYNC`), whose remains are cut off.
+
 A run is deterministic, so nothing but the answers has to be kept: a resumed run asks the same questions in the same
 order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
 version or thread count; it is refused.
@@ -16,9 +19,11 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import shlex
 import struct
+import time
 import zlib
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
@@ -36,6 +41,7 @@ from ..features import Features
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
 RECORD_LIMIT = 2**26  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
+SYNC = 0.2  # [s] without a wait for the disk, at most; one takes 4 ms, and a search of 24 frames asks hundreds of times
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
 PERSON = "person"  # who was lifted, or whom the file holds that --subject names
@@ -58,6 +64,7 @@ class Journal:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
         self.replayed = 0
+        self._synced = -math.inf  # when, by the clock of time.monotonic
         self._replaying = resume and path.exists() and _is_begun(path, header)
         self._stream = _open(path)
         if self._replaying:
@@ -131,7 +138,9 @@ class Journal:
     def _append(self, payload: bytes) -> None:
         self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
         self._stream.flush()
-        os.fsync(self._stream.fileno())
+        if time.monotonic() - self._synced >= SYNC:
+            os.fsync(self._stream.fileno())
+            self._synced = time.monotonic()
 
 
 def _coded(header: Mapping[str, object]) -> bytes:

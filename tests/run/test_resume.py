@@ -101,7 +101,12 @@ def spent(run: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("engine", ["refine", pytest.param("cma", marks=pytest.mark.slow)])
 def test_a_run_that_was_stopped_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
-    command: Callable[..., Any], cache: Path, tmp_path: Path, synced: list[int], engine: str
+    command: Callable[..., Any],
+    cache: Path,
+    tmp_path: Path,
+    synced: list[int],
+    monkeypatch: pytest.MonkeyPatch,
+    engine: str,
 ) -> None:
     arguments, whole, run = (*ARGS, f"engine={engine}"), tmp_path / "whole", tmp_path / "a take"
     terminated = f"error: terminated (the same command with --resume '{run}' goes on from here)\n"
@@ -115,6 +120,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits_and_computes_only_what_
         assert [path.name for path in run.rglob("*")] == [JOURNAL]  # nothing half-written
         assert kept < (kept := answers(run / JOURNAL))
     synced.clear()
+    monkeypatch.setattr("cltransfer.driver.journal.SYNC", 0.0)
     resumed = command("transfer", *arguments, "--resume", run)
     assert resumed.code == 0, resumed.err
     computed = synced.count((run / JOURNAL).stat().st_ino)
