@@ -28,6 +28,7 @@ from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.scores import score
+from cltransfer.reading.frames import read_alike
 from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json, number
@@ -328,7 +329,15 @@ def test_a_result_is_read_back_by_the_rule_by_which_clips_are_scored(
     reference = read_reference(str(tmp_path / "bright.mkv"), parts, Reading())
     scene: Any = SimpleNamespace(subject=None)
     stage = Stage(scene, parts.renderer, parts.plan("image"), parts.objective, (64, 48))
+    anew, read_anew = list[int](), read_alike
+
+    def counted(features: Features, *others: Any) -> Features:
+        anew.append(len(features))
+        return read_anew(features, *others)
+
+    monkeypatch.setattr("cltransfer.reading.reference.read_alike", counted)
     found = read_back(stage, parts, reference, room_cameras(10, (64, 48)), by_networks=True)
+    assert anew == [10]
     scored = evaluate(str(tmp_path / "bright.mkv"), str(tmp_path / "dark.mkv"), with_depth).scores
     assert found.features.reasons == {"depth": "it is too dark"}
     for name in ("camera_movement", "filmic_space"):

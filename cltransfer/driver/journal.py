@@ -1,7 +1,7 @@
 """The journal: what the losses make of whatever is rendered, appended and synced, so that a killed run goes on.
 
 An answer is in the file before it is given: a run that is killed loses what it was asked last. A loss of power may take
-what was answered since the disk was last waited for (:data:`SYNC`), whose remains are cut off.
+all that was answered since the disk was last waited for (:data:`SYNC`); what remains of that is cut off.
 
 A run is deterministic, so nothing but the answers has to be kept: a resumed run asks the same questions in the same
 order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
@@ -40,8 +40,8 @@ from ..features import Features
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
-RECORD_LIMIT = 2**26  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
-SYNC = 0.2  # [s] without a wait for the disk, at most; one takes 4 ms, and a search of 24 frames asks hundreds of times
+RECORD_LIMIT = 2**24  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
+SYNC = 0.2  # [s] between waits for the disk; each takes 4 ms, and a search of 24 frames asks hundreds of times
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
 PERSON = "person"  # who was lifted, or whom the file holds that --subject names
@@ -95,7 +95,7 @@ class Journal:
         asked = fingerprint(cameras) ^ told
         if (payload := self._recorded()) is not None:
             crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
-            self._check(crc == asked and len(payload) == _SHAPE.size + 8 * rows * columns)
+            self._check((crc, rows) == (asked, len(cameras)) and len(payload) == _SHAPE.size + 8 * rows * columns)
             values = np.frombuffer(payload, np.float64, offset=_SHAPE.size).reshape(rows, columns)
             return torch.from_numpy(values.copy())
         computed = compute().double()
@@ -114,8 +114,8 @@ class Journal:
             self._check((crc, rows, columns) == (asked, 0, 0))
         else:
             payload = _SHAPE.pack(asked, 0, 0) + json.dumps(compute()).encode()
-            self._append(payload)
-        return _parsed(self.path, payload[_SHAPE.size :])
+            self._append(payload, lasting=True)
+        return _parsed(self.path, f"record {self.replayed}", payload[_SHAPE.size :])
 
     def _check(self, same: bool) -> None:
         self.replayed += 1
@@ -135,10 +135,10 @@ class Journal:
             self._stream.seek(end)
         return payload
 
-    def _append(self, payload: bytes) -> None:
+    def _append(self, payload: bytes, lasting: bool = False) -> None:
         self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
         self._stream.flush()
-        if time.monotonic() - self._synced >= SYNC:
+        if lasting or time.monotonic() - self._synced >= SYNC:
             os.fsync(self._stream.fileno())
             self._synced = time.monotonic()
 
@@ -205,7 +205,7 @@ def _is_begun(path: Path, header: Mapping[str, object]) -> bool:
     with path.open("rb") as stream:
         first = _record(stream)
     if first is not None:
-        _compare(path, _parsed(path, first), header)
+        _compare(path, _parsed(path, "header", first), header)
     elif not _torn_at_once(path):
         raise InputError(path, "header", "not a journal", "start over with another --out")
     return first is not None
@@ -221,11 +221,11 @@ def _torn_at_once(path: Path) -> bool:
     return length <= RECORD_LIMIT and path.stat().st_size < _FRAME.size + length
 
 
-def _parsed(path: Path, told: bytes) -> Any:
+def _parsed(path: Path, field: str, told: bytes) -> Any:
     try:
         return json.loads(told)
     except (ValueError, RecursionError):
-        raise InputError(path, "header", "not a journal", "start over with another --out") from None
+        raise InputError(path, field, "not a journal", "start over with another --out") from None
 
 
 def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:

@@ -235,13 +235,15 @@ class Stage:
     def _path_told(
         self, kind: str, reference: Features, cameras: Camera, tell: Callable[[int, Features], Tensor]
     ) -> Tensor:
-        """What is told of each frame of a path, (N, C): its views are counted now, and looked at one by one."""
-        views = deque(self.path(cameras))
+        """What is told of each frame of a path, (N, C), whose views are looked at one by one."""
+        views = self.path(cameras)
 
         def compute() -> Tensor:
-            return torch.cat([tell(i, views.popleft().features) for i in range(len(cameras))])
+            return torch.cat([tell(i, view.features) for i, view in enumerate(views)])
 
-        return self._told(kind, reference, cameras, compute)
+        told = self._told(kind, reference, cameras, compute)
+        deque(views, maxlen=0)  # where the journal has answered they are counted, and not looked at
+        return told
 
     def _told(self, kind: str, reference: Features, cameras: Camera, compute: Callable[[], Tensor]) -> Tensor:
         """What is told of ``cameras``; where the journal answers nothing is looked at."""

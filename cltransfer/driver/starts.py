@@ -17,6 +17,10 @@ from .stage import Stage
 from .whole_clip import WholeClip
 
 
+class NoViewError(InputError):
+    """No view of a scene shows its subject as the reference does in any way."""
+
+
 @dataclass(frozen=True)
 class Starts:
     """Where a search starts.
@@ -57,7 +61,7 @@ class Starting:
 
         Raises:
             UsageError: no view was given, and the scene has no subject or no term of the target tells where to stand.
-            InputError: no view was given, there is no path in closed form, and no view of the orbit scores on any term.
+            NoViewError: none was given, there is no path in closed form, and no view of the orbit scores on any term.
         """
         subject, free, view = stage.scene.subject, self.schedule.free_lens, self.view
         homes, guide = [] if view is None else [view], None
@@ -75,5 +79,7 @@ class Starting:
             if orbit is not None:
                 homes.append(orbit)
         if not homes:
-            raise InputError(stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE")
+            raise NoViewError(
+                stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE"
+            )
         return Starts(concatenate(homes), guide)

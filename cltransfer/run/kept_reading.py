@@ -16,7 +16,9 @@ from ..features import Features
 from ..pipeline.objective import Objective
 from ..pipeline.scores import Scores, Term
 
-PLACES = ("keypoints", "box", "orientation", "camera")  # of the features of a clip, those that are no maps
+TOLD = ("keypoints", "box", "orientation")
+PLACES = (*TOLD, "camera")  # of the features of a clip, those that are no maps
+FLOATS = {str(kind): kind for kind in (torch.float16, torch.bfloat16, torch.float32, torch.float64)}
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,9 @@ class Read:
         return cls(features.only(PLACES), features.names(), scores)
 
     def to_json(self) -> dict[str, Any]:
-        """JSON values that tell every number to the bit, of frames whose camera nobody has read."""
-        places = {name: _told(self.features.require(name)) for name in PLACES if self.features.has(name)}
+        """JSON values that tell every number to the bit; who looked is not told."""
+        places = {name: _told(self.features.require(name)) for name in TOLD if self.features.has(name)}
         return {
-            "frames": len(self.features),
             "size": list(self.features.size),
             "places": places,
             "reasons": dict(self.features.reasons),
@@ -52,21 +53,23 @@ class Read:
         }
 
     @classmethod
-    def from_json(cls, told: Any, objective: Objective) -> Read:
-        """What :meth:`to_json` told, of the losses of ``objective``.
+    def from_json(cls, told: Any, objective: Objective, count: int) -> Read:
+        """What :meth:`to_json` told of ``count`` frames, of the losses of ``objective``.
 
         Raises:
-            ValueError, TypeError, KeyError, AttributeError: it is something else.
+            ValueError, TypeError, LookupError, AttributeError, ArithmeticError: it is something else.
         """
         width, height = told["size"]
-        bare = Features((int(width), int(height)), extras={"frames": torch.zeros(int(told["frames"]), 0)})
-        places: dict[str, Any] = {name: _tensor(told["places"][name]) for name in PLACES if name in told["places"]}
+        bare = Features((int(width), int(height)), extras={"frames": torch.zeros(count, 0)})
+        places: dict[str, Any] = {name: _tensor(told["places"][name]) for name in TOLD if name in told["places"]}
         features = replace(bare, **places, reasons={str(n): str(reason) for n, reason in told["reasons"].items()})
         terms = [
             Term(name, loss.unit, loss.weight, torch.tensor(values, dtype=torch.float64), str(reason))
             for (name, loss), (values, reason) in zip(objective.losses.items(), told["terms"], strict=True)
         ]
         scores = Scores(tuple(terms), torch.tensor(told["totals"], dtype=torch.float64))
+        if len(scores.totals) != count:
+            raise ValueError(f"expected {count} frames")
         return cls(features.only(PLACES), frozenset(map(str, told["names"])), scores)
 
 
@@ -80,14 +83,14 @@ def kept_reading(stage: Stage, cameras: Camera, read: Callable[[], Read]) -> Rea
         return read()
     told = stage.journal.document(cameras, lambda: read().to_json())
     try:
-        return Read.from_json(told, stage.objective)
-    except (ValueError, TypeError, KeyError, AttributeError):
+        return Read.from_json(told, stage.objective, len(cameras))
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError):
         raise InputError(stage.journal.path, "reading", "is damaged", "start over with another --out") from None
 
 
 def _told(value: Tensor) -> dict[str, Any]:
-    return {"type": str(value.dtype).removeprefix("torch."), "values": value.tolist()}
+    return {"type": str(value.dtype), "values": value.tolist()}
 
 
 def _tensor(told: Mapping[str, Any]) -> Tensor:
-    return torch.tensor(told["values"], dtype={"float32": torch.float32, "float64": torch.float64}[told["type"]])
+    return torch.tensor(told["values"], dtype=FLOATS[told["type"]])

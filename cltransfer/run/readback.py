@@ -113,7 +113,7 @@ def read_back(
         scores = score(stage.objective, reference.features, features, reference.missing)
         return Readback(image, Read.of(features, scores), reference)
     plan = parts.plan("image", reference.features.names())
-    alike = reference
+    alike: Reference | None = None
 
     def read() -> Read:
         nonlocal alike
@@ -123,7 +123,7 @@ def read_back(
 
     seen = kept_reading(stage, cameras, read)
     stage.spent.network_passes += len(image) * plan.clip_passes
-    return Readback(image, seen, beside(seen.features, alike, parts, progress))
+    return Readback(image, seen, alike or beside(seen.features, reference, parts, progress))
 
 
 def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera) -> Scores | None:

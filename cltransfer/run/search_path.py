@@ -12,9 +12,8 @@ from ..driver.aside import FEW, MANY, as_a_whole, go_aside
 from ..driver.joint import Effort
 from ..driver.path_order import LeastPath, refined
 from ..driver.stage import Stage
-from ..driver.starts import Starts
+from ..driver.starts import NoViewError, Starts
 from ..driver.whole_clip import WholeClip, views
-from ..errors import InputError
 from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
@@ -61,7 +60,7 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> 
     target = first.clip.reference
     try:
         starts = job.starting.starts(job.stage, target)
-    except InputError:  # among them no view shows anything: what was found without is what there is
+    except NoViewError:  # among them no view shows anything: what was found without is what there is
         return replace(first, left_out=left_out)
     second = searched(job, config, job.stage, target, starts, report)
     there = LeftOut(job.floaters, second.total_in(first.clip.stage), second.total)

@@ -237,7 +237,7 @@ def test_the_header_is_compared_before_the_answers_are_read(tmp_path: Path) -> N
 
 
 def test_answers_are_read_one_at_a_time_when_they_are_asked_for(tmp_path: Path) -> None:
-    journal, large = Journal(tmp_path / "j", HEADER, False), torch.zeros(1000, 1000, dtype=torch.float64)
+    journal, large = Journal(tmp_path / "j", HEADER, False), torch.zeros(3, 333_000, dtype=torch.float64)
     for cameras in questions() * 2:
         journal.answer(cameras, lambda: large)
     tracemalloc.start()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import weakref
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -116,6 +117,32 @@ def test_a_camera_that_stops_and_goes_on_is_rendered_wherever_it_moves(stage: St
     alone = replace(stage, recent=Recent(pixels=0))
     for one, two in zip(path, alone.path(stops), strict=True):
         same(one.features, two.features)
+
+
+def test_of_a_path_that_stops_no_more_is_held_than_of_one_that_moves(stage: Stage, cameras: Camera) -> None:
+    held = list[int]()
+
+    @dataclass(frozen=True)
+    class Watched:
+        """A plugin that keeps track of the frames that are in memory."""
+
+        requires: ClassVar[tuple[str, ...]] = ("depth",)
+        provides: ClassVar[tuple[str, ...]] = ("frame",)
+        frames: list[weakref.ref[torch.Tensor]] = field(default_factory=list)
+
+        def __call__(self, now: Features, before: Features | None = None) -> Features:
+            frame = torch.ones(len(now))
+            self.frames.append(weakref.ref(frame))
+            held.append(sum(one() is not None for one in self.frames))
+            return now.having("frame", frame)
+
+    watched = replace(stage, plan=replace(stage.plan, steps=(*stage.plan.steps, Step("watched", Watched()))))
+    watched = replace(watched, recent=Recent(pixels=2 * SIZE[0] * SIZE[1]))
+    stops = cameras[[*range(FRAMES), FRAMES - 1, FRAMES - 1]]
+    reference = read_path(replace(stage, recent=Recent()), stops)
+    watched.path_terms(reference, stops)
+    assert len(held) == FRAMES + 2
+    assert max(held) <= 4  # two that are remembered, the one before, and this one
 
 
 def test_a_frame_that_turns_out_to_be_known_hands_on_no_other_ones_view(stage: Stage, cameras: Camera) -> None:

@@ -80,7 +80,7 @@ def test_what_was_read_is_told_to_the_bit_and_nobody_looks_again(
 def test_of_frames_in_which_nobody_was_looked_for_their_number_is_told(objective: Objective) -> None:
     bare = Features((8, 6), flow=torch.zeros(FRAMES, 2, 6, 8))
     read = Read.of(bare, score(objective, sample_features(2, FRAMES), bare, {}))
-    told = Read.from_json(json.loads(json.dumps(read.to_json())), objective)
+    told = Read.from_json(json.loads(json.dumps(read.to_json())), objective, FRAMES)
     assert len(told.features) == FRAMES
     same(told, read)
 
@@ -96,7 +96,9 @@ def test_of_frames_in_which_nobody_was_looked_for_their_number_is_told(objective
         lambda told: told["totals"].pop(),
         lambda told: told["places"]["box"].update(values=[[1.0]]),
         lambda told: told["places"]["box"].update(type="object"),
-        lambda told: told.update(frames=FRAMES + 1),
+        lambda told: told.update(totals=[1.0]),
+        lambda told: told.update(size=[float("inf"), 4]),
+        lambda told: [places.update(values=places["values"][1:]) for places in told["places"].values()],
     ],
 )
 def test_a_document_that_says_something_else_is_refused(
@@ -107,6 +109,13 @@ def test_a_document_that_says_something_else_is_refused(
     Journal(tmp_path / "j", {}, False).document(cameras, lambda: told)
     with pytest.raises(InputError, match="reading: is damaged"):
         kept_reading(stage(objective, tmp_path / "j", True), cameras, lambda: read)
+
+
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16, torch.float64])
+def test_joints_of_any_float_come_back_as_they_were(objective: Objective, read: Read, kind: torch.dtype) -> None:
+    points = read.features.require("keypoints").to(kind)
+    given = replace(read, features=replace(read.features, keypoints=points))
+    same(Read.from_json(json.loads(json.dumps(given.to_json())), objective, FRAMES), given)
 
 
 @pytest.mark.parametrize("told", [[], "read", 3, None])

@@ -17,7 +17,11 @@ from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import FEW
 from cltransfer.driver.frame import Solved
+from cltransfer.driver.stage import Stage
+from cltransfer.driver.starts import NoViewError, Starts
 from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.errors import InputError
+from cltransfer.features import Features
 from cltransfer.pipeline.scores import Scores
 from cltransfer.progress import silent
 from cltransfer.run.flags import run_flags
@@ -251,3 +255,24 @@ def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hang
     )
     whole, _ = cost(job, lambda: _with_floaters(job, config, take, quiet))
     assert whole == past + search + len(take.x)
+
+
+@pytest.mark.parametrize("error", [NoViewError, InputError])
+def test_where_no_view_among_floaters_shows_anything_what_was_found_without_is_kept(
+    hanging: Inputs, error: type[InputError]
+) -> None:
+    """And another error is one, as that of a journal of another run."""
+    job, config, take = found_without_floaters(hanging)
+
+    class Lost:
+        def starts(self, stage: Stage, target: Features) -> Starts:
+            raise error("", "--init", "no view")
+
+    lost: Any = replace(job, starting=Lost())  # type: ignore[arg-type]
+    if error is NoViewError:
+        kept = _with_floaters(lost, config, take, quiet)
+        assert kept.found is take.found
+        assert kept.left_out is not None
+    else:
+        with pytest.raises(InputError, match="no view"):
+            _with_floaters(lost, config, take, quiet)
