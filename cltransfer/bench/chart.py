@@ -160,7 +160,7 @@ def hits(family: str, rows: Sequence[Row], target: float) -> Hits:
 
 # whose budgets make one curve
 CURVES = {
-    "ours": (("fast", ()), ("balanced", ())),
+    "ours": (("fast", ()), ("balanced", ()), ("max", ())),
     "CMA-ES about the subject": (("cma", ()), *(("cma", (f"generations={n}",)) for n in (5, 10, 25, 50))),
     "five losses, Adam": (("five_adam", ()), *(("five_adam", (f"adam.iterations={n}",)) for n in (5, 10, 20))),
     "JAWS": (("jaws_clean", ()), *(("jaws_clean", (f"adam.iterations={n}",)) for n in (5, 10, 20))),

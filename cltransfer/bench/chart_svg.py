@@ -24,7 +24,14 @@ if TYPE_CHECKING:
 BY_SECONDS = ("resolution", "level of detail")  # families whose settings all take as many evaluations
 COSTS = {"evaluations": "evaluations a frame", "seconds": "seconds a clip"}
 LETTER, LINE = 0.0155, 0.04  # width and height of a letter of a point's name [of the axes]
-SIDES = (("left", 4), ("left", -9), ("right", 4), ("right", -9))  # which end of a name is at its point; how high [pt]
+SIDES = (  # which end of a name is at its point, and how high [pt], [of its lines]
+    ("left", 4, 0.8),
+    ("center", -14, -1.6),
+    ("left", -9, -0.8),
+    ("right", 4, 0.8),
+    ("right", -9, -0.8),
+    ("center", 8, 1.4),
+)
 _INK, _FRONT = "#333333", "#999999"
 _COLORS = ("#3b6fb6", "#d1603d", "#4f9d69", "#8a63a8", "#b58a2c", "#5aa5b8", "#c25b8b", "#6b6b6b")
 _MARKERS = "osD^vP*X"
@@ -88,30 +95,32 @@ def _losses(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str
     ax.set_yscale("log")
     ticks = _round_steps([p.total for p in found])
     ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.set_ylim(ticks[0], ticks[-1])
+    ax.set_ylim(0.7 * ticks[0], ticks[-1])
     ring: Any = {"marker": "o", "markersize": 10, "fillstyle": "none", "color": _INK, "linestyle": ""}
     ax.plot(*zip(*steps), **ring, label="on the front")
     _finish(ax, [getattr(p, cost) for p in found])
-    _names(ax, [p for p in found if cost != "evaluations" or p.family not in BY_SECONDS], families, cost)
+    _names(ax, found, families, cost)
 
 
 def _names(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
     """The points' names, presets first, on the first side that is free; where none is, only the table has it.
 
-    Of settings that are one point the first names it.
+    Of settings that are one point the first names it; those that differ in seconds alone have names there.
     """
     places = [(getattr(p, cost), p.total) for p in found]
     inside = ax.transAxes.inverted().transform(ax.transData.transform(places))  # (P, 2) [of the axes]
     taken = [(x - LETTER / 2, x + LETTER / 2, y) for x, y in inside]  # left, right, middle; no name lies on a point
     for i, (p, place, (x, y)) in enumerate(zip(found, places, inside)):
-        for end, height in SIDES if place not in places[:i] else ():
-            left = x + LETTER / 2 if end == "left" else x - LETTER * (len(p.label) + 0.5)
-            right, middle = left + LETTER * len(p.label), y + (LINE if height > 0 else -LINE) * 0.8
+        named = place not in places[:i] and (cost != "evaluations" or p.family not in BY_SECONDS)
+        width = LETTER * len(p.label)
+        ends = {"left": x + LETTER / 2, "center": x - width / 2, "right": x - width - LETTER / 2}
+        for end, height, lines in SIDES if named else ():
+            left, right, middle = ends[end], ends[end] + width, y + lines * LINE
             if any(left < stop and right > begin and abs(middle - at) < 0.75 * LINE for begin, stop, at in taken):
                 continue
             taken.append((left, right, middle))
             color = _COLORS[families.index(p.family) % len(_COLORS)]
-            offset = (5 if end == "left" else -5, height)
+            offset = ({"left": 5, "center": 0, "right": -5}[end], height)
             style: Any = {"textcoords": "offset points", "ha": end, "fontsize": 6.5, "color": color}
             ax.annotate(p.label, place, offset, **style)
             break

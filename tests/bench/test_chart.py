@@ -81,6 +81,28 @@ def test_points_beside_one_another_are_all_named_and_no_name_lies_on_a_point():
             assert not any(box.overlaps(other) for label, other in names.items() if label != name)
 
 
+def test_every_preset_is_named_and_not_on_a_point_that_has_no_name_itself():
+    """Sizes take as many evaluations as one another: there they have no names."""
+    presets = {"fast": (19.8, 0.663), "balanced": (55.2, 0.635), "max": (94.5, 0.63), "paper": (957.0, 1.68)}
+    sizes = {"96 px": (58.4, 0.709), "128 px": (50.7, 0.654), "224 px": (61.2, 0.724), "320 px": (61.2, 0.666)}
+    rest = {"replay": (4.3, 13.6)}
+    families = {"presets": presets, "resolution": sizes, "baselines": rest}
+    found = [
+        Point(family, label, 1, cost, cost, loss, loss, 1.0)
+        for family, own in families.items()
+        for label, (cost, loss) in own.items()
+    ]
+    figure = Figure(figsize=(9.0, 7.4))
+    _draw_points(figure, found)
+    figure.canvas.draw()
+    ax = figure.axes[0]
+    names = {text.get_text(): text.get_window_extent() for text in ax.texts}
+    assert set(names) == {*presets, *rest}
+    for box in names.values():
+        around = box.padded(3)  # a point is as wide
+        assert not any(around.contains(*ax.transData.transform((p.evaluations, p.total))) for p in found)
+
+
 def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
     settings = (Setting("presets", "fast", "fast"), Setting("resolution", "48 px", "fast", ("search_side=48",)))
     tier = Tier(("pan",), (("room", "room"),), 1, 1, 2)
