@@ -24,7 +24,7 @@ from ..scenes import Scene
 from .kept_reading import Read, kept_reading
 
 RENDER_BATCH = 8  # frames of a video rendered together
-READ_BACK = 90  # bytes a pixel of the result, measured at the peak: maps of reference, result and first view
+READ_BACK = 60  # bytes a pixel of the result; 47 measured at the peak, while its maps are read
 HINT = "lower output_side or frames"
 
 

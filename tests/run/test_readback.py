@@ -94,7 +94,7 @@ def test_frames_that_do_not_fit_are_refused_before_one_is_rendered(monkeypatch: 
         check_frames(10, (1000, 100))
     monkeypatch.setattr(memory, "free_bytes", lambda: 20 * 2**20)
     check_frames(10, (1000, 100))
-    with pytest.raises(ResourceError, match=rf"the maps of 10 frames of 1000x100 need 86 MB, 20 MB are free .*{HINT}"):
+    with pytest.raises(ResourceError, match=rf"the maps of 10 frames of 1000x100 need 57 MB, 20 MB are free .*{HINT}"):
         check_result(10, (1000, 100))
     assert renderer.batches == []
 
