@@ -19,6 +19,7 @@ from cltransfer.driver.problem import Problem
 from cltransfer.driver.retry import RESCUE, Retry
 from cltransfer.driver.schedule import Schedule, make_schedule
 from cltransfer.driver.stage import Stage
+from cltransfer.driver.view import View
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
@@ -134,7 +135,7 @@ def test_a_frame_after_those_that_show_nothing_stands_for_all_too() -> None:
     lean = replace(schedule, basin=math.inf, rescue=math.inf, polish=Budget(generations=24, patience=8, popsize=10))
     memory = Memory(None, torch.zeros(3, 2, dtype=torch.float64), torch.zeros(3, dtype=torch.bool))
     start = torch.zeros(1, 2, dtype=torch.float64)
-    second = replace(problem, before=problem.reference)
+    second = replace(problem, before=View(problem.cameras(start), lambda: problem.reference, None))
     assert solve(second, start, memory, lean, np.random.default_rng(0)).total < 0.1 * DECOY
 
 
