@@ -123,7 +123,9 @@ def read_back(
 
     seen = kept_reading(stage, cameras, read)
     stage.spent.network_passes += len(image) * plan.clip_passes
-    return Readback(image, seen, alike or beside(seen.features, reference, parts, progress))
+    if alike is None:  # the journal has told what was read
+        alike = beside(seen.features, reference, parts, progress)
+    return Readback(image, seen, alike)
 
 
 def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera) -> Scores | None:
