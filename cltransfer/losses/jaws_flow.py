@@ -36,9 +36,10 @@ def flow_angle(reference: Tensor, rendered: Tensor) -> Tensor:
     Args are those of :func:`flow_error`; (B,) in [0, 1], NaN where no pixel has both flows.
     """
     known = ~(reference + rendered).isnan().any(1, keepdim=True)
-    one = known.to(rendered)
-    a, b = (torch.cat([flow.where(known, 0.0), one], dim=1) for flow in (reference, rendered))
-    angle = torch.atan2(torch.linalg.cross(a, b, dim=1).norm(dim=1), (a * b).sum(1))
+    (u, v), (s, t) = (flow.where(known, 0.0).unbind(1) for flow in (reference, rendered))
+    square = (v - t).square() + (s - u).square() + (u * t - v * s).square()  # of (u, v, 1) x (s, t, 1)
+    sine = square.where(square > 0, 1.0).sqrt().where(square > 0, 0.0)  # masked before: the root of 0 has no gradient
+    angle = torch.atan2(sine, u * s + v * t + 1)
     return _mean_of(angle / torch.pi, known[:, 0])
 
 

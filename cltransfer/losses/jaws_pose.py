@@ -25,7 +25,10 @@ OWN, PAIRS = 0.7, 0.3  # shares of the two parts of the loss
 DRAWN = 4  # frames whose maps are drawn at once, 14 MB each
 
 
-def profiles(joints: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+Profiles = tuple[Tensor, Tensor]  # of heat maps, along x and along y
+
+
+def profiles(joints: Tensor, size: tuple[int, int]) -> Profiles:
     """What heat maps are made of, along x and along y, for all turns of the frame about its middle.
 
     Args:
@@ -49,18 +52,17 @@ def profiles(joints: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
     return (amount * across).cumsum(-1), down
 
 
-def map_distances(reference: Tensor, rendered: Tensor, size: tuple[int, int]) -> Tensor:
+def map_distances(reference: Profiles, rendered: Profiles) -> Tensor:
     """E of every joint's map: over all turns, the mean square of the difference of the cumulative sums, summed.
 
     Args:
-        reference: (R, J, 3), R = 1 or B; see :func:`profiles`.
-        rendered: (B, J, 3).
-        size: (W, H) of the maps [px].
+        reference: of R = 1 or B frames.
+        rendered: of B frames.
 
     Returns:
         (B, J) [px^2], >= 0.
     """
-    (ax, ay), (bx, by) = profiles(reference, size), profiles(rendered, size)
+    (ax, ay), (bx, by) = reference, rendered
 
     def mean_product(px: Tensor, py: Tensor, qx: Tensor, qy: Tensor) -> Tensor:
         return (px * qx).mean(-1) * (py * qy).mean(-1)
@@ -69,10 +71,10 @@ def map_distances(reference: Tensor, rendered: Tensor, size: tuple[int, int]) ->
     return squares.clamp_min(0).sum(1)
 
 
-def pair_distances(joints: Tensor, size: tuple[int, int]) -> Tensor:
+def pair_distances(of: Profiles) -> Tensor:
     """E between the maps of every two joints of one frame, (B, J, J) [px^2]; see :func:`map_distances`."""
-    cumulated, down = profiles(joints, size)
-    gram = (cumulated @ cumulated.transpose(-1, -2) / size[0]) * (down @ down.transpose(-1, -2) / size[1])
+    across, down = (part @ part.transpose(-1, -2) / part.shape[-1] for part in of)
+    gram = across * down
     own = gram.diagonal(dim1=-2, dim2=-1)
     return (own[..., :, None] + own[..., None, :] - 2 * gram).clamp_min(0).sum(1)
 
@@ -123,10 +125,11 @@ class JawsPose:
         size = (round(HEIGHT * reference.size[0] / reference.size[1]), HEIGHT)
         wanted, found = _on_maps(reference, size), _on_maps(rendered, size)
         kappa = sharpness(wanted, size)
-        own = (kappa * map_distances(wanted, found, size)).mean(-1)
+        sides = profiles(wanted, size), profiles(found, size)
+        own = (kappa * map_distances(*sides)).mean(-1)
         row = kappa[:, -1:, None] if self.quirks else kappa[..., None]
         below = torch.ones(wanted.shape[1], wanted.shape[1], dtype=torch.bool, device=wanted.device).tril(-1)
-        pairs = (row * (pair_distances(found, size) - pair_distances(wanted, size))).masked_fill(~below, 0)
+        pairs = (row * (pair_distances(sides[1]) - pair_distances(sides[0]))).masked_fill(~below, 0)
         loss = OWN * own + PAIRS * pairs.square().mean((-1, -2))
         nobody = ~torch.isfinite(found[..., :2]).any(-1).any(-1)
         return loss.masked_fill(nobody, float("nan"))
