@@ -32,9 +32,12 @@ class Guard:
 
     Args:
         height: of the subject, scene units; None leaves out what is measured in it.
+        hidden: share in [0, 1] of the joints that a reference shows, and the view has in its frame, that may be hidden;
+            1 asks nothing of single joints.
     """
 
     height: float | None
+    hidden: float = 1.0
 
     def reasons(self, features: Features, reference: Features | None = None) -> dict[str, Tensor]:
         """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it.
@@ -54,7 +57,9 @@ class Guard:
         if all(features.has(name) for name in READ):
             wrong[HIDDEN] = _hidden(features)
             if reference is not None and reference.has("keypoints"):
-                wrong[HIDDEN] &= (reference.require("keypoints")[..., 2] > VISIBLE).any(1)
+                shown = reference.require("keypoints")[..., 2] > VISIBLE
+                wrong[HIDDEN] &= shown.any(1)
+                wrong[HIDDEN] = wrong[HIDDEN] | (hidden_share(features, shown) > self.hidden)
         return wrong
 
     def blocked(self, features: Features, reference: Features | None = None) -> Tensor:
@@ -91,6 +96,20 @@ def _from_body(points: Tensor, person: Subject) -> Tensor:
     length = (along**2).sum(-1).clamp_min(1e-12)  # two joints may be one
     share = ((offset * along).sum(-1) / length).clamp(0, 1)
     return (offset - share[..., None] * along).norm(dim=-1).amin(1)
+
+
+def hidden_share(features: Features, shown: Tensor) -> Tensor:
+    """Share (B,) of the joints ``shown``, (R, 14) bool, that B views have in the frame, behind something.
+
+    0 where the frame has none of them, or the person's own joints are not known.
+    """
+    if features.person is None:
+        return torch.zeros(len(features), dtype=torch.float64)
+    keypoints = features.require("keypoints")
+    size = keypoints.new_tensor(features.size)
+    inside = ((keypoints[..., :2] >= 0) & (keypoints[..., :2] < size)).all(-1)
+    there = inside & shown & (features.person.confidence > VISIBLE)
+    return (there & ~(keypoints[..., 2] > VISIBLE)).double().sum(1) / there.double().sum(1).clamp_min(1)
 
 
 def _hidden(features: Features) -> Tensor:

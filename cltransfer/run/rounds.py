@@ -11,11 +11,13 @@ from ..camera import Camera, concatenate
 from ..config.options import RunConfig
 from ..driver.follow import Path
 from ..driver.frame import Solved
+from ..driver.guard import hidden_share
 from ..driver.path_order import LeastPath
 from ..driver.stage import Stage, read_path
 from ..driver.starts import Starts
 from ..features import Features, nobody
 from ..progress import Progress
+from ..skeleton import VISIBLE
 from .correct import LEAST, corrected, measure_bias
 from .left_out import LeftOut
 from .preparation import Clock, Job
@@ -24,6 +26,7 @@ from .search_path import search_path
 from .take import Report
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
+MAY_HIDE = 0.1  # of the joints, in rounds after one of which the networks lost the person behind something
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
 UNREAD = "no correction: extract.verify=false reads no render by the networks"
@@ -85,6 +88,11 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             break
         window = BIAS_WINDOW if config.extract.bias == "robust" else 0.0
         bias = measure_bias(shown.features, seen, window, job.starting.at)
+        target = job.wanted
+        if _lost_behind_things(job, shown.features, seen):
+            job = replace(job, stage=_watchful(job.stage))
+            stage, starts = _watchful(stage), job.starts
+            continue
         if bool(nobody(shown.features).all()):
             return made, UNSEEN
         if not bias.known:
@@ -92,6 +100,22 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         homes = cameras[0] if config.warm_start else concatenate([cameras[0], job.starts.homes])
         target, starts = corrected(job.wanted, bias), Starts(homes, take.clip.about(cameras[0], take.x))
     return made, UNREAD if asked and not rounds else ""
+
+
+def _lost_behind_things(job: Job, shown: Features, seen: Features) -> bool:
+    """Whether the networks miss the person of a frame ``shown`` where, by the geometry ``seen``, things hide joints."""
+    guard = job.stage.guard
+    if guard is None or guard.hidden <= MAY_HIDE or not job.wanted.has("keypoints"):
+        return False
+    wanted = job.wanted.require("keypoints")[..., 2] > VISIBLE
+    missed = nobody(shown) & ~nobody(job.reference.features)
+    return bool((missed & (hidden_share(seen, wanted) > MAY_HIDE)).any())
+
+
+def _watchful(stage: Stage) -> Stage:
+    """The stage whose guard lets things hide but few joints."""
+    assert stage.guard is not None
+    return replace(stage, guard=replace(stage.guard, hidden=MAY_HIDE))
 
 
 def _counting(progress: Progress, step: str, count: int) -> Report:

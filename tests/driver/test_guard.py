@@ -10,7 +10,7 @@ import torch
 from cltransfer.camera import Camera, concatenate
 from cltransfer.config import load_config
 from cltransfer.driver.follow import follow
-from cltransfer.driver.guard import READ, Guard
+from cltransfer.driver.guard import READ, Guard, hidden_share
 from cltransfer.driver.schedule import make_schedule
 from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip
@@ -265,3 +265,25 @@ class Nearness:
 
     def __call__(self, now: Features, before: Features | None = None) -> Features:
         return replace(now, depth=torch.zeros_like(now.require("image")[:, 0]))
+
+
+def test_things_may_hide_no_more_joints_of_those_shown_than_a_guard_allows() -> None:
+    """Joints that the reference lacks, that are outside the frame or that nobody knows of the person are not hidden."""
+    person = builtin_scene("plaza").subject
+    assert person is not None
+    person = replace(person, confidence=torch.ones(14).double().index_fill(0, torch.tensor([13]), 0.0))
+    seen = replace(view(), person=person)
+    keypoints = seen.require("keypoints").clone()
+    keypoints[:, :4, 2] = keypoints[:, 13, 2] = 0.0  # behind something; the last is not known
+    keypoints[:, 0, 0] = -1.0  # outside the frame
+    seen = replace(seen, keypoints=keypoints)
+    reference = view()
+    shown = reference.require("keypoints").clone()
+    shown[:, 1, 2] = 0.0
+    reference = replace(reference, keypoints=shown)
+    share = 2 / 11  # of 14 without the first, the second and the last
+    assert hidden_share(seen, shown[..., 2] > 0.5).tolist() == [pytest.approx(share)]
+    for allowed, refused in ((share - 1e-6, True), (share + 1e-6, False), (1.0, False)):
+        reasons = Guard(1.8, allowed).reasons(seen, reference)
+        assert [name for name, wrong in reasons.items() if bool(wrong[0])] == ["the person is hidden"] * refused
+    assert hidden_share(replace(seen, person=None), shown[..., 2] > 0.5).tolist() == [0.0]

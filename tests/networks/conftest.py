@@ -41,7 +41,15 @@ def extent(mask: Tensor, axis: int) -> tuple[Tensor, Tensor]:
 
 
 class Detector(nn.Module):
-    """YOLOX: a box about what is red and one about what is green, each in a cell of stride 32 at the top left."""
+    """YOLOX: a box about what is red and one about what is green, each in a cell of stride 32 at the top left.
+
+    Args:
+        slender: only one that is at least so many times as tall as wide.
+    """
+
+    def __init__(self, slender: float = 0.0) -> None:
+        super().__init__()
+        self.slender = slender
 
     def forward(self, images: Tensor) -> Tensor:
         paint = (images[:, 2:] - images[:, 1:2]) / 255  # BGR
@@ -53,7 +61,7 @@ class Detector(nn.Module):
         (left, right), (top, bottom) = extent(mask, 3), extent(mask, 2)
         size = torch.cat([right - left, bottom - top], 1).clamp_min(1) / 32
         place = torch.cat([(left + right) / 64 - cell, (top + bottom) / 64], 1)
-        there = mask.amax((1, 2, 3))[:, None]
+        there = mask.amax((1, 2, 3))[:, None] * (size[:, 1:] >= self.slender * size[:, :1])
         return torch.cat([place, size.log(), there, torch.ones_like(there), torch.zeros(1, 79) * there], 1)
 
 
@@ -108,6 +116,7 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
             )  # fmt: skip
 
     save(Detector(), "detector.onnx", "images", 416, "output")
+    save(Detector(slender=1.8), "whole.onnx", "images", 416, "output")
     save(Body(), "body.onnx", "input", 256, "output0", "output1", "output2", "output4")
     return folder
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,15 @@ import torch
 
 from cltransfer.config import load_config
 from cltransfer.driver.journal import _record
+from cltransfer.features import nobody
 from cltransfer.models.onnx import Network
-from cltransfer.run.rounds import UNBIASED
+from cltransfer.run.rounds import UNBIASED, UNSEEN
+from cltransfer.scenes import Scene
+from cltransfer.scenes.person.lifted import save_labels
+from cltransfer.scenes.ply import write_splats
+from cltransfer.scenes.simplify import joined
+from cltransfer.scenes.splats import Splats
+from cltransfer.shots import Setup
 from cltransfer.transfer import Inputs, Record, Result, transfer
 
 SMALL = ("search_side=96", "output_side=240", "threads=1")
@@ -33,8 +41,10 @@ def transferred(
     """Transfer a film of the painted stage back into it."""
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
 
-    def run(frames: int, *overrides: str, shot: str = "push_in", record: Record | None = None) -> Result:
-        inputs = Inputs(str(scene_file), str(film(shot, frames)), subject=scene_file.with_name("subject.json"))
+    def run(
+        frames: int, *overrides: str, shot: str = "push_in", record: Record | None = None, scene: Path = scene_file
+    ) -> Result:
+        inputs = Inputs(str(scene), str(film(shot, frames)), subject=scene.with_name("subject.json"))
         return transfer(inputs, load_config(overrides=[*networks, *SMALL, *overrides]), record=record)
 
     return run
@@ -121,6 +131,45 @@ def test_the_papers_setting_has_every_candidate_read_by_networks(transferred: Tr
     assert spent.evaluations < sum(looks) <= spent.network_passes + 2 * PASSES  # no pose where nobody is found
     assert (len(result.attempts), result.note, result.read_by) == (1, "", "image")  # no bias between two networks
     assert all(term.defined for term in result.verified.terms if term.name != "filmic_space")
+
+
+@pytest.fixture
+def behind_a_board(scene_file: Path, stage: Scene) -> Path:
+    """The painted stage as a file, a board before the person's legs where an unmoved camera films them from."""
+    subject = stage.subject
+    assert subject is not None
+    towards = math.cos(Setup.azimuth) * subject.facing + math.sin(Setup.azimuth) * subject.left
+    across, along = (
+        torch.cartesian_prod(torch.arange(-1, 1, 0.03), torch.arange(-0.5, 0.05, 0.03)).double().T[..., None]
+    )
+    place = 0.6 * towards + across * torch.linalg.cross(subject.up, towards) + along * subject.up
+    n, ones = len(place), torch.ones(len(place))
+    sizes, turns = torch.full((n, 3), 0.03 * subject.height), torch.eye(4)[:1].expand(n, 4)
+    grey = torch.zeros(n, *stage.geometry.sh.shape[1:])
+    board = Splats((subject.anchor + subject.height * place).float(), sizes, turns, ones, grey, torch.zeros(n))
+    whole, folder = joined(stage.geometry, board), scene_file.parent / "board"
+    folder.mkdir(exist_ok=True)
+    write_splats(folder / "stage.ply", whole)
+    save_labels(folder, whole.label)
+    subject.save(folder / "subject.json")
+    return folder / "stage.ply"
+
+
+@pytest.mark.parametrize("guard", [True, False])
+def test_who_is_lost_behind_something_is_shown_whole_by_the_next_round(
+    transferred: Transfer, behind_a_board: Path, guard: bool
+) -> None:
+    """The detector finds only who is slender, as the person is whole, and not by half."""
+    wanted = ("preset=fast", f"guard={str(guard).lower()}", "extractors.detect_yolox.model=whole.onnx")
+    result = transferred(2, *wanted, shot="static", scene=behind_a_board)
+    assert nobody(result.attempts[0].shown.features).all()
+    if not guard:
+        assert (len(result.attempts), result.note) == (1, UNSEEN)
+        return
+    assert (len(result.attempts), result.best, result.note) == (2, 1, "")
+    assert not nobody(result.kept.shown.features).any()
+    first, second = means(result)
+    assert second < 0.5 * first
 
 
 @pytest.mark.parametrize(
