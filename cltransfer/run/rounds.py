@@ -27,6 +27,7 @@ from .take import Report
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 MAY_HIDE = 0.1  # of the joints, in rounds after one of which the networks lost the person behind something
+REFUSED = 10.0  # total above which CMA-ES then looks for a view of a frame; one that the guard refuses costs more
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
 UNREAD = "no correction: extract.verify=false reads no render by the networks"
@@ -90,8 +91,9 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         bias = measure_bias(shown.features, seen, window, job.starting.at)
         target = job.wanted
         if _lost_behind_things(job, shown.features, seen):
-            job = replace(job, stage=_watchful(job.stage))
             stage, starts = _watchful(stage), job.starts
+            schedule = replace(job.schedule, rescue=min(job.schedule.rescue, REFUSED))
+            job = replace(job, stage=_watchful(job.stage), schedule=schedule)
             continue
         if bool(nobody(shown.features).all()):
             return made, UNSEEN
