@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
@@ -14,7 +15,9 @@ import pytest
 from cltransfer.ablate.read import ablations, read_sweep
 from cltransfer.ablate.sources import check_sources
 from cltransfer.config import load_config
+from cltransfer.driver.initial_view import given_view
 from cltransfer.errors import CltransferError, UsageError
+from cltransfer.scenes.load import load_scene
 
 Written = Callable[[str], str]
 
@@ -50,9 +53,19 @@ def test_what_the_issue_asks_for_is_shipped() -> None:
         "renderer",
         "search",
     }
-    assert {*wanted, "presets"} <= set(ablations())
+    assert {*wanted, "presets", "leave_one_out_paper"} <= set(ablations())
     assert len(read_sweep("leave_one_out").rows) == 6
     assert len(read_sweep("losses_x_optimiser").rows) == 4
+
+
+def test_the_papers_rows_begin_at_the_view_that_their_file_tells() -> None:
+    scene = read_sweep("leave_one_out_paper").file.scenes[0]
+    view, person = given_view(scene.init), load_scene(scene.scene).subject
+    assert person is not None
+    away = float((view.center[0] - person.anchor).norm()) / person.height
+    cover = float(view.K[0, 1, 1]) / view.size[1] / away
+    assert (away, cover) == pytest.approx((2.0, 0.3))
+    assert math.degrees(float(view.vertical_fov[0])) == pytest.approx(80, abs=1)
 
 
 @pytest.mark.parametrize("name", ["@" * 15_000 + ".json", "a.json@" * 1100 + "b.json", "#/" * 2000, "a:" * 2000])
