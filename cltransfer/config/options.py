@@ -27,7 +27,8 @@ class ExtractConfig:
     Args:
         inner: inside the search, geometric (scene extractors) or image (networks).
         verify: read the result of a clip's transfer with the networks that read the clip.
-        corrections: rounds in which the networks' bias is measured on the result and aimed off in a new search.
+        corrections: rounds of a new search, in which the networks' bias as measured on the result is aimed off, or no
+            view is taken in which things hide many joints, where the networks lost the person behind some.
         bias: robust (steady along the clip) or frame (every frame's own difference, noise and all).
     """
 

@@ -1,4 +1,4 @@
-"""Where a camera may not stand: inside something, before nothing, or where the person is hidden altogether."""
+"""Where a camera may not stand: inside something, before nothing, or where the person is hidden, or hidden in part."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLOSE = 0.4  # of the frame that may be so near
 COVERAGE = 0.05  # of the frame that must show something; a scene may be a person before nothing
 SHOWN = 0.03  # of the joints' box that must show the person
 
-HIDDEN = "the person is hidden"
+HIDDEN, PARTLY = "the person is hidden", "things hide part of the person"
 READ = frozenset({"subject", "keypoints"})  # what tells whether the person is hidden, beside depth
 SCENE_DEPTH = "scene_depth"  # extra of a view whose ``depth`` is a network's, in a unit that nobody knows
 
@@ -59,7 +59,8 @@ class Guard:
             if reference is not None and reference.has("keypoints"):
                 shown = reference.require("keypoints")[..., 2] > VISIBLE
                 wrong[HIDDEN] &= shown.any(1)
-                wrong[HIDDEN] = wrong[HIDDEN] | (hidden_share(features, shown) > self.hidden)
+                if self.hidden < 1:
+                    wrong[PARTLY] = hidden_share(features, shown) > self.hidden
         return wrong
 
     def blocked(self, features: Features, reference: Features | None = None) -> Tensor:

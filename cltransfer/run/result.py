@@ -25,7 +25,7 @@ class Result:
     Args:
         scene, reference: what it was given, read.
         trajectory: N cameras at the output size.
-        attempts: every round; the first is uncorrected.
+        attempts: every round, the first uncorrected.
         best: index of the round with the lowest total, the one that is kept.
         searched: the score in the search, by the inner extractors at the search size, of the cleaned reference.
         held: the score of the first view held still; None where it cannot be read as the result is.

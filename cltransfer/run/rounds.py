@@ -1,10 +1,12 @@
-"""Rounds of search and reading back; after the first, aimed off the networks' bias."""
+"""Rounds of search and reading back; after the first, aimed off the networks' bias or led to whom they lost."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
 from ..camera import Camera, concatenate
@@ -14,7 +16,7 @@ from ..driver.frame import Solved
 from ..driver.guard import hidden_share
 from ..driver.path_order import LeastPath
 from ..driver.stage import Stage, read_path
-from ..driver.starts import Starts
+from ..driver.starts import NoViewError, Starts
 from ..features import Features, nobody
 from ..progress import Progress
 from ..skeleton import VISIBLE
@@ -23,14 +25,30 @@ from .left_out import LeftOut
 from .preparation import Clock, Job
 from .readback import Readback, read_back
 from .search_path import search_path
-from .take import Report
+from .take import Report, Take
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 MAY_HIDE = 0.1  # of the joints, in rounds after one of which the networks lost the person behind something
-REFUSED = 10.0  # total above which CMA-ES then looks for a view of a frame; one that the guard refuses costs more
+REFUSED = 0.25  # of what a frame costs that the guard refuses: above it CMA-ES then looks for a view
+UNHIDDEN = "the networks lost the person behind something, the next round took no such view"
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
 UNREAD = "no correction: extract.verify=false reads no render by the networks"
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round goes on from.
+
+    Args:
+        take: what the round before found.
+        shown: what the networks read of its frames.
+        seen: what geometry reads of them.
+    """
+
+    take: Take
+    shown: Features
+    seen: Features
 
 
 @dataclass(frozen=True)
@@ -65,59 +83,85 @@ def best_of(made: Sequence[Attempt]) -> int:
 
 
 def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
-    """Rounds of search and reading back; after the first, aimed off the networks' bias. And why there are no more."""
+    """Rounds of search and reading back, and what is to be told of them.
+
+    After the first, a search is aimed off the networks' bias; once, where they lost the person behind something, it
+    takes no view of which that is true instead. Where that was of no use, it goes on from the round before.
+    """
     corrects = job.reference.family == "image" and config.extract.inner == "geometric"
     asked = config.extract.corrections if corrects else 0
     rounds = asked if job.by_networks else 0
-    stage = replace(job.stage, scene=job.solid)
+    by, stage = job, replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
+    before, note = list[Round](), UNREAD if asked and not rounds else ""
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
-        take = search_path(job, config, stage, target, starts, report)
-        stage, cameras = take.clip.stage, take.cameras
+        take = search_path(by, config, stage, target, starts, report)
         clock.lap("search")
-        shown = read_back(job.stage, job.parts, reference, cameras, job.by_networks, progress)
+        shown = read_back(job.stage, job.parts, reference, take.cameras, job.by_networks, progress)
         reference = shown.reference  # what one round had to do without no later one has
         last = number == rounds
-        seen = None if last and job.stage.guard is None else read_path(job.stage, cameras)
-        made.append(
-            Attempt(take.found, cameras, take.path, shown, _blocked(job.stage, seen, job.wanted), take.left_out)
-        )
+        seen = None if last and job.stage.guard is None else read_path(job.stage, take.cameras)
+        blocked = _blocked(by.stage, seen, job.wanted)
+        made.append(Attempt(take.found, take.cameras, take.path, shown, blocked, take.left_out))
         clock.lap("reading back")
         if last or seen is None:
             break
-        window = BIAS_WINDOW if config.extract.bias == "robust" else 0.0
-        bias = measure_bias(shown.features, seen, window, job.starting.at)
-        target = job.wanted
-        if _lost_behind_things(job, shown.features, seen):
-            stage, starts = _watchful(stage), job.starts
-            schedule = replace(job.schedule, rescue=min(job.schedule.rescue, REFUSED))
-            job = replace(job, stage=_watchful(job.stage), schedule=schedule)
+        now = Round(take, shown.features, seen)
+        if not before and _lost_behind_things(job, now):
+            before.append(now)
+            by, note = _watchful(job), f"no correction: {UNHIDDEN}"
+            stage, target = replace(by.stage, scene=job.solid), job.wanted
+            starts = _starts(by, stage)
             continue
-        if bool(nobody(shown.features).all()):
+        if by is not job and best_of(made) != number:
+            by, now = job, before[0]
+        bias = measure_bias(
+            now.shown, now.seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0, job.starting.at
+        )
+        if bool(nobody(now.shown).all()):
             return made, UNSEEN
         if not bias.known:
             return made, f"no {'further ' if number else ''}{UNBIASED}"
-        homes = cameras[0] if config.warm_start else concatenate([cameras[0], job.starts.homes])
-        target, starts = corrected(job.wanted, bias), Starts(homes, take.clip.about(cameras[0], take.x))
-    return made, UNREAD if asked and not rounds else ""
+        stage, first, note = now.take.clip.stage, now.take.cameras[0], ""
+        homes = first if config.warm_start else concatenate([first, job.starts.homes])
+        target, starts = corrected(job.wanted, bias), Starts(homes, now.take.clip.about(first, now.take.x))
+    return made, note
 
 
-def _lost_behind_things(job: Job, shown: Features, seen: Features) -> bool:
-    """Whether the networks miss the person of a frame ``shown`` where, by the geometry ``seen``, things hide joints."""
-    guard = job.stage.guard
-    if guard is None or guard.hidden <= MAY_HIDE or not job.wanted.has("keypoints"):
+def _lost_behind_things(job: Job, now: Round) -> bool:
+    """Whether the networks miss the person of a frame in which, by the geometry, things hide joints."""
+    missed = nobody(now.shown) & ~nobody(job.reference.features)
+    if job.stage.guard is None or not (job.wanted.has("keypoints") and now.seen.has("keypoints")):
         return False
     wanted = job.wanted.require("keypoints")[..., 2] > VISIBLE
-    missed = nobody(shown) & ~nobody(job.reference.features)
-    return bool((missed & (hidden_share(seen, wanted) > MAY_HIDE)).any())
+    return bool((missed & (hidden_share(now.seen, wanted) > MAY_HIDE)).any())
 
 
-def _watchful(stage: Stage) -> Stage:
-    """The stage whose guard lets things hide but few joints."""
+def _watchful(job: Job) -> Job:
+    """A search that takes no view in which things hide many joints, and looks for one where it has none."""
+    stage, schedule = job.stage, job.schedule
     assert stage.guard is not None
-    return replace(stage, guard=replace(stage.guard, hidden=MAY_HIDE))
+    limit = REFUSED * _least_lost(job)
+    schedule = replace(schedule, basin=min(schedule.basin, limit), rescue=min(schedule.rescue, limit))
+    return replace(job, stage=replace(stage, guard=replace(stage.guard, hidden=MAY_HIDE)), schedule=schedule)
+
+
+def _least_lost(job: Job) -> float:
+    """The least that a frame costs which shows the person and of which no view may be taken."""
+    objective = job.stage.objective
+    defined = objective.defined(job.wanted)
+    lost = objective.totals(torch.full(defined.shape, math.nan, dtype=torch.float64), defined)
+    return float(lost[~nobody(job.wanted)].min())
+
+
+def _starts(job: Job, stage: Stage) -> Starts:
+    """Where to start by the guard of ``stage``; where before if it allows nothing."""
+    try:
+        return job.starting.starts(stage, job.wanted)
+    except NoViewError:
+        return job.starts
 
 
 def _counting(progress: Progress, step: str, count: int) -> Report:

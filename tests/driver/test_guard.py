@@ -285,5 +285,7 @@ def test_things_may_hide_no_more_joints_of_those_shown_than_a_guard_allows() -> 
     assert hidden_share(seen, shown[..., 2] > 0.5).tolist() == [pytest.approx(share)]
     for allowed, refused in ((share - 1e-6, True), (share + 1e-6, False), (1.0, False)):
         reasons = Guard(1.8, allowed).reasons(seen, reference)
-        assert [name for name, wrong in reasons.items() if bool(wrong[0])] == ["the person is hidden"] * refused
+        assert [name for name, wrong in reasons.items() if bool(wrong[0])] == [
+            "things hide part of the person"
+        ] * refused
     assert hidden_share(replace(seen, person=None), shown[..., 2] > 0.5).tolist() == [0.0]

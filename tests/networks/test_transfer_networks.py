@@ -14,7 +14,7 @@ from cltransfer.config import load_config
 from cltransfer.driver.journal import _record
 from cltransfer.features import nobody
 from cltransfer.models.onnx import Network
-from cltransfer.run.rounds import UNBIASED, UNSEEN
+from cltransfer.run.rounds import UNBIASED, UNHIDDEN, UNSEEN
 from cltransfer.scenes import Scene
 from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats
@@ -166,7 +166,7 @@ def test_who_is_lost_behind_something_is_shown_whole_by_the_next_round(
     if not guard:
         assert (len(result.attempts), result.note) == (1, UNSEEN)
         return
-    assert (len(result.attempts), result.best, result.note) == (2, 1, "")
+    assert (len(result.attempts), result.best, result.note) == (2, 1, f"no correction: {UNHIDDEN}")
     assert not nobody(result.kept.shown.features).any()
     first, second = means(result)
     assert second < 0.5 * first
