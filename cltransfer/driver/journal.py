@@ -81,22 +81,26 @@ class Journal:
         with path.open("rb") as stream:
             return _record(stream) == _coded(header) and _record(stream) is not None
 
-    def answer(self, cameras: Camera, compute: Callable[[], Tensor], told: int = 0) -> Tensor:
+    def answer(
+        self, cameras: Camera, compute: Callable[[], Tensor], told: int = 0, columns: int | None = None
+    ) -> Tensor:
         """Values (B, C) float64 for B cameras: recorded if this question was asked before, else computed and recorded.
 
         Args:
             cameras: of which it is asked.
             compute: the values, where they are not recorded.
             told: digest of what else is asked, as by :func:`small_print`.
+            columns: C, of what is recorded too; None takes any.
 
         Raises:
-            InputError: another question was recorded here.
+            InputError: another question was recorded here, or answered with other columns.
         """
         asked = fingerprint(cameras) ^ told
         if (payload := self._recorded()) is not None:
-            crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
-            self._check((crc, rows) == (asked, len(cameras)) and len(payload) == _SHAPE.size + 8 * rows * columns)
-            values = np.frombuffer(payload, np.float64, offset=_SHAPE.size).reshape(rows, columns)
+            crc, rows, found = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
+            same = (crc, rows) == (asked, len(cameras)) and columns in (None, found)
+            self._check(same and len(payload) == _SHAPE.size + 8 * rows * found)
+            values = np.frombuffer(payload, np.float64, offset=_SHAPE.size).reshape(rows, found)
             return torch.from_numpy(values.copy())
         computed = compute().double()
         self._append(_SHAPE.pack(asked, *computed.shape) + computed.contiguous().numpy().tobytes())

@@ -249,7 +249,14 @@ class Stage:
         """What is told of ``cameras``; where the journal answers nothing is looked at."""
         if self.journal is None:
             return compute()
-        return self.journal.answer(cameras, compute, small_print(reference, kind))
+        return self.journal.answer(cameras, compute, small_print(reference, kind), self._columns(kind))
+
+    def _columns(self, kind: str) -> int:
+        """How many numbers a camera gets of what is told."""
+        groups = self.objective.groups
+        if groups is None or kind.endswith("terms"):
+            return len(self.objective.losses)
+        return 3 * len(groups) if kind.endswith("across") else len(groups)
 
 
 def read_path(stage: Stage, cameras: Camera) -> Features:

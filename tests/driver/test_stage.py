@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -12,10 +13,10 @@ import torch
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
-from cltransfer.driver.journal import Journal
+from cltransfer.driver.journal import Journal, small_print
 from cltransfer.driver.recent import Recent
 from cltransfer.driver.stage import Spent, Stage, read_path
-from cltransfer.errors import ModelError
+from cltransfer.errors import InputError, ModelError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
@@ -112,6 +113,25 @@ def test_what_is_told_of_paths_is_answered_without_a_render_and_costs_the_same(t
     assert spent[0].renders == 5 + 2 + 3  # the second path differs from the third frame on
     for computed, answered in zip(*told, strict=True):
         assert torch.equal(computed.view(torch.int64), answered.view(torch.int64))
+
+
+def test_an_answer_of_other_columns_than_the_losses_have_is_refused(tmp_path: Path) -> None:
+    """As of a journal that a stranger wrote."""
+    scene = builtin_scene("courtyard")
+    assert scene.subject is not None
+    parts, cameras = Components.build(load_config()), shot("orbit", scene.subject, SIZE, 2).camera
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), SIZE)
+    reference = read_path(stage, cameras)
+    defined = stage.objective.defined(reference)
+    asking: dict[str, Callable[[Stage], object]] = {
+        "path terms": lambda asked: asked.path_terms(reference, cameras),
+        "path residuals": lambda asked: asked.path_residuals(reference, cameras, defined),
+        "path across": lambda asked: asked.path_across(reference, cameras, defined),
+    }
+    for kind, ask in asking.items():
+        Journal(tmp_path / kind, {}, False).answer(cameras, lambda: torch.zeros(2, 2), small_print(reference, kind))
+        with pytest.raises(InputError, match="record 1: is of another question"):
+            ask(replace(stage, journal=Journal(tmp_path / kind, {}, True)))
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no paint"), SystemExit("no paint")])
