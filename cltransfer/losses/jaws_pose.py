@@ -96,6 +96,21 @@ def _softmax_ranges(joints: Tensor, size: tuple[int, int]) -> Tensor:
     return (soft.amax(-1) - soft.amin(-1)).double()
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """What the maps of a reference of R frames come to."""
+
+    kappa: Tensor  # (R, J)
+    profiles: Profiles
+    pairs: Tensor  # (R, J, J)
+
+    @classmethod
+    def of(cls, reference: Features, size: tuple[int, int]) -> _Wanted:
+        joints = _on_maps(reference, size)
+        made = profiles(joints, size)
+        return cls(sharpness(joints, size), made, pair_distances(made))
+
+
 @LOSSES.register("jaws_pose")
 @dataclass(frozen=True)
 class JawsPose:
@@ -123,13 +138,12 @@ class JawsPose:
         """Raw loss, (B,); NaN where the reference shows no joint or the render has no person."""
         check_pair(reference, rendered)
         size = (round(HEIGHT * reference.size[0] / reference.size[1]), HEIGHT)
-        wanted, found = _on_maps(reference, size), _on_maps(rendered, size)
-        kappa = sharpness(wanted, size)
-        sides = profiles(wanted, size), profiles(found, size)
-        own = (kappa * map_distances(*sides)).mean(-1)
+        wanted, found = reference.once("jaws maps", lambda: _Wanted.of(reference, size)), _on_maps(rendered, size)
+        kappa, drawn = wanted.kappa, profiles(found, size)
+        own = (kappa * map_distances(wanted.profiles, drawn)).mean(-1)
         row = kappa[:, -1:, None] if self.quirks else kappa[..., None]
-        below = torch.ones(wanted.shape[1], wanted.shape[1], dtype=torch.bool, device=wanted.device).tril(-1)
-        pairs = (row * (pair_distances(sides[1]) - pair_distances(sides[0]))).masked_fill(~below, 0)
+        apart = row * (pair_distances(drawn) - wanted.pairs)
+        pairs = apart.masked_fill(~torch.ones_like(apart, dtype=torch.bool).tril(-1), 0)
         loss = OWN * own + PAIRS * pairs.square().mean((-1, -2))
         nobody = ~torch.isfinite(found[..., :2]).any(-1).any(-1)
         return loss.masked_fill(nobody, float("nan"))
