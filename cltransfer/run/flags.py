@@ -139,7 +139,7 @@ def _undefined(result: Result) -> Iterator[Flag]:
 
 
 def _views(result: Result) -> Iterator[Flag]:
-    for reason, frames in result.kept.blocked.items():
+    for reason, frames in result.kept.doubtful.items():
         for i in frames.nonzero()[:, 0].tolist():
             yield Flag(i, reason)
 

@@ -29,6 +29,7 @@ from .take import Report, Take
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 MAY_HIDE = 0.1  # of the joints, in rounds after one of which the networks lost the person behind something
+TOLD = 0.25  # of the joints that things may hide before a frame is flagged
 REFUSED = 0.25  # of what a frame costs that the guard refuses: above it CMA-ES then looks for a view
 UNHIDDEN = "the networks lost the person behind something, the next round took no such view"
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
@@ -60,7 +61,7 @@ class Attempt:
         cameras: N, of the path taken, at the output size.
         path: its order; None where every frame was left as it was found.
         shown: its frames, in the scene as it was given, read and scored.
-        blocked: views that a search must not take, (N,) bool by reason.
+        doubtful: views that a search must not take, and in which things hide part of the person, (N,) bool by reason.
         left_out: what the search did not see, None where it saw everything.
     """
 
@@ -68,7 +69,7 @@ class Attempt:
     cameras: Camera
     path: LeastPath | None
     shown: Readback
-    blocked: dict[str, Tensor]  # (N,) each
+    doubtful: dict[str, Tensor]  # (N,) each
     left_out: LeftOut | None
 
     @property
@@ -103,8 +104,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         reference = shown.reference  # what one round had to do without no later one has
         last = number == rounds
         seen = None if last and job.stage.guard is None else read_path(job.stage, take.cameras)
-        blocked = _blocked(by.stage, seen, job.wanted)
-        made.append(Attempt(take.found, take.cameras, take.path, shown, blocked, take.left_out))
+        doubtful = _doubtful(by.stage, seen, job.wanted)
+        made.append(Attempt(take.found, take.cameras, take.path, shown, doubtful, take.left_out))
         clock.lap("reading back")
         if last or seen is None:
             break
@@ -173,5 +174,7 @@ def _counting(progress: Progress, step: str, count: int) -> Report:
     return report
 
 
-def _blocked(stage: Stage, seen: Features | None, reference: Features) -> dict[str, Tensor]:
-    return {} if stage.guard is None or seen is None else stage.guard.reasons(seen, reference)
+def _doubtful(stage: Stage, seen: Features | None, reference: Features) -> dict[str, Tensor]:
+    if stage.guard is None or seen is None:
+        return {}
+    return replace(stage.guard, hidden=min(stage.guard.hidden, TOLD)).reasons(seen, reference)

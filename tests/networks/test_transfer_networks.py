@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
+from cltransfer.driver.guard import PARTLY
 from cltransfer.driver.journal import _record
 from cltransfer.features import nobody
 from cltransfer.models.onnx import Network
@@ -168,6 +169,8 @@ def test_who_is_lost_behind_something_is_shown_whole_by_the_next_round(
         return
     assert (len(result.attempts), result.best, result.note) == (2, 1, f"no correction: {UNHIDDEN}")
     assert not nobody(result.kept.shown.features).any()
+    assert result.attempts[0].doubtful[PARTLY].all()
+    assert not result.kept.doubtful[PARTLY].any()
     first, second = means(result)
     assert second < 0.5 * first
 

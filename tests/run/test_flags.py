@@ -109,7 +109,7 @@ def kept(result: Result, **changes: Any) -> Result:
 
 
 def blocked(result: Result) -> Result:
-    return kept(result, blocked={**result.kept.blocked, "the person is hidden": torch.tensor([False, True])})
+    return kept(result, doubtful={**result.kept.doubtful, "the person is hidden": torch.tensor([False, True])})
 
 
 def on_bound(result: Result) -> Result:
