@@ -26,10 +26,12 @@ class Method:
         overrides: config overrides, a preset among them.
         drift: None searches; otherwise the reference's path is replayed from the first frame that the overrides find,
             its scale growing to ``drift`` at the last frame.
+        rebuilt: whether that path is rebuilt from the reference's frames, by structure from motion.
     """
 
     overrides: tuple[str, ...]
     drift: float | None = None
+    rebuilt: bool = False
 
 
 METHODS = {
@@ -45,6 +47,7 @@ METHODS = {
     "jaws_losses_cma": Method(("preset=jaws_losses_cma",)),
     "replay": Method(("preset=fast",), drift=1.0),
     "replay_drift": Method(("preset=fast",), drift=1.5),
+    "replay_rebuilt": Method(("preset=fast",), drift=1.0, rebuilt=True),
 }
 
 
@@ -67,9 +70,10 @@ def config_of(name: str, pupil: str, seed: int, options: tuple[str, ...] = ()) -
 
 @cache
 def config_text(name: str, pupil: str, seed: int, options: tuple[str, ...]) -> str:
-    """:func:`config_of` as YAML and the drift; kept: trials share it, and composing it takes a tenth of a second."""
-    drift = method(name).drift
-    return to_yaml(config_of(name, pupil, seed, options)) + ("" if drift is None else f"drift: {drift}\n")
+    """:func:`config_of` as YAML and what is replayed; kept: trials share it, and to compose it takes 0.1 s."""
+    drift, rebuilt = method(name).drift, method(name).rebuilt
+    replay = ("" if drift is None else f"drift: {drift}\n") + ("rebuilt: true\n" if rebuilt else "")
+    return to_yaml(config_of(name, pupil, seed, options)) + replay
 
 
 def judge_config(scene: str, overrides: tuple[str, ...] = ()) -> RunConfig:

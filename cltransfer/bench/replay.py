@@ -1,14 +1,62 @@
 """Replay: the reference's camera path, rebuilt up to a similarity, played in another scene (paper Sec. 2.3).
 
 It is what a film's path by structure from motion gives when it is taken as it is: subject distance and the scene's
-size are not asked.
+size are not asked. The true path stands for the best that could be rebuilt; :func:`rebuilt` is what is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from ..camera import Camera, intrinsics
+from ..reading.reference import quantised
+from ..scenes import Scene
+from ..sfm import NoPathError
+from ..sfm.path import reconstruct_path
+from ..trajectory import Trajectory
+
+
+def rebuilt(renderer: Any, scene: Scene, path: Trajectory) -> Camera:
+    """The N cameras of ``path`` as structure from motion finds them in its frames, with all of its true extent.
+
+    One number is told it, the root mean square distance of the centres from their middle, and whose pixels are the
+    person's. Where the frames tell of no path, as of a camera that stands, turns or zooms, the first camera stays.
+
+    Args:
+        renderer: by which the frames are drawn.
+        scene: that was filmed.
+        path: N cameras at the size of the film.
+
+    Raises:
+        ModelError: pycolmap is not installed.
+    """
+    frames = [renderer.render(scene, path.camera[i], frozenset({"image", "label"})) for i in range(len(path))]
+    person = torch.cat([frame.require("label") for frame in frames]) > 0.5
+
+    def images() -> Iterator[NDArray]:
+        for frame in frames:
+            yield np.ascontiguousarray(quantised(frame.require("image"))[0].permute(1, 2, 0).numpy())
+
+    try:
+        found = reconstruct_path(images(), person, path.times).trajectory.camera
+    except NoPathError:
+        return path.camera[[0] * len(path)]
+    scale = _extent(path.camera.center) / _extent(found.center).clamp_min(1e-12)
+    w2c = found.w2c.clone()
+    w2c[:, :3, 3] *= scale
+    return replace(found, w2c=w2c)
+
+
+def _extent(centers: Tensor) -> Tensor:
+    """Root mean square distance of ``centers`` (N, 3) from their middle."""
+    return (centers - centers.mean(0)).square().sum(1).mean().sqrt()
 
 
 def replayed(path: Camera, home: Camera, scale: float, drift: float = 1.0) -> Camera:

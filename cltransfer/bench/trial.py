@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,9 +24,9 @@ from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .failure import failed_clip, failed_frames, pinned_frames
 from .judge import HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, random_total
-from .methods import FAITHFUL, config_of, method
+from .methods import FAITHFUL, config_of, judge_config, method
 from .protocol import FPS, SIZE, Trial, drawn_start
-from .replay import replayed
+from .replay import rebuilt, replayed
 from .truth import path_errors
 from .warm_up import warm_up
 
@@ -126,9 +127,14 @@ def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
         pinned = pinned_frames(result.kept.x, config.build_one("search").bounds(), next(iter(config.search)))
         return Take(result.trajectory, pinned, _spent(result, trial.frames))
     scale = person(clip.pupil).height / person(clip.teacher).height
-    camera = replayed(clip.reference.camera, result.trajectory.camera[0], scale, drift)
+    begun, path = time.perf_counter(), clip.reference.camera
+    if method(trial.method).rebuilt:
+        path = rebuilt(judge_config(trial.teacher).build_one("renderer"), clip.teacher, clip.reference)
+    spent = _spent(result, trial.frames)
+    spent["seconds"] += time.perf_counter() - begun
+    camera = replayed(path, result.trajectory.camera[0], scale, drift)
     still = torch.zeros(trial.frames, dtype=torch.bool)
-    return Take(Trajectory(camera, clip.reference.times), still, _spent(result, trial.frames))
+    return Take(Trajectory(camera, clip.reference.times), still, spent)
 
 
 def _spent(result: Result, frames: int) -> dict[str, float]:

@@ -114,6 +114,12 @@ def test_a_key_tells_how_far_a_replay_drifts(monkeypatch):
     config_text.cache_clear()
 
 
+def test_a_key_tells_whether_what_is_replayed_was_rebuilt():
+    keys = {Trial(name, *TRIAL.clip[:4]).key() for name in ("replay", "replay_rebuilt")}
+    texts = {config_text(name, "room-1", 3, ()) for name in ("replay", "replay_rebuilt")}
+    assert len(keys) == len(texts) == 2
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_searches_the_same_features_at_the_same_size(name):
     config = config_of(name, "room-1", 3)

@@ -6,9 +6,13 @@ import pytest
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 
-from cltransfer.bench.replay import replayed
+from cltransfer.bench.replay import rebuilt, replayed
 from cltransfer.camera import Camera
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes import Scene
+from cltransfer.scenes.load import load_scene
 from cltransfer.shots import SHOTS, shot
+from cltransfer.subject import Subject
 from cltransfer.testing import sample_subject
 
 SIZE = (160, 90)
@@ -53,3 +57,32 @@ def test_a_scale_that_is_not_positive_is_refused() -> None:
     path = shot("static", sample_subject(), SIZE, 2).camera
     with pytest.raises(ValueError, match="must be positive"):
         replayed(path, path[0], 0.0)
+
+
+@pytest.fixture(scope="module")
+def filmed() -> tuple[Scene, Subject]:
+    """A scene, and the person in it."""
+    scene = load_scene("builtin:room-3")
+    assert scene.subject is not None
+    return scene, scene.subject
+
+
+def test_a_path_is_rebuilt_from_its_frames_up_to_what_they_tell(filmed: tuple[Scene, Subject]) -> None:
+    pytest.importorskip("pycolmap", reason="needs the extra cltransfer[sfm]")
+    scene, subject = filmed
+    path = shot("boom", subject, (320, 180), 9)
+    found = rebuilt(GaussianSplats(), scene, path)
+    home = path.camera[0]
+    off = replayed(found, home, 1.0).center - path.camera.center
+    extent = (path.camera.center - path.camera.center.mean(0)).square().sum(1).mean().sqrt()
+    assert float(off.norm(dim=1).max()) < 0.2 * float(extent)
+    assert not torch.equal(found.w2c, path.camera.w2c)
+
+
+def test_of_a_camera_that_stands_nothing_is_rebuilt(filmed: tuple[Scene, Subject]) -> None:
+    pytest.importorskip("pycolmap", reason="needs the extra cltransfer[sfm]")
+    scene, subject = filmed
+    path = shot("zoom", subject, (160, 90), 4)
+    found = rebuilt(GaussianSplats(), scene, path)
+    assert torch.equal(found.w2c, path.camera.w2c[:1].expand(4, 4, 4))
+    assert torch.equal(found.K, path.camera.K[:1].expand(4, 3, 3))

@@ -38,7 +38,7 @@ from ..failure import Shown, cover, failed_clip, failed_frames, pinned_frames
 from ..judge import Reader, Verdict, judge, random_total
 from ..methods import config_of, config_text, method
 from ..protocol import FPS, SIZE, drawn_start
-from ..replay import replayed
+from ..replay import rebuilt, replayed
 from ..trial import Row, person
 from .case import Case, Film, Stressor
 from .filming import FILMING
@@ -178,7 +178,11 @@ def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor
     """Cameras that the method found, and frames with a parameter at its bound, (N,) bool."""
     drift = method(trial.method).drift
     if drift is not None:
-        path = replayed(clip.path, given.view, clip.scale, drift)
+        path = clip.path
+        if method(trial.method).rebuilt:
+            teacher = load_scene(f"builtin:{trial.teacher}")
+            path = rebuilt(load_config().build_one("renderer"), teacher, Trajectory(path, clip.case.times))
+        path = replayed(path, given.view, clip.scale, drift)
         return path, torch.zeros(len(path), dtype=torch.bool)
     config = config_of(trial.method, trial.pupil, trial.seed, trial.options)
     with tempfile.TemporaryDirectory() as folder:
