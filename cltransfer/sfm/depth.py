@@ -49,7 +49,7 @@ def _nearest(pixels: NDArray, values: NDArray, subject: NDArray, reach: float) -
         free = np.ones((height, width), np.uint8)
         free[row[mine], column[mine]] = 0
         far, label = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-        of_label = np.zeros((len(values), label.max() + 1), np.float32)
+        of_label = np.zeros((len(values), int(label.max()) + 1), np.float32)
         of_label[:, label[row[mine], column[mine]]] = values[:, mine]
         inside = side & (far <= reach * width)
         spread[:, inside] = of_label[:, label[inside]]

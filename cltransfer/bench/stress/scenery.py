@@ -28,9 +28,10 @@ def floaters(case: Case, count: float, rng: np.random.Generator) -> Case:
     """So many large, half transparent Gaussians hang in the air about the person."""
     subject, n = _subject(case), round(count)
     directions = rng.normal(size=(n, 3))
-    offset = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(0.5, REACH, (n, 1))
-    upward = torch.from_numpy(offset) @ subject.up
-    offset = torch.from_numpy(offset) + (upward.abs() - upward)[:, None] * subject.up  # none below the ground
+    drawn = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(0.5, REACH, (n, 1))
+    offset = torch.from_numpy(drawn)
+    upward = offset @ subject.up
+    offset = offset + (upward.abs() - upward)[:, None] * subject.up  # none below the ground
     sizes = torch.from_numpy(rng.uniform(0.04, 0.16, (n, 1))).expand(n, 3)
     opacity = torch.from_numpy(rng.uniform(0.5, 0.9, n))
     colour = torch.from_numpy(rng.uniform(0, 1, (n, 3)))
