@@ -40,7 +40,7 @@ def ladder(
     return (*changed, Setting(family, f"{base} {unit}".strip(), method))
 
 
-BASELINES = ("jaws_clean", "jaws_code", "jaws_losses_cma", "five_adam", "replay", "replay_drift")
+BASELINES = ("jaws_clean", "jaws_code", "jaws_losses_cma", "five_adam", "replay", "replay_drift", "replay_rebuilt")
 SETTINGS = (
     *(Setting("presets", name, name) for name in ("fast", "balanced", "max", "paper")),
     *(Setting("baselines", name, name) for name in BASELINES),
