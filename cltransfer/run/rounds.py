@@ -94,7 +94,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
     rounds = asked if job.by_networks else 0
     by, stage = job, replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
-    before, note = list[Round](), UNREAD if asked and not rounds else ""
+    before: Round | None = None
+    lost_in, note = -1, UNREAD if asked and not rounds else ""
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
@@ -110,14 +111,14 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         if last or seen is None:
             break
         now = Round(take, shown.features, seen)
-        if not before and _lost_behind_things(job, now):
-            before.append(now)
+        if before is None and _lost_behind_things(job, now):
+            before, lost_in = now, number
             by, note = _watchful(job), f"no correction: {UNHIDDEN}"
             stage, target = replace(by.stage, scene=job.solid), job.wanted
             starts = _starts(by, stage)
             continue
-        if by is not job and best_of(made) != number:
-            by, now = job, before[0]
+        if before is not None and by is not job and best_of(made) <= lost_in:  # of no use
+            by, now = job, before
         bias = measure_bias(
             now.shown, now.seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0, job.starting.at
         )
@@ -150,11 +151,12 @@ def _watchful(job: Job) -> Job:
 
 
 def _least_lost(job: Job) -> float:
-    """The least that a frame costs which shows the person and of which no view may be taken."""
+    """The least that a frame costs which shows the person and of which no view may be taken; none costs inf."""
     objective = job.stage.objective
     defined = objective.defined(job.wanted)
     lost = objective.totals(torch.full(defined.shape, math.nan, dtype=torch.float64), defined)
-    return float(lost[~nobody(job.wanted)].min())
+    told = lost[~nobody(job.wanted) & (lost > 0)]
+    return float(told.min()) if len(told) else math.inf
 
 
 def _starts(job: Job, stage: Stage) -> Starts:

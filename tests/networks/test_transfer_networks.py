@@ -175,6 +175,16 @@ def test_who_is_lost_behind_something_is_shown_whole_by_the_next_round(
     assert second < 0.5 * first
 
 
+def test_corrections_after_such_a_round_go_on_from_it(transferred: Transfer, behind_a_board: Path) -> None:
+    """Also from one that reads a little worse, as the seventh here: the first, that sees nobody, is none."""
+    wanted = ("preset=fast", "extract.corrections=8", "extract.bias=frame", "extractors.detect_yolox.model=whole.onnx")
+    result = transferred(2, *wanted, shot="static", scene=behind_a_board)
+    later = means(result)[1:]
+    assert len(later) == 8
+    assert not any(nobody(attempt.shown.features).any() for attempt in result.attempts[1:])
+    assert result.note == ""
+
+
 @pytest.mark.parametrize(
     ("preset", "losses"),
     [pytest.param("max", SHIPPED, marks=pytest.mark.slow), ("jaws_losses_cma", ("jaws_pose", "jaws_flow"))],
