@@ -14,7 +14,8 @@ from .read import DRAWN
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
-FEWEST = 6  # values of one sign by chance: 1 in 32; of fewer no test reaches LEVEL
+FEWEST = 6  # values of one sign by chance: 1 in 32; of fewer no test reaches LEVEL, nor says an interval much
+ROUNDING = 1e-9  # of what is compared: differences no larger than that are none
 LEVEL = 0.05
 
 
@@ -24,7 +25,7 @@ class Estimate:
 
     Args:
         mean: None where nothing has a value.
-        low, high: percentile bootstrap of the mean over trials, 95 %; None of fewer than two.
+        low, high: percentile bootstrap of the mean over trials, 95 %; None of fewer than :data:`FEWEST`.
         count: values it is the mean of.
         nonzero: how many of them are not 0: of differences those that have a sign.
         p: two-sided Wilcoxon signed-rank test against 0; None of nothing.
@@ -91,16 +92,19 @@ class RowSummary:
 def estimate(values: Sequence[float]) -> Estimate:
     """Mean of ``values`` with its percentile bootstrap interval; the resampling has a seed of its own.
 
+    Of few values it is too narrow: simulated, it held the mean of normal values in 86 % of cases of 6, 91 of 9 and 94
+    of 22, that of log-normal ones in 74, 80 and 87.
+
     >>> estimate([1.0, 1.0])
-    Estimate(mean=1.0, low=1.0, high=1.0, count=2, nonzero=2, p=0.5)
+    Estimate(mean=1.0, low=None, high=None, count=2, nonzero=2, p=0.5)
     >>> estimate([])
     Estimate(mean=None, low=None, high=None, count=0, nonzero=0, p=None)
     """
     from scipy.stats import bootstrap
 
     rest = len(values), sum(value != 0 for value in values), wilcoxon_p(values)
-    if len(values) < 2:
-        return Estimate(values[0] if values else None, None, None, *rest)
+    if len(values) < FEWEST:
+        return Estimate(fmean(values) if values else None, None, None, *rest)
     generator = np.random.Generator(np.random.PCG64(0))
     found = bootstrap(
         (np.asarray(values),),
@@ -129,7 +133,19 @@ def wilcoxon_p(differences: Sequence[float]) -> float | None:
         return None
     values = np.asarray(differences)
     values = values[values != 0]
-    return float(wilcoxon(values).pvalue) if len(values) else 1.0
+    if len(values) == 0:
+        return 1.0
+    relative = values / np.abs(values).max()  # those that rounding alone tells apart have one rank
+    return float(wilcoxon(np.round(relative, 9) + np.sign(relative)).pvalue)
+
+
+def change(value: float, held: float) -> float:
+    """``value`` less ``held``, 0 where they differ by rounding alone.
+
+    >>> change(0.1 + 0.2, 0.3), change(2.0, 0.5)
+    (0.0, 1.5)
+    """
+    return 0.0 if abs(value - held) <= ROUNDING * max(abs(value), abs(held)) else value - held
 
 
 def summarise(rows: Iterable[str], outcomes: Iterable[Outcome]) -> list[RowSummary]:
@@ -177,7 +193,7 @@ def _measure(kind: str, name: str, found: list[Outcome], first: list[Outcome] | 
     difference = None
     if first is not None:
         held = _values(kind, name, first)
-        difference = estimate(_observed({case: values[case] - held[case] for case in values if case in held}))
+        difference = estimate(_observed({case: change(values[case], held[case]) for case in values if case in held}))
     terms = [(_told(outcome, kind)[name], outcome.frames) for outcome in found if name in _told(outcome, kind)]
     unit = terms[0][0].unit if terms else ""
     return Measure(

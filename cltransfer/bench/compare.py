@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..ablate.summary import Estimate, estimate
+from ..ablate.summary import Estimate, change, estimate
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def compared(name: str, unit: str, baseline: Sequence[float], ours: Sequence[flo
     """Compare values (n,) of the same clips; a clip without a value on either side (NaN) is left out of both."""
     pairs = [(a, b) for a, b in zip(baseline, ours, strict=True) if math.isfinite(a) and math.isfinite(b)]
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
-    differences = [b - a for a, b in pairs]
+    differences = [change(b, a) for a, b in pairs]
     wins = sum(d < 0 for d in differences) / len(pairs) if pairs else math.nan
     difference = estimate(differences)
     p = math.nan if difference.p is None else difference.p

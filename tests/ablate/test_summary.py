@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cltransfer.ablate.outcome import Case, Metric, Outcome
-from cltransfer.ablate.summary import alike, estimate, summarise
+from cltransfer.ablate.summary import alike, estimate, summarise, wilcoxon_p
 from cltransfer.ablate.tables import differences_table, directions_table, to_csv, values_table
 from cltransfer.report.tables import to_latex, to_markdown
 
@@ -43,11 +43,22 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says() -> None:
     assert 0.89 < covered < 0.99
 
 
-def test_one_value_has_no_interval_and_none_no_mean() -> None:
-    assert estimate([2.0]).low is None
-    assert estimate([2.0]).mean == 2.0
+def test_few_values_have_no_interval_and_none_no_mean() -> None:
+    """Percentiles of the means of two values are these two: no 95 % of anything."""
+    assert [estimate([1.0, 5.0, 3.0][:n]).mean for n in (1, 2, 3)] == [1.0, 3.0, 3.0]
+    assert [estimate([1.0, 5.0, 2.0, 3.0, 9.0, 4.0][:n]).low is None for n in range(1, 7)] == [True] * 5 + [False]
     assert estimate([]).mean is None
     assert json.loads(json.dumps(asdict(estimate([])), allow_nan=False))["p"] is None  # summary.json has it
+
+
+def test_rounding_is_no_difference_and_breaks_no_tie() -> None:
+    shares = [1 - n / 24 for n in range(25)]
+    pairs = [(3, 5), (7, 9), (1, 3), (11, 12), (9, 7), (13, 15), (20, 22)]  # by 2, 2, 2, 1, -2, 2 and 2 of 24 frames
+    assert wilcoxon_p([shares[b] - shares[a] for a, b in pairs]) == wilcoxon_p([float(b - a) for a, b in pairs])
+    found = [outcome("full", seed, 0.3) for seed in range(6)] + [outcome("less", seed, 0.1 + 0.2) for seed in range(6)]
+    difference = summarise(["full", "less"], found)[1].metrics["shot_size"].difference
+    assert difference is not None
+    assert (difference.mean, difference.nonzero, difference.p, difference.certain) == (0.0, 0, 1.0, False)
 
 
 def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
