@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 
 from ..errors import UsageError
@@ -26,7 +27,10 @@ class Inputs:
             None is that one, and who the scene tells by itself.
         up: the scene's up; None takes the format's usual one, or the scene's own.
 
-    A :class:`~pathlib.Path` is kept as text.
+    A :class:`~pathlib.Path` is kept as text, but for ``subject``, whose text becomes a path.
+
+    Raises:
+        UsageError: ``subject`` is neither a path nor a number.
     """
 
     scene: str | Scene
@@ -39,11 +43,23 @@ class Inputs:
         for name in ("scene", "reference", "init"):
             if isinstance(value := getattr(self, name), os.PathLike):
                 object.__setattr__(self, name, os.fspath(value))
+        if self.subject is not None:
+            object.__setattr__(self, "subject", _subject(self.subject))
 
     @property
     def part(self) -> str:
         """What of the reference is taken, as in ``t=1,2``; empty for all of it."""
         return Path(self.reference).name.partition("#")[2]
+
+
+def _subject(given: object) -> Path | int:
+    """A file's path, as text too, or a number, as numpy's too."""
+    if isinstance(given, str | Path):
+        return Path(given)
+    if isinstance(given, Integral) and not isinstance(given, bool):
+        return int(given)
+    expected = f"expected a path or a whole number, got {type(given).__name__}"
+    raise UsageError("", "subject", expected, "a subject.json, or 1 for the next after the one seen most")
 
 
 def given_scene(inputs: Inputs) -> Scene:

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -51,6 +52,23 @@ PLAZA = load_scene("builtin:plaza")
 def test_a_scene_that_could_not_be_known_again_or_drawn_is_refused(scene: Scene, line: str) -> None:
     with pytest.raises(CltransferError, match=line):
         given_scene(Inputs(scene, "builtin:push_in"))
+
+
+@pytest.mark.parametrize("subject", ["nowhere/person.json", Path("nowhere/person.json")])
+def test_a_person_given_as_text_is_a_file_too(subject: str | Path) -> None:
+    inputs = Inputs("builtin:plaza", "builtin:push_in", subject=subject)  # type: ignore[arg-type]
+    with pytest.raises(CltransferError, match=r"nowhere/person\.json: no such file"):
+        given_scene(inputs)
+
+
+@pytest.mark.parametrize("subject", [1, np.int64(1), "1.5", 1.5, True])
+def test_a_person_is_given_by_a_whole_number_or_a_file(subject: object) -> None:
+    if isinstance(subject, float | bool):
+        with pytest.raises(UsageError, match=r"subject: expected a path or a whole number, got (float|bool)"):
+            Inputs("builtin:plaza", "builtin:push_in", subject=subject)  # type: ignore[arg-type]
+        return
+    kept = Inputs("builtin:plaza", "builtin:push_in", subject=subject).subject  # type: ignore[arg-type]
+    assert (type(kept), kept) == ((type(Path()), Path("1.5")) if isinstance(subject, str) else (int, 1))
 
 
 def test_a_scene_has_its_own_up() -> None:
