@@ -154,7 +154,7 @@ def _search(result: Result) -> Iterator[Flag]:
             yield Flag(i, "focal length at its limit")
     path = result.kept.path
     local = result.kept.found.local or (None if path is None else path.local)
-    if local is None:
+    if local is None or not getattr(search, "refinable", True):  # the length of a free axis never changes a camera
         return
     for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):
         if least_curvature(jacobian, residuals, local.groups) < DEGENERATE:

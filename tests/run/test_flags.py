@@ -197,6 +197,13 @@ def test_what_is_doubtful_in_a_frame_is_told_of_that_frame_alone(
     assert after == [*before, (1, reason)]
 
 
+def test_a_free_axis_whose_length_means_nothing_leaves_no_camera_undetermined(
+    plain: Result,
+) -> None:
+    boxed = replace(undetermined(plain), search=PaperBox())
+    assert not [flag for flag in run_flags(boxed) if "degenerate" in flag.reason]
+
+
 @pytest.mark.parametrize(
     ("loss", "told"),
     [
