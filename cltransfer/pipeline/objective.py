@@ -189,6 +189,25 @@ class Objective:
             parts.append(loss.weight * part)
         return torch.cat(parts, dim=1)
 
+    def check_residuals(self, reference: Features, defined: Tensor) -> None:
+        """Refuse a loss whose residuals are NaN where its value is known: a search would not see it, nor say so.
+
+        Args:
+            reference: N frames, each held against itself.
+            defined: :meth:`defined` of it, (N, L).
+
+        Raises:
+            ModelError: they are, or the loss fails.
+        """
+        for (name, loss), there in zip(self.losses.items(), defined.T):
+            if not (hasattr(loss, "residuals") and loss.weight > 0 and bool(there.any())):
+                continue
+            i, who = int(there.nonzero()[0, 0]), f"residuals of loss {name!r}"
+            part = answer(loss.residuals, (reference[i], reference[i]), (1, len(loss.groups)), who)
+            if not bool(part.isfinite().all()):
+                expected = f"expected numbers where its value is one, got {part[0].tolist()} of frame {i}"
+                raise ModelError("", who, expected, "a term is NaN in both or in neither")
+
     def across(self, reference: Features, rendered: Features, defined: Tensor) -> Across:
         """:meth:`residuals`, and what they would be beyond jumps that a loss tells of by its ``beyond``.
 

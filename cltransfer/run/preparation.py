@@ -160,7 +160,9 @@ def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Refere
     """What renders and scores ``scene`` as the reference was read, by its own ``family``."""
     watched = READ if config.guard and family == "scene" else frozenset()
     plan = parts.plan(family, reference.features.names(), watched)
-    told = parts.objective.defined(reference.features).any(0).tolist()
+    defined = parts.objective.defined(reference.features)
+    parts.objective.check_residuals(reference.features, defined)
+    told = defined.any(0).tolist()
     objective = replace(parts.objective, silent=frozenset(n for n, there in zip(parts.losses, told) if not there))
     guard = Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
     small = fitted_size(reference.features.size, config.search_side)

@@ -111,6 +111,19 @@ def test_a_loss_that_gives_no_residuals_is_named_with_what_came(how: object, cam
     assert came in str(caught.value)
 
 
+@pytest.mark.parametrize("weight", [1.0, 0.0])
+def test_residuals_that_are_nan_where_the_value_is_known_are_refused_if_they_count(weight: float) -> None:
+    """A search counts an undefined residual as the penalty: that loss would have no slope, and nothing told so."""
+    losses, reference = {"broken": Broken(weight, how=torch.full((1, 1), torch.nan))}, boxes(1.0, 2.0)
+    known = torch.tensor([[False], [True]])
+    Objective(losses).check_residuals(reference, torch.zeros_like(known))
+    if weight == 0:
+        Objective(losses).check_residuals(reference, known)
+        return
+    with pytest.raises(ModelError, match=r"'broken': expected numbers where its value is one, got \[nan\] of frame 1"):
+        Objective(losses).check_residuals(reference, known)
+
+
 @pytest.mark.parametrize("how", [MemoryError(), UsageError("", "weight", "is too large")])
 def test_what_is_told_already_is_told_as_it_is(how: Exception) -> None:
     with pytest.raises(type(how)) as caught:
