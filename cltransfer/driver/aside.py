@@ -39,6 +39,11 @@ class Tries:
     sways: tuple[float, ...]
     stands: bool = False
 
+    @property
+    def whole(self) -> bool:
+        """Whether all frames go the same way, or none does."""
+        return min(self.sways) == math.inf
+
 
 FEW, MANY = Tries(2, (9.0,)), Tries(1, (9.0, 4.0))
 
@@ -76,6 +81,8 @@ def go_aside(
     if ways is None or not bool(wanted.any()):
         return x, residuals
     frames = torch.from_numpy(binary_dilation(wanted.numpy(), iterations=BESIDE))
+    if tries.whole:
+        frames |= ~clip.placed  # wherever they stand, and they keep none of the others back
     moves = torch.cat([torch.zeros_like(ways[:1]), ways])  # (W, D), the first is none
     costs = np.full((len(moves), len(x)), np.inf)
     costs[0] = 0.0
