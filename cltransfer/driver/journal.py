@@ -40,7 +40,7 @@ from ..features import Features
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
-RECORD_LIMIT = 2**24  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
+RECORD_LIMIT = 2**28  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
 SYNC = 0.2  # [s] between waits for the disk; each takes 4 ms, and a search of 24 frames asks hundreds of times
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
@@ -57,7 +57,7 @@ class Journal:
 
     Raises:
         InputError: the file is no journal, or of another run.
-        ResourceError: another process writes it.
+        ResourceError: another process writes it; or, of any answer, it is larger than a record may be.
     """
 
     def __init__(self, path: Path, header: Mapping[str, object], resume: bool) -> None:
@@ -140,6 +140,9 @@ class Journal:
         return payload
 
     def _append(self, payload: bytes, lasting: bool = False) -> None:
+        if len(payload) > RECORD_LIMIT:
+            size = f"an answer of {len(payload) >> 20} MiB, expected at most {RECORD_LIMIT >> 20}"
+            raise ResourceError(self.path, "", size, "take fewer frames, or a loss of fewer residuals")
         self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
         self._stream.flush()
         if lasting or time.monotonic() - self._synced >= SYNC:

@@ -53,6 +53,18 @@ def same(a: list[Tensor], b: list[Tensor]) -> bool:
     return all(torch.equal(x.view(torch.int64), y.view(torch.int64)) for x, y in zip(a, b))
 
 
+def test_an_answer_larger_than_what_would_be_read_back_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltransfer.driver.journal.RECORD_LIMIT", 2**20)
+    journal, cameras = Journal(tmp_path / "j", HEADER, False), questions()[0]
+    journal.answer(cameras, lambda: torch.zeros(3, 2**15, dtype=torch.float64))
+    with pytest.raises(ResourceError, match="j: an answer of 1 MiB, expected at most 1"):
+        journal.answer(cameras, lambda: torch.zeros(3, 2**16, dtype=torch.float64))
+    again = Journal(tmp_path / "j", HEADER, True).answer(cameras, lambda: torch.ones(1))
+    assert again.shape == (3, 2**15)
+
+
 def test_a_finished_journal_answers_everything_bit_for_bit(tmp_path: Path) -> None:
     first, computed = ask_all(tmp_path / "j", False)
     again, none = ask_all(tmp_path / "j", True)
