@@ -145,7 +145,7 @@ def _stands(read: Tensor | None) -> Tensor:
         return torch.cat([grid, torch.zeros(len(grid), 1, dtype=torch.float64)], dim=1)
     yaw, pitch, roll = read.tolist()
     front = [[yaw, elevation, roll] for elevation in (pitch, *ELEVATIONS)]
-    back = [[yaw + math.pi, elevation, -roll] for elevation in (pitch, 0.0)]
+    back = [[yaw + math.pi, elevation, roll] for elevation in (pitch, 0.0)]  # the lean is that of the image
     return torch.tensor(front + back, dtype=torch.float64)
 
 

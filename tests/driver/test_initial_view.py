@@ -12,10 +12,11 @@ import torch
 
 from cltransfer.camera import Camera, resized
 from cltransfer.config import load_config
-from cltransfer.driver.initial_view import COARSE, Aim, best_of_orbit, first_seen, given_view
+from cltransfer.driver.initial_view import COARSE, Aim, _stands, best_of_orbit, first_seen, given_view
 from cltransfer.driver.stage import Stage
 from cltransfer.errors import InputError, UsageError
 from cltransfer.features import Features
+from cltransfer.orientation import orientation_from_axes, wrap
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.progress import silent
@@ -149,6 +150,12 @@ def test_losses_that_need_motion_alone_do_not_tell_where_to_stand() -> None:
     first = stage.features(shot("static", scene.subject, (96, 54), 1).camera, None)
     with pytest.raises(UsageError, match="losses: camera_movement: none tells where to stand in a first frame"):
         best_of_orbit(stage, first, (96, 54), True)
+
+
+def test_whom_the_network_took_from_behind_is_looked_at_from_the_front_with_the_same_lean() -> None:
+    up, left, ray = torch.tensor([[0.3, -0.9, 0.1], [0.8, 0.2, 0.5], [0.1, 0.0, -1.0]], dtype=torch.float64)
+    true, read = (orientation_from_axes(side, up, ray) for side in (left, -left))
+    assert float(wrap(_stands(read) - true).abs().sum(1).amin()) < 1e-9
 
 
 @pytest.mark.parametrize(("told", "free", "count"), [(True, False, 2), (False, False, 18), (True, True, 18)])
