@@ -130,5 +130,6 @@ def _why_cma_alone(config: RunConfig, search: Any, objective: Objective) -> str:
         )
     if config.extract.inner == "image":
         return "CMA-ES alone: differences taken through noisy networks mislead a refinement"
-    without = objective.without_residuals
-    return f"CMA-ES alone: {', '.join(without)} has no residuals to refine" if without else ""
+    if not (without := objective.without_residuals):
+        return ""
+    return f"CMA-ES alone: {', '.join(without)} has no residuals to refine, nor to tell whether a camera is determined"

@@ -35,6 +35,7 @@ UNHIDDEN = "the networks lost the person behind something, the next round took n
 UNBIASED = f"correction: no bias of the networks is known, it takes {LEAST} frames in which a reading is sure"
 UNSEEN = "no correction: the networks see nobody in the render"
 UNREAD = "no correction: extract.verify=false reads no render by the networks"
+UNAIMED = "no correction: extract.inner=image searches by the networks themselves"
 
 
 @dataclass(frozen=True)
@@ -89,13 +90,13 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
     After the first, a search is aimed off the networks' bias; once, where they lost the person behind something, it
     takes no view of which that is true instead. Where that was of no use, it goes on from the round before.
     """
-    corrects = job.reference.family == "image" and config.extract.inner == "geometric"
-    asked = config.extract.corrections if corrects else 0
-    rounds = asked if job.by_networks else 0
+    asked = config.extract.corrections if job.reference.family == "image" else 0
+    why_none = _why_uncorrected(job, config) if asked else ""
+    rounds = 0 if why_none else asked
     by, stage = job, replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
     before: Round | None = None
-    lost_in, note = -1, UNREAD if asked and not rounds else ""
+    lost_in, note = -1, why_none
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
@@ -130,6 +131,13 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         homes = first if config.warm_start else concatenate([first, job.starts.homes])
         target, starts = corrected(job.wanted, bias), Starts(homes, now.take.clip.about(first, now.take.x))
     return made, note
+
+
+def _why_uncorrected(job: Job, config: RunConfig) -> str:
+    """Why the rounds that the config asks for are not made, empty where they are."""
+    if config.extract.inner == "image":
+        return UNAIMED
+    return "" if job.by_networks else UNREAD
 
 
 def _lost_behind_things(job: Job, now: Round) -> bool:
