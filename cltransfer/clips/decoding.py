@@ -117,10 +117,11 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     # "10:30.mp4" would name a protocol, 10
     demuxer, source = _image_source(path) if _is_image(path) else (None, str(path.absolute()))
     try:
-        limited = {**_OPTIONS, "max_pixels": str(_pixel_limit(path))}
+        limited = {**_OPTIONS, "max_pixels": str(_pixel_limit(path))}  # of what is decoded to open it
         if demuxer is None:
             limited["codec_whitelist"] = _PROBED
-        with av.open(source, "r", format=demuxer, options=limited) as container:
+        # titles may be of any code page
+        with av.open(source, "r", format=demuxer, options=limited, metadata_errors="replace") as container:
             yield container, _video_stream(path, container)
     except av.FFmpegError as error:
         hint = "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
@@ -151,7 +152,9 @@ def _drawn_packet(packet: av.Packet, stream: VideoStream) -> av.Packet:
     """A packet of a video; one of PNGs as :func:`.drawn_chunks` has it."""
     if stream.codec_context.name != "png" or packet.size == 0:
         return packet
-    drawn = av.Packet(drawn_chunks(bytes(packet)))
+    data = drawn_chunks(bytes(packet))
+    drawn = av.Packet(len(data))  # of its own memory: a decoder's threads would wait for Python to give back its
+    drawn.update(data)
     drawn.pts, drawn.dts, drawn.time_base = packet.pts, packet.dts, packet.time_base
     return drawn
 
@@ -168,8 +171,8 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
         raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, the header says {stream.frames}")
     if stream.codec_context.name == "apng":
         raise InputError(path, "video", "is of APNG", "re-encode it")
-    if stream.codec_context.name in _BY_FRAME:
-        stream.codec_context.options = {"err_detect": "explode"}
+    strict = {"err_detect": "explode"} if stream.codec_context.name in _BY_FRAME else {}
+    stream.codec_context.options = {"max_pixels": str(_pixel_limit(path)), **strict}  # a frame may be larger
     stream.thread_type = "AUTO"
     stream.codec_context.thread_count = thread_count()
     return stream
