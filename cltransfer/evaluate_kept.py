@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .clips.image_folder import clip_hash
 from .config import to_yaml
 from .config.options import RunConfig
 from .models.content import reading
 from .pipeline.components import Components
 from .registry.plugin_code import code_of, own_code
-from .storage.files import content_hash
 from .storage.kept_lines import keep, read_kept
 from .storage.run_files import kept_frames
 
@@ -80,7 +80,7 @@ class Kept:
         """What the score of a clip depends on; empty where it is not kept."""
         if self.path is None or render is None:
             return ""
-        clips = [content_hash(kept_frames(clip)) for clip in (reference, render)]
+        clips = [clip_hash(kept_frames(clip)) for clip in (reference, render)]
         return hashlib.sha256(json.dumps([self.about, method, name, *clips]).encode()).hexdigest()[:32]
 
     def keep(self, key: str, row: ClipScore) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, UsageError
-from ..storage.files import read_json
+from ..storage.files import content_hash, read_json
 from .decoding import IMAGE_SUFFIXES
 
-VIDEOS = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".ts")
+VIDEOS = (".mp4", ".m4v", ".mov", ".3gp", ".mkv", ".webm", ".avi", ".ts", ".mts", ".m2ts")
 TIMES = "times.json"
 FOLDER_RATE = 24.0  # images a second where nothing says
 
@@ -46,6 +46,17 @@ def image_files(folder: Path) -> list[Path]:
 
 def _is_image(file: Path) -> bool:
     return file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")
+
+
+def clip_hash(path: Path) -> str:
+    """SHA-256 of a video, or of what is played of a folder: its images and times, whatever else lies there.
+
+    Raises:
+        InputError: as of :func:`image_files`.
+    """
+    if not path.is_dir():
+        return content_hash(path)
+    return content_hash(path, [*image_files(path), *([] if untimed(path) else [path / TIMES])])
 
 
 def untimed(path: Path) -> bool:

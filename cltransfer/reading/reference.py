@@ -123,6 +123,7 @@ def is_scene(source: str) -> bool:
 
 
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
+    from ..clips.image_folder import clip_hash
     from ..clips.open_clip import open_clip
     from ..clips.source import ClipSource
 
@@ -132,7 +133,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
     where = replace(asked_for, path=kept_frames(asked_for.path))
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
-    digest = content_hash(where.path)
+    digest = clip_hash(where.path)
     asked = [frames, str(where.span), where.fps, where.person]
     key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
     cached = cache_dir() / "features" / f"{key}.safetensors"

@@ -12,6 +12,7 @@ import os
 import re
 import secrets
 import stat
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -258,18 +259,19 @@ def named_twice(node: Any) -> Iterator[str]:
     """Keys that a mapping has twice in a node of YAML; ``yaml.safe_load`` takes the last."""
     below = node.value if node is not None and node.id != "scalar" else []
     if below and node.id == "mapping":
-        names = [key.value for key, _ in below if key.id == "scalar"]
-        yield from (name for i, name in enumerate(names) if name in names[:i])
+        names = Counter(key.value for key, _ in below if key.id == "scalar")
+        yield from (name for name, times in names.items() if times > 1)
         below = [value for _, value in below]
     for part in below:
         yield from named_twice(part)
 
 
-def content_hash(path: Path) -> str:
-    """SHA-256 of a file, or of the names and contents of a folder's files in name order."""
-    digest = hashlib.sha256()
-    members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
-    for member in members:
+def content_hash(path: Path, files: Iterable[Path] | None = None) -> str:
+    """SHA-256 of a file, or of the names and contents of a folder's ``files``, all of them by default, by name."""
+    digest, members = hashlib.sha256(), files
+    if members is None:
+        members = (p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for member in sorted(members):
         if path.is_dir():
             digest.update(os.fsencode(f"{member.relative_to(path).as_posix()}\0{member.stat().st_size}\0"))
         with member.open("rb") as stream:

@@ -1,14 +1,85 @@
-"""What an image file is, whatever its name says."""
+"""What an image file is, whatever its name says, and videos that a decoder could be led astray by."""
 
+import os
+import subprocess
+import sys
+from fractions import Fraction
 from pathlib import Path
 
+import av
+import cv2
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
 from cltransfer.clips.clip import read_clip
+from cltransfer.clips.image_folder import clip_hash
 from cltransfer.errors import InputError
+
+EARLY = """
+import sys
+from pathlib import Path
+from cltransfer.clips.clip import read_clip
+for _ in range(4):
+    read_clip(Path(sys.argv[1]), span=(0, 0.2))
+"""
+
+
+def video_of(path: Path, codec: str, pictures: list[np.ndarray], size: tuple[int, int] = (64, 48)) -> Path:
+    """A video whose header has ``size`` (W, H), whatever its pictures (H, W, 3) have."""
+    with av.open(str(path), "w", options={}) as container:
+        container.metadata["title"] = "Cafe 1"
+        stream = container.add_stream(codec, rate=24)
+        stream.width, stream.height = size
+        stream.pix_fmt = "rgb24" if codec == "png" else "yuvj420p"
+        for i, picture in enumerate(pictures):
+            packet = av.Packet(cv2.imencode(".png" if codec == "png" else ".jpg", picture)[1].tobytes())
+            packet.stream, packet.pts, packet.dts, packet.time_base = stream, i, i, Fraction(1, 24)
+            container.mux(packet)
+    return path
+
+
+def noise(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
+    return list(np.random.default_rng(0).integers(0, 255, (count, height, width, 3), dtype=np.uint8))
+
+
+def test_a_video_of_pngs_that_is_left_early_does_not_wait_for_ever(tmp_path: Path) -> None:
+    """Its decoder's threads gave back memory of Python's while Python waited for them."""
+    video = video_of(tmp_path / "a.mov", "png", noise(24, 240, 320), (320, 240))
+    reading = [sys.executable, "-c", EARLY, str(video)]
+    subprocess.run(reading, env={**os.environ, "CLTRANSFER_THREADS": "2"}, timeout=100, check=True)
+
+
+def test_a_title_of_another_code_page_is_no_fault(tmp_path: Path) -> None:
+    video = video_of(tmp_path / "a.avi", "mjpeg", noise(3))
+    data = video.read_bytes()
+    assert b"Cafe 1" in data
+    video.write_bytes(data.replace(b"Cafe 1", b"Caf\xe9 1"))
+    assert len(read_clip(video).image) == 3
+
+
+@pytest.mark.parametrize(("codec", "name"), [("mjpeg", "a.avi"), ("png", "a.mov")])
+def test_a_frame_that_is_larger_than_the_header_says_is_never_decoded(tmp_path: Path, codec: str, name: str) -> None:
+    large = np.zeros((3000, 3000, 3), np.uint8)
+    video = video_of(tmp_path / name, codec, [*noise(1), large, large])
+    with pytest.raises(InputError, match=rf"{name}: video: cannot be decoded"):
+        read_clip(video)
+
+
+def test_a_folder_is_known_by_what_is_played_of_it(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "clip", "png", "PNG")
+    before = clip_hash(folder)
+    (tmp_path / "outside.txt").write_text("1")
+    (folder / "notes").symlink_to(tmp_path / "outside.txt")
+    (folder / ".DS_Store").write_text("mine")
+    (folder / "run").mkdir()
+    (folder / "run" / "0.png").write_text("no picture of this clip")
+    assert clip_hash(folder) == before
+    (folder / "times.json").write_text("[0, 1]")
+    timed = clip_hash(folder)
+    (folder / "1.png").write_bytes((folder / "0.png").read_bytes())
+    assert len({before, timed, clip_hash(folder)}) == 3
 
 
 def folder_of(folder: Path, suffix: str, kind: str) -> Path:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from cltransfer.storage.files import (
     atomic,
     check_out,
     check_yaml,
+    named_twice,
     same_file,
     told_from_here,
     write_text,
@@ -145,3 +147,10 @@ def test_where_no_way_leads_a_path_is_told_whole(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(os.path, "relpath", other_drive)
     assert told_from_here(tmp_path) == str(tmp_path)
+
+
+def test_keys_named_twice_are_found_among_very_many(within: Callable[[float, float], bool]) -> None:
+    node = yaml.compose("\n".join(f"k{i}: 0" for i in (*range(20_000), 7)), Loader=LOADERS[1])
+    begun = time.process_time()
+    assert list(named_twice(node)) == ["k7"]
+    assert within(time.process_time() - begun, 0.5)  # 4 s by looking through all those before
