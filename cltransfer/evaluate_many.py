@@ -62,7 +62,7 @@ def clips_in(folder: Path) -> dict[str, Path]:
     """
     found: dict[str, Path] = {}
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
-        if entry.name.startswith(".") or not (entry.is_dir() or entry.suffix.lower() in VIDEOS):
+        if entry.name.startswith(".") or not _is_clip(entry):
             continue
         name = unicodedata.normalize("NFC", entry.name if entry.is_dir() else entry.stem)  # Macs pack NFD
         if name in found:
@@ -71,6 +71,10 @@ def clips_in(folder: Path) -> dict[str, Path]:
     if not found:
         raise InputError(folder, "clips", "expected videos, image folders or runs, found none")
     return found
+
+
+def _is_clip(entry: Path) -> bool:
+    return entry.is_dir() or entry.suffix.lower() in VIDEOS
 
 
 def evaluate_many(
@@ -150,11 +154,21 @@ def notes_of(rows: list[ClipScore]) -> list[str]:
 
 
 def left_over(references: Path, methods: Mapping[str, Path]) -> list[str]:
-    """A note for each method that has clips by whose names there is no reference: these are not scored."""
+    """A note for each folder with what is not scored: clips by whose names there is no reference, and what is no clip.
+
+    Args:
+        references: folder of reference clips.
+        methods: folder of rendered clips by method.
+    """
     known = clips_in(references)
     found = {method: [name for name in clips_in(folder) if name not in known] for method, folder in methods.items()}
+    others = {
+        whose: [e.name for e in sorted(folder.iterdir()) if not (e.name.startswith(".") or _is_clip(e))]
+        for whose, folder in {"references": references, **methods}.items()
+    }
     return [
-        f"{method}: {_some(names)} not scored: no reference of this name" for method, names in found.items() if names
+        *(f"{whose}: {_some(names)} not scored: no reference of this name" for whose, names in found.items() if names),
+        *(f"{whose}: {_some(names)} not scored: no video by its suffix" for whose, names in others.items() if names),
     ]
 
 

@@ -378,6 +378,12 @@ def test_clips_that_no_reference_has_the_name_of_are_told(
         (ours / f"{name}.mkv").touch()
     more = "ours: a_typo, b, c and 2 more are not scored: no reference of this name"
     assert left_over(references, {"ours": ours, "same": references}) == [more]
+    (ours / "f.m4v").touch()  # a clip as others are
+    (ours / "a.mp5").touch()
+    assert left_over(references, {"ours": ours}) == [
+        more.replace("2 more", "3 more"),
+        "ours: a.mp5 is not scored: no video by its suffix",
+    ]
 
 
 def test_names_match_however_their_accents_are_written(tmp_path: Path) -> None:
