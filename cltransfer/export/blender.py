@@ -35,7 +35,8 @@ scene.collection.objects.link(camera)
 scene.camera = camera
 scene.render.resolution_x, scene.render.resolution_y = SIZE
 scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1
-scene.render.fps, scene.render.fps_base = round(RATE), round(RATE) / RATE
+whole = max(1, round(RATE))
+scene.render.fps, scene.render.fps_base = whole, whole / RATE
 scene.frame_start, scene.frame_end = {first}, {last}
 data.sensor_fit, data.sensor_width = "HORIZONTAL", {gate!r}
 data.clip_start, data.clip_end = {near!r}, {far!r}

@@ -4,6 +4,7 @@ import ast
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -60,6 +61,18 @@ def test_what_blender_turns_is_turned(tmp_path, path):
     for (_, was, *lens), (_, pose, *same) in zip(before, after):
         assert pose == [was[0], [-value for value in was[2]], was[1], [0, 0, 0, 1]]
         assert lens == same
+
+
+@pytest.mark.parametrize("rate", [0.4, 23.976, 240])
+def test_a_rate_is_two_numbers_that_blender_takes(tmp_path, still, rate):
+    write_blender(tmp_path / "shot.py", still, rate)
+    lines = (tmp_path / "shot.py").read_text().splitlines()
+    given = {"RATE": rate, "scene": SimpleNamespace(render=SimpleNamespace())}
+    exec("\n".join(line for line in lines if line.startswith(("whole", "scene.render.fps"))), given)
+    render = given["scene"].render
+    assert isinstance(render.fps, int)
+    assert render.fps >= 1
+    assert render.fps / render.fps_base == pytest.approx(rate)
 
 
 def test_cameras_stand_at_their_times_from_frame_one_on(tmp_path, path):
