@@ -176,6 +176,8 @@ def painted(path: Path, looks: Mapping[str, Look], textures: Textures, mesh: Mes
 
 def _places(path: Path, uv: Array, transform: Array | None) -> Tensor:
     """Places in the texture (V, 2) float32 from the top left; trimesh counts them from the bottom."""
+    if uv.shape[1] == 1:  # v is optional in an OBJ, and 0
+        uv = np.pad(uv, ((0, 0), (0, 1)))
     _check_places(path, uv)
     places = uv.astype(np.float32)
     places[:, 1] = 1 - places[:, 1]

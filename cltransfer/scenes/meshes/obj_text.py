@@ -19,7 +19,7 @@ from .polygons import fans_hold, triangles_of
 
 _INDENT = re.compile(rb"^ +", re.MULTILINE)
 _UNREAD = re.compile(rb"^(?!(?:v|vt|vn|f|usemtl|mtllib) )[^\n]*\n?", re.MULTILINE)  # groups, remarks, empty lines
-_LIBRARY = re.compile(rb"^mtllib[ \t]+(.*?)[ \t]*$", re.MULTILINE)
+_LIBRARY = re.compile(rb"^mtllib[ \t]+(.*)$", re.MULTILINE)
 _LONG = re.compile(rb"^f(?:[ \t]+[^ \t\n]+){4}", re.MULTILINE)
 _BACK = re.compile(rb"^f[ \t][^\n#]*-\d", re.MULTILINE)
 _REMARK = re.compile(rb"^((?:v|vt|vn|f)[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
@@ -57,7 +57,7 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
         text = b"\n".join(_counted(text.split(b"\n")))
     _check_faces(path, text)
     _check_places(path, text)
-    names = [name for line in _LIBRARY.findall(text) for name in files.named(line.decode("utf-8", "replace"))]
+    names = [name for line in _LIBRARY.findall(text) for name in files.named(line.strip().decode("utf-8", "replace"))]
     bare = bool(names and _PLACED.search(text) and _BARE.search(text))
     if len(names) < 2 and not bare and not _LONG.search(text):
         return text

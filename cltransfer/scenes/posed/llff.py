@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def _rows(path: Path) -> Array:
         raise InputError(path, "", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
     try:
         rows = np.lib.format.open_memmap(path, mode="r")  # by map: a shape larger than the file is refused
-    except (ValueError, OSError, OverflowError) as error:
+    except (ValueError, OSError, OverflowError, TokenError) as error:
         raise InputError(path, "", f"not a NumPy file: {' '.join(str(error).split())}") from None
     if rows.ndim != 2 or rows.shape[1] != ROW or rows.dtype.kind != "f":
         raise InputError(path, "shape", f"expected (N, {ROW}) numbers, got {rows.shape} {rows.dtype}")

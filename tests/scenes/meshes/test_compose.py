@@ -154,6 +154,8 @@ def test_a_line_is_short_whatever_a_part_holds(folder, field):
         ("parts: [{file: tile.obj, size: 2}]", "unknown: size .known: animation, file"),
         ("parts: [{file: tile.obj, scale: 0}]", "scale must be positive"),
         ("parts: [{file: tile.obj, scale: .nan}]", "scale must be positive"),
+        (f"parts: [{{file: tile.obj, scale: 1{'0' * 400}}}]", "scale must be positive"),
+        (f"up: [0, 1{'0' * 400}, 0]\nparts: [{{file: tile.obj}}]", "up: expected a direction"),
         ("parts: [{file: tile.obj, label: person}]", "label must be subject or scene"),
         ("parts: [{file: tile.obj, translate: [1, 2]}]", "translate must be three numbers"),
         ("parts: [{file: tile.obj, rotate_deg: abc}]", "rotate_deg must be three numbers"),

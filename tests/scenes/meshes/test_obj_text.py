@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,6 +52,25 @@ def test_a_mark_of_byte_order_is_no_part_of_the_first_line(stage: Callable[..., 
     mesh = read_mesh(stage(f"\ufeff{SQUARE}mtllib look.mtl\n{faces}", look="\ufeffnewmtl red\nmap_Kd red.png\n")).mesh
     assert mesh.vertices[mesh.faces.long()].tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]]
     assert len(mesh.textures) == 1
+
+
+def test_a_place_of_one_number_has_0_for_the_other(stage: Callable[..., Path]) -> None:
+    square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nmtllib a.mtl\nusemtl red\nf 1/1 2/2 3/3\n"
+    library = "newmtl red\nmap_Kd red.png\n"
+    one, two = (
+        read_mesh(stage("".join(f"vt {u}{v}\n" for u in (0.1, 0.5, 0.9)) + square, a=library)).mesh for v in ("", " 0")
+    )
+    assert torch.equal(one.uv, two.uv)
+    assert torch.equal(one.texture, two.texture)
+
+
+def test_spaces_behind_a_library_take_no_time(
+    stage: Callable[..., Path], within: Callable[[float, float], bool]
+) -> None:
+    path = stage(f"mtllib a.mtl{' ' * 100_000}b.mtl  \n{SQUARE}f 1 2 3\n", a="# a\n", b="# b\n")
+    begun = time.process_time()
+    read_mesh(path)
+    assert within(time.process_time() - begun, 5)  # a minute by a pattern that looks for their end from each of them
 
 
 @pytest.mark.parametrize("face", ["f 1 2 3", "f 1/1/1 2/2/1 3/3/1", "f 1 2 3 4"])

@@ -271,6 +271,7 @@ def headed(root: Path, shape: tuple[int, int]) -> None:
         (lambda root: (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY"), "not a NumPy file"),
         (lambda root: (root / "poses_bounds.npy").write_bytes(b"PK\x03\x04abc"), "not a NumPy file"),
         (lambda root: (root / "poses_bounds.npy").write_bytes(b""), "not a NumPy file"),
+        (lambda root: (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY\1\0\4\0{'(\n"), "not a NumPy file"),
         (archive, "not a NumPy file"),
         (lambda root: headed(root, (10**30, ROW)), "not a NumPy file"),
         (lambda root: headed(root, (-1, ROW)), "not a NumPy file|shape"),
