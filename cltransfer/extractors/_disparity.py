@@ -15,12 +15,11 @@ OUTLIERS = (1.0, 0.5, 0.25, 0.1, 0.1, 0.1, 0.1)  # relative errors that count a 
 def depth_from_disparity(disparity: Tensor, floor: float) -> Tensor:
     """Depth (B, H, W) > 0 of disparity (B, H, W), up to the scale and shift of the network.
 
-    Disparity below ``floor`` times the frame's largest counts as that, so a frame's depths span at most
-    1 / floor. NaN where a frame has no positive disparity.
+    NaN where disparity is not above ``floor`` times the frame's largest: the sky, or too far to tell, as a renderer's
+    depth is where nothing is. So a frame's depths span at most 1 / floor, and all of it is NaN where none is positive.
     """
-    largest = disparity.amax(dim=(1, 2), keepdim=True)
-    depth = 1 / torch.maximum(disparity, floor * largest)
-    return torch.where(largest > 0, depth, torch.nan)
+    least = floor * disparity.amax(dim=(1, 2), keepdim=True).clamp_min(0)
+    return torch.where(disparity > least, 1 / disparity, torch.nan)
 
 
 def aligned(disparity: Tensor, align: Align, affine: tuple[float, float]) -> Tensor:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..computer.memory import require_free
 from ..errors import ModelError, UsageError
 from ..features import Features
 from ..models.onnx import Network
@@ -21,6 +22,7 @@ from ._disparity import Align, aligned, depth_from_disparity
 from ._pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
 
 __all__ = ["DepthOnnx", "depth_from_disparity"]
+PIXEL = 32  # bytes while a resized frame is normalised
 
 
 @EXTRACTORS.register("depth_onnx")
@@ -40,7 +42,7 @@ class DepthOnnx:
         std: of each channel, divides then.
         input: name of the input.
         output: name of the output.
-        floor: smallest disparity over the largest, in (0, 1).
+        floor: disparity over the largest, in (0, 1), down to which nothing is told: the sky has no depth.
         align: what is done about a disparity's unknown shift, which changes the depth ratio of two layers. ``raw``
             takes it for none; ``shift`` and ``metric`` take 1 / depth = a d + b, ``shift`` with d in the frame's
             largest, for a network that scales each frame by itself.
@@ -124,6 +126,8 @@ class DepthOnnx:
 
     def _input(self, image: Tensor) -> np.ndarray:
         size = self._size(image.shape[3], image.shape[2])
+        need, what = len(image) * size[0] * size[1] * PIXEL, f"frames at {size[0]}x{size[1]} for the network"
+        require_free(need, self.model, what, "crop what is so long")
         how = cv2.INTER_AREA if image.shape[3] > size[0] else cv2.INTER_CUBIC
         rgb = np.stack([cv2.resize(frame, size, interpolation=how) for frame in to_uint8(image)])
         return normalised(rgb, self.mean, self.std)

@@ -4,9 +4,11 @@ import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from cltransfer.errors import ModelError
+from cltransfer.errors import ModelError, ResourceError
 from cltransfer.extractors.depth_onnx import DepthOnnx, depth_from_disparity
+from cltransfer.extractors.layers import Layers
 from cltransfer.features import Features
+from cltransfer.losses.filmic_space import FilmicSpace
 from cltransfer.registry import EXTRACTORS
 from cltransfer.testing import ExtractorCase
 
@@ -92,15 +94,40 @@ def test_depth_stays_and_what_is_not_positive_is_nan(planted):
     assert depth[1, 16, 8].isnan()
 
 
+def test_a_frame_that_is_a_line_is_refused_before_it_takes_memory(planted, monkeypatch):
+    """Its shorter side is brought to that of the network, the other one as much longer."""
+    extractor = planted(size=("height", "width"), kind="depth", multiple=14, width=518, height=518)
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1000")
+    with pytest.raises(ResourceError, match=r"memory: frames at 124320x518 for the network need \d+ MB"):
+        extractor(Features((960, 4), image=torch.zeros(1, 3, 4, 960)))
+
+
 def test_mean_and_std_are_those_of_each_channel(planted):
     depth = planted(kind="depth", mean=[0.1, 0.5, 0.5], std=[0.5, 9.0, 9.0])(halves()).depth
     torch.testing.assert_close(depth[0, 16, [8, 56]], torch.tensor([1.8, 0.2]), atol=5e-3, rtol=0)
 
 
-def test_disparity_near_zero_is_clamped_to_the_floor():
-    depth = depth_from_disparity(torch.tensor([[[10.0, 0.0, -3.0]], [[0.0, 0.0, -1.0]]]), floor=0.01)
-    torch.testing.assert_close(depth[0, 0], torch.tensor([0.1, 10.0, 10.0]))
+def test_disparity_near_zero_is_no_depth():
+    depth = depth_from_disparity(torch.tensor([[[10.0, 0.2, 0.09, -3.0]], [[0.0, 0.0, -1.0, -2.0]]]), floor=0.01)
+    torch.testing.assert_close(depth[0, 0], torch.tensor([0.1, 5.0, torch.nan, torch.nan]), equal_nan=True)
     assert depth[1].isnan().all()
+
+
+@pytest.mark.parametrize("sky", [0.05, 0.3])
+def test_how_much_sky_a_frame_shows_changes_no_depth_of_its_layers(sky):
+    """A building, another behind it, the person; the sky that a network puts at disparity 0 is far behind both."""
+    disparity = torch.full((1, 100, 160), 1 / 10.0)
+    disparity[:, :, 100:], disparity[:, 40:, 70:90] = 1 / 15.0, 1 / 4.0
+    under = torch.rand(1, 100, 160, generator=torch.Generator().manual_seed(0)) * 0.01 + disparity
+    above = under.clone()
+    above[:, : int(100 * sky)] = 0.0
+    subject = torch.zeros(1, 100, 160, dtype=torch.bool)
+    subject[:, 40:, 70:90] = True
+    with_sky, without = (
+        Layers()(Features((160, 100), subject=subject, depth=depth_from_disparity(each, 1e-3)), None)
+        for each in (above, under)
+    )
+    assert float(FilmicSpace()(without, with_sky)) < 0.05  # a tolerance; 0.163 where the sky had the largest depth
 
 
 def test_options_and_foreign_networks_are_refused(planted):
