@@ -67,10 +67,11 @@ def _layers(features: Features) -> Tensor:
 
 
 def layer_depths(features: Features, min_area: float) -> Tensor:
-    """Representative depth of foreground, character, background, (B, 3); NaN below ``min_area``."""
-    layers = _layers(features)
-    small = layers.flatten(2).float().mean(-1) < min_area
-    return depth_mode(features.require("depth"), layers).masked_fill(small, float("nan"))
+    """Representative depth of foreground, character, background, (B, 3); NaN where less than ``min_area`` has any."""
+    layers, depth = _layers(features), features.require("depth")
+    told = layers & (depth.isfinite() & (depth > 0))[:, None]
+    small = told.flatten(2).float().mean(-1) < min_area
+    return depth_mode(depth, layers).masked_fill(small, float("nan"))
 
 
 @LOSSES.register("filmic_space")
@@ -87,7 +88,7 @@ class FilmicSpace:
             ``mismatch``, and counts one below ``min_area`` as empty.
         mismatch: cost of a layer on one side only, >= 0 [log]; log 2 is a layer at twice the depth. To empty a layer
             that differs by more pays: raise it where renders have holes.
-        min_area: smallest layer, in [0, 1] of the frame.
+        min_area: smallest layer, in [0, 1] of the frame, counted in pixels that have a depth.
         weight: lambda of Eq. 15; tolerance 0.05.
 
     The penalty is 2 log 10: both layers at ten times the depth.

@@ -108,3 +108,14 @@ def test_options_out_of_range_are_refused() -> None:
         FilmicSpace(mismatch=-1)
     with pytest.raises(ValueError, match=r"min_area must be in \[0, 1\], got 2"):
         FilmicSpace(min_area=2)
+
+
+def test_a_layer_of_which_less_than_the_least_area_has_a_depth_is_empty() -> None:
+    """A mask is no depth: one pixel of the person that has one would tell how far away they are."""
+    features = sample_features(0, 1)
+    depth, mask = features.require("depth").clone(), features.require("layers")[0, 1]
+    y, x = mask.nonzero()[0].tolist()
+    depth[0, mask] = torch.nan
+    depth[0, y, x] = 9.0
+    assert bool(FilmicSpace()(features, replace(features, depth=depth)).isnan())
+    assert bool(FilmicSpace(mode="faithful")(features, replace(features, depth=depth)).isfinite())
