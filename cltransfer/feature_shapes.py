@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 from typing import Any
 
 import torch
@@ -36,9 +37,11 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
         extras: plugins' own.
 
     Raises:
-        ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name.
+        ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name;
+            the size is none, or (H, W).
         TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
+    _check_size(own["size"], own["image"])
     first, count = "", -1
     for name, dimensions, fixed in FIXED:  # 7 us of 10 with all there; every evaluation makes some
         if (value := own[name]) is None:
@@ -64,6 +67,15 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
             first, count = name, len(value)
         elif value is not None and len(value) != count:
             raise _unequal(first, count, name, len(value))
+
+
+def _check_size(size: Any, image: Tensor | None) -> None:
+    if not (isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, Integral) and int(n) > 0 for n in size)):
+        raise ValueError(f"size must be (W, H), two whole numbers above 0, got {size!r}")
+    if image is not None and image.ndim == 4:
+        height, width = image.shape[2:]
+        if width != height and size[0] * width == size[1] * height:
+            raise ValueError(f"size must be (W, H), got {size} of images of {height} rows and {width} columns")
 
 
 def on_grid(maps: Tensor, grid: Sequence[int]) -> Tensor:

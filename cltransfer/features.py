@@ -52,7 +52,8 @@ class Features:
             :class:`OfThisRun`.
 
     Raises:
-        ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name.
+        ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name;
+            ``size`` is none.
         TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
 

@@ -280,3 +280,18 @@ def test_features_are_told_apart_by_which_they_are() -> None:
     assert one != other
     assert [one, other].index(other) == 1
     assert len({one, other}) == 2
+
+
+@pytest.mark.parametrize("size", [(0, 0), (-1, 5), (64, 36, 3), None, 64, (64.0, 36.0), [64, 36]])
+def test_a_size_is_two_whole_numbers_of_pixels(size: Any) -> None:
+    with pytest.raises(ValueError, match=r"size must be \(W, H\), two whole numbers above 0, got"):
+        replace(sample_features(0, 1), size=size)
+
+
+def test_a_size_of_rows_and_columns_is_told_from_one_of_width_and_height() -> None:
+    image = torch.zeros(1, 3, 36, 64)
+    for size in ((64, 36), (1280, 720), (36, 36), (np.int64(64), 36)):
+        Features(size, image=image)
+    for size in ((36, 64), (720, 1280)):
+        with pytest.raises(ValueError, match=r"size must be \(W, H\), got .* of images of 36 rows and 64 columns"):
+            Features(size, image=image)
