@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -21,6 +22,7 @@ from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
 from .features import Features, check_pair
+from .losses.camera_movement import weight_note
 from .pipeline.objective import Objective, values
 from .pipeline.scores import frame_totals
 from .registry import LOSSES
@@ -154,6 +156,8 @@ class TotalMetric(FrameMetric):
             ValueError: as of :meth:`LossMetric.values`.
         """
         reference, rendered = _checked(reference, rendered)
+        if note := weight_note(self.objective.losses, reference.size[0]):
+            warnings.warn(note, stacklevel=2)
         return frame_totals(
             self.objective, self._terms(reference, rendered), self._terms(reference, reference).isfinite()
         )

@@ -1,5 +1,6 @@
 """The losses as torchmetrics: means, coverage, collections, bootstraps, merging."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -249,3 +250,14 @@ def test_what_is_no_frames_of_bytes_is_not_read(frames: Tensor, told: str) -> No
     plan = Components.build(load_config()).plan("image")
     with pytest.raises(ValueError, match=r"^expected uint8 frames \(N, 3, H, W\), got " + told):
         clip_features(frames, plan)
+
+
+def test_a_movement_in_pixels_weighed_as_if_in_frame_widths_is_told() -> None:
+    faithful = {"mode": "faithful"}
+    total = TotalMetric({"camera_movement": faithful, "shot_size": faithful})
+    with pytest.warns(UserWarning, match=r"camera_movement counts 64 times what its tolerance asks for"):
+        total.update(REFERENCE, RENDERED)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        TotalMetric({"camera_movement": {**faithful, "weight": 40 / 64}}).update(REFERENCE, RENDERED)
+        camera_language_metrics().update(REFERENCE, RENDERED)
