@@ -27,7 +27,7 @@ class Loss(Protocol):
     unit: ClassVar[str]
     """Unit of the raw value, for tables and charts."""
     penalty: ClassVar[float]
-    """Raw value the objective uses where the loss is NaN, so that leaving the frame never pays."""
+    """Raw value the objective uses where the loss is NaN: about the worst that a person inside the frame can have."""
     weight: float
     """lambda of Eq. 15."""
 

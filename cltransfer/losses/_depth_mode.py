@@ -11,8 +11,9 @@ from ..computer.arrays import plain
 def depth_mode(depth: Tensor, masks: Tensor) -> Tensor:
     """Most probable depth under each mask (paper Eq. 10).
 
-    The density is a Gaussian KDE over log depth, so that the mode follows any scale of the depths and is the
-    same whether a network gives depth or its inverse. The paper names neither kernel nor bandwidth: here a
+    The density is a Gaussian KDE over log depth, so that the mode is the same whether a network gives depth or its
+    inverse. Eq. 10 has it over depth, whose mode is nearer where a layer is spread out (of depths even from 5 to 50 at
+    24, here at 42; of a wall that is slanted by a tenth). The paper names neither kernel nor bandwidth: here a
     256-bin histogram, bandwidth the larger of Scott's rule and 1 % of the range, peak refined below a bin.
     Scott's rule counts the pixels as in a frame of 160x90, so that the mode does not move with the resolution.
     A constant depth is its own mode; of equally high peaks the nearest to the median counts.

@@ -55,7 +55,8 @@ class Framing:
         min_area: smallest mask of the reference that tells anything, in [0, 1] of the frame; ``faithful`` reads none.
         weight: lambda of Eq. 15; tolerance 0.02 of the frame.
 
-    The penalty is the frame's diagonal, 2 ** 0.5: more than two persons inside the frame can be apart.
+    The penalty is the frame's diagonal, 2 ** 0.5: more than two persons inside the frame can be apart. By this loss
+    alone a person farther outside than that costs more than nobody at all.
     """
 
     mode: Literal["robust", "faithful"] = "robust"

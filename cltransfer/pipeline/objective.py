@@ -96,7 +96,7 @@ class Objective:
         """Weighted terms (B, L) of raw terms (B, L).
 
         A term the reference lacks costs nothing, whatever is rendered; a term that only the render lacks costs its
-        penalty, so that leaving the frame never pays.
+        penalty, so that leaving the frame does not pay.
         """
         priced = self.priced(terms, defined)
         return torch.where(defined, priced * self.weights, torch.zeros_like(priced))

@@ -1,8 +1,9 @@
 """Gaussian splats by gsplat's CUDA kernels: all cameras of a call together, by the rule of the other backends.
 
 gsplat projects, sorts and blends. Opacity behind the near plane, colour and the median are made here, because gsplat
-knows no fade and no median. Two differences remain, both below 1/255 of a pixel: gsplat cuts the opacity of a splat in
-a pixel at 0.999 instead of 0.99, and the factor of antialiasing has no floor.
+knows no fade and no median. Two differences remain: gsplat cuts the opacity of a splat in a pixel at 0.999 instead of
+0.99, so that up to 0.009 less is seen of what lies behind one, and the factor of antialiasing has no floor, which here
+is 0.005 of an opacity.
 """
 
 from __future__ import annotations
