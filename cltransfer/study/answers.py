@@ -44,7 +44,8 @@ def read_answers(files: Iterable[Path], study: Study) -> list[Choice]:
             asked = (choice.participant, choice.item, choice.question)
             if found.get(asked, choice) != choice:
                 reason = f"{choice.participant} answered {choice.item}, {choice.question} in two ways"
-                raise InputError(path, f"line {number}", reason, "was a code used by two?")
+                hint = "was a code used by two? of an answer taken back after a download give the later file alone"
+                raise InputError(path, f"line {number}", reason, hint)
             found[asked] = choice
     return list(found.values())
 

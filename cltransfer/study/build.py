@@ -179,7 +179,8 @@ def _readme(study: Study, out: Path) -> str:
     return (
         f"Study {study.name}: {counted(study)}, {len(QUESTIONS)} questions each.\n\n"
         "Open index.html in a browser; it needs no network and no server. Every participant downloads a CSV file at\n"
-        "the end, or on stopping before; both may be given.\n"
+        "the end, or on stopping before; both may be given, unless an answer was taken back between them: then the\n"
+        "later file alone.\n"
         f"Keep {out.name}.key.json, which says whose video is whose, away from them.\n\n"
         f"  cltransfer study --analyse answers/*.csv --key {shlex.quote(out.name + '.key.json')}\n\n{NO_STUDY}\n"
     )

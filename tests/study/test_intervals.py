@@ -28,6 +28,21 @@ def test_the_interval_of_a_share_holds_the_truth(people: int, likes: int, dislik
     assert np.mean(held) >= 0.92
 
 
+@pytest.mark.parametrize(
+    "counts", [(60, 3, 3, 3, 3, 3), (60, 60, 3, 3, 3, 3), (30, 30, 10, 3, 3, 3), (60,) * 6 + (3,) * 4]
+)
+@pytest.mark.parametrize(("likes", "dislikes"), [(7, 3), (3, 1), (1, 1)])
+def test_the_interval_of_a_share_holds_the_truth_where_some_stop_early(
+    counts: tuple[int, ...], likes: int, dislikes: int
+) -> None:
+    rng, held = np.random.default_rng(1), []
+    for _ in range(200):
+        wins = rng.binomial(counts, rng.beta(likes, dislikes, len(counts))).astype(float)
+        low, high = share_interval(wins, np.array(counts, float))
+        held.append(low <= likes / (likes + dislikes) <= high)
+    assert np.mean(held) >= 0.92
+
+
 @pytest.mark.parametrize("differ", [0.0, 1.5])
 def test_the_intervals_of_strengths_hold_the_truth(differ: float) -> None:
     """Six people and eight answers of each pair; the truth is that of very many people."""
