@@ -58,8 +58,10 @@ def clips_in(folder: Path) -> dict[str, Path]:
     """Videos, image folders and run folders right inside ``folder``, by name without suffix.
 
     Raises:
-        InputError: there is none, or two have one name.
+        InputError: there is no such folder, or none in it, or two have one name.
     """
+    if not folder.is_dir():
+        raise InputError(folder, "clips", "expected a folder" if folder.exists() else "no such folder")
     found: dict[str, Path] = {}
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
         if entry.name.startswith(".") or not _is_clip(entry):
@@ -78,8 +80,8 @@ def _is_clip(entry: Path) -> bool:
 
 
 def evaluate_many(
-    references: Path,
-    methods: Mapping[str, Path],
+    references: str | Path,
+    methods: Mapping[str, str | Path],
     config: RunConfig,
     progress: Progress = silent,
     folder: Path | None = None,
@@ -104,11 +106,11 @@ def evaluate_many(
     """
     parts = Components.build(config)
     parts.plan("image").load_networks()  # what no clip could be scored by shows at once
-    known = clips_in(references)
-    rendered = {method: clips_in(folder) for method, folder in methods.items()}
+    known = clips_in(Path(references))
+    rendered = {method: clips_in(Path(folder)) for method, folder in methods.items()}
     for method, clips in rendered.items():
         if not clips.keys() & known.keys():
-            raise InputError(methods[method], "clips", f"none has the name of a reference ({', '.join(known)})")
+            raise InputError(Path(methods[method]), "clips", f"none has the name of a reference ({', '.join(known)})")
     rows: list[ClipScore] = []
     failures: list[Exception] = []
     with nullcontext() if folder is None else alone(folder, "scores clips"):

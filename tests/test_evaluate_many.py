@@ -225,6 +225,8 @@ def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="found none"):
         clips_in(tmp_path / "empty")
+    with pytest.raises(InputError, match="nowhere: clips: no such folder"):
+        clips_in(tmp_path / "nowhere")
 
 
 def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(

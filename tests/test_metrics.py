@@ -252,6 +252,21 @@ def test_what_is_no_frames_of_bytes_is_not_read(frames: Tensor, told: str) -> No
         clip_features(frames, plan)
 
 
+@pytest.mark.parametrize(
+    ("times", "came"),
+    [
+        ([0.0, 0.5], "got list"),
+        (torch.zeros(1), r"got \(1,\)"),
+        (torch.zeros(2), r"got \[0.0, 0.0\]"),
+        (torch.tensor([0.0, torch.nan]), r"got \[0.0, nan\]"),
+    ],
+)
+def test_times_of_a_clip_are_one_a_frame_and_increase(times: Any, came: str) -> None:
+    plan = Components.build(load_config()).plan("image")
+    with pytest.raises(ValueError, match=f"expected a tensor of the increasing times of 2 frames .s., {came}"):
+        clip_features(torch.zeros(2, 3, 8, 8, dtype=torch.uint8), plan, times=times)
+
+
 def test_a_movement_in_pixels_weighed_as_if_in_frame_widths_is_told() -> None:
     faithful = {"mode": "faithful"}
     total = TotalMetric({"camera_movement": faithful, "shot_size": faithful})

@@ -74,14 +74,16 @@ def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times:
         image: consecutive frames, (N, 3, H, W) uint8.
         plan: of image extractors.
         progress: called with a step, frames done, frames in all.
-        times: of the frames, (N,) [s], by which the person is followed; None takes 24 a second.
+        times: of the frames, (N,) [s], increasing, by which the person is followed; None takes 24 a second.
 
     Raises:
-        ValueError: ``image`` is anything else.
+        ValueError: ``image`` or ``times`` is anything else.
         ModelError: a network that the plan reads by is not there.
         ResourceError: what is read takes more memory than is free.
     """
     _check_frames(image)
+    if times is not None:
+        _check_times(times, len(image))
     return read_frames(image, plan, None, progress, times)[0]
 
 
@@ -93,6 +95,15 @@ def _check_frames(image: object) -> None:
         came = f"{str(image.dtype).removeprefix('torch.')} {tuple(image.shape)}"
         came += ": (frames * 255).round().byte()" * image.is_floating_point()
     raise ValueError(f"expected uint8 frames (N, 3, H, W), got {came}")
+
+
+def _check_times(times: object, count: int) -> None:
+    came: object = type(times).__name__
+    if isinstance(times, Tensor):
+        if times.shape == (count,) and bool((times.isfinite()).all() and (times.diff() > 0).all()):
+            return
+        came = tuple(times.shape) if times.shape != (count,) else times.tolist()
+    raise ValueError(f"expected a tensor of the increasing times of {count} frames [s], got {came}")
 
 
 def render_features(
