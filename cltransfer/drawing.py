@@ -17,6 +17,23 @@ if TYPE_CHECKING:
 MAPS = frozenset({"image", "alpha", "label", "depth", "expected_depth"})  # (B, H, W), image (B, 3, H, W)
 
 
+OURS = ("gaussian_splats", "nerf_grid", "mesh")
+
+
+def check_renderer(renderer: Any, scene: Scene) -> None:
+    """Whether ``renderer`` draws ``scene`` and what it draws by is there, as far as it says: before anything else.
+
+    Raises:
+        UsageError: it draws another kind of scene.
+        ModelError: its backend or device is not on this computer.
+    """
+    name = RENDERERS.name_of(renderer) or type(renderer).__name__
+    if name in OURS or hasattr(renderer, "draws"):
+        check_kind(name, scene, (name, *getattr(renderer, "draws", ())))
+    if hasattr(renderer, "require_backend"):
+        renderer.require_backend()
+
+
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
     """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``, with who looks and who is there.
 
@@ -52,12 +69,12 @@ def renderer_of(scene: Scene, configured: Any) -> Any:
     or one that says what it draws. Then it is the one of ours that draws it, and of what a plugin has read that
     plugin's; with its defaults.
     """
-    kind, ours = getattr(scene.geometry, "renderer", ""), ("gaussian_splats", "nerf_grid", "mesh")
+    kind = getattr(scene.geometry, "renderer", "")
     name = RENDERERS.name_of(configured)
     if not kind or kind in (name, *getattr(configured, "draws", ())):
         return configured
-    bound = name in ours or hasattr(configured, "suffixes") or hasattr(configured, "draws")
-    if kind in ours:
+    bound = name in OURS or hasattr(configured, "suffixes") or hasattr(configured, "draws")
+    if kind in OURS:
         return RENDERERS.build(kind) if bound else configured
     return RENDERERS.build(kind) if kind in RENDERERS.registered() else configured
 

@@ -84,8 +84,17 @@ class GaussianSplats:
         out = kernels.render(splats.packed, views, "image" in buffers, threads)._asdict()
         return {name: torch.from_numpy(out[name]) for name in buffers}
 
+    def require_backend(self) -> None:
+        """Refuse a backend that is not on this computer.
+
+        Raises:
+            ModelError: it is not.
+        """
+        if self.backend == "gsplat":
+            require_gsplat("renderer gaussian_splats", "backend=numba")
+
     def _gsplat(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
-        require_gsplat("renderer gaussian_splats", "backend=numba")
+        self.require_backend()
         if len(splats) == 0:  # gsplat refuses them
             return self._torch(splats, cameras, buffers)
         drawn = _splats_gsplat.render(on_device(splats, "cuda"), moved(cameras, "cuda"), self.settings, buffers)

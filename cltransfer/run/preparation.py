@@ -13,6 +13,7 @@ from ..along_clip import places
 from ..camera import fitted_size, resized
 from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
+from ..drawing import check_renderer
 from ..driver.guard import READ, Guard
 from ..driver.initial_view import any_view, given_view, tell_turned_away
 from ..driver.journal import VIEW, fingerprint
@@ -94,6 +95,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
     search = config.build_one("search")
     scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
+    check_renderer(parts.renderer, scene)
     if config.lod > 0:
         check_merged(scene)
     view = None if inputs.init == "auto" else given_view(inputs.init)

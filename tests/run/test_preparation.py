@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.errors import UsageError
+from cltransfer.errors import CltransferError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
@@ -44,6 +44,33 @@ def test_frames_that_show_nobody_tell_no_noise() -> None:
     assert noise_floor(objective, blank, cleaned(blank, 1.0)) == pytest.approx(noise, rel=0.02)
     assert noise_floor(objective, clip, clip) == 0.0
     assert noise_floor(objective, blank[12:], blank[12:]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "renderer", "line"),
+    [
+        ("builtin:plaza-0-mesh", "gaussian_splats={}", r"does not draw Mesh \(choose: renderer\.mesh="),
+        ("builtin:plaza", "mesh={}", r"does not draw Splats \(choose: renderer\.gaussian_splats="),
+        ("builtin:plaza", "gaussian_splats.backend=gsplat", "renderer gaussian_splats"),
+    ],
+)
+def test_a_renderer_that_cannot_draw_is_refused_before_anything_is_read(
+    scene: str, renderer: str, line: str, tmp_path: Path
+) -> None:
+    """A run that lies there stays a run: its journal is not opened."""
+    if "gsplat" in renderer and torch.cuda.is_available():
+        pytest.skip("the backend is here")
+    config, steps = load_config(overrides=[*SMALL, f"renderer.{renderer}"]), list[str]()
+    with pytest.raises(CltransferError, match=line):
+        prepare(
+            Inputs(scene, "builtin:static"),
+            config,
+            Clock(),
+            lambda step, *_: steps.append(step),
+            Record(tmp_path / "j"),
+        )
+    assert steps == []
+    assert not (tmp_path / "j").exists()
 
 
 def test_a_scene_that_cannot_be_merged_is_refused_before_anything_is_read(tmp_path: Path) -> None:
