@@ -23,8 +23,8 @@ from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
-from .storage.files import read_json
-from .storage.run_files import SUBJECT
+from .storage.files import check_out_file, read_json
+from .storage.run_files import SUBJECT, is_run
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
 
@@ -79,7 +79,9 @@ def _views(source: str) -> Camera:
     if camera is not None:
         return camera
     path = Path(source)
-    return Trajectory.load(path).camera if _is_trajectory(path) else read_posed(path).camera
+    if _is_trajectory(path) or is_run(path):  # of a run's folder the error tells which file
+        return Trajectory.load(path).camera
+    return read_posed(path).camera
 
 
 def _is_trajectory(path: Path) -> bool:
@@ -105,6 +107,7 @@ def simplify_file(
     """
     if out.suffix.lower() != ".ply":
         raise UsageError(out, "--out", "expected a .ply file")
+    check_out_file(out)
     _refuse_source(out, source)
     report("reading the scene", 0, 0)
     scene = load_scene(source)

@@ -109,6 +109,17 @@ def test_whether_a_view_is_a_trajectory_is_told_by_what_it_holds(tmp_path: Path)
         given_views([str(tmp_path / "huge.json")], 64)
 
 
+def test_of_a_folder_with_a_path_in_it_the_file_is_named(tiny_run: Path) -> None:
+    with pytest.raises(InputError, match=r"expected a file, got a folder \(name a file in it: trajectory.json or subj"):
+        given_views([str(tiny_run)], 64)
+
+
+def test_where_nothing_can_be_written_is_told_before_anything_is_read(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match=r"--out: cannot lie in .*file, which is a file"):
+        simplify_file(str(tmp_path / "gone.ply"), tmp_path / "file" / "out.ply", [], Simplification())
+
+
 def test_what_is_no_scene_of_splats_is_told_before_its_views_are_asked_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         simplify_file(str(tmp_path / "gone.ply"), tmp_path / "out.ply", [], Simplification())

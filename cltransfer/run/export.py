@@ -87,5 +87,6 @@ def _check_out(out: Path, kind: str, source: Path) -> None:
     check_out_file(out) if kind else check_model(out)
     target = Path(os.path.realpath(out))
     runs = [folder for folder in (source.resolve(), *target.parents[:2]) if is_run(folder)]
-    if any(same_file(target, kept) for kept in (source, *(folder / name for folder in runs for name in RESULTS))):
+    kept = [source, *(folder / name for folder in runs for name in RESULTS)]
+    if any(same_file(target, file) or (not kind and file.resolve().is_relative_to(target)) for file in kept):
         raise UsageError(out, "--out", "is a file of a run itself, or what is read", "name another")

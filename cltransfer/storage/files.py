@@ -89,21 +89,29 @@ def check_out(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise UsageError(folder, "--out", "expected a folder, there is a file of that name")
+    _check_place(folder, folder)
+
+
+def _check_place(out: Path, folder: Path) -> None:
+    """Refuse an ``out`` where ``folder``, itself or the one it lies in, cannot be made or written into."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
-        raise UsageError(folder, "--out", f"cannot lie in {there}, which is a file", "name another folder")
+        raise UsageError(out, "--out", f"cannot lie in {there}, which is a file", "name another folder")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise UsageError(folder, "--out", f"may not be written: {there} is not ours", "name another folder")
+        raise UsageError(out, "--out", f"may not be written: {there} is not ours", "name another folder")
 
 
 def check_out_file(path: Path | None) -> None:
     """Refuse an output file that cannot be one, before any work is done for it.
 
     Raises:
-        UsageError: there is a folder, a device or a pipe of that name.
+        UsageError: there is a folder, a device or a pipe of that name, or the folder it lies in is none, or not ours.
     """
-    if path is not None and path.exists() and not path.is_file():
+    if path is None:
+        return
+    if path.exists() and not path.is_file():
         raise UsageError(path, "--out", "expected a file, there is something else of that name")
+    _check_place(path, path.absolute().parent)
 
 
 def refuse_link(path: Path) -> None:
@@ -227,7 +235,9 @@ def check_size(path: Path, limit: int) -> None:
         InputError: it is missing, a folder or larger.
     """
     if not path.is_file():
-        raise InputError(path, "", "no such file" if not path.exists() else "expected a file, got a folder")
+        inside = [name for name in ("trajectory.json", "subject.json") if (path / name).is_file()]  # a run's
+        hint = f"name a file in it: {' or '.join(inside)}" if inside else ""
+        raise InputError(path, "", "no such file" if not path.exists() else "expected a file, got a folder", hint)
     size = path.stat().st_size
     if size > limit:
         raise InputError(path, "", f"expected at most {limit} bytes, got {size}")

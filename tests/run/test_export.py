@@ -114,6 +114,8 @@ def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path, monkeypatc
         for out in (run / TRAJECTORY, run / CAMERA_PATH, run / "metrics.json", tmp_path / "link.json"):
             with pytest.raises(UsageError, match="is a file of a run itself, or what is read"):
                 export_path(source, out, None, None)
+    with pytest.raises(UsageError, match="video: --out: is a file of a run itself"):
+        export_path(run, run / "video", None, None)  # a COLMAP model among its films
     (tmp_path / "cam").symlink_to(run / "camera")
     monkeypatch.chdir(run / "camera")
     for out in (Path(CAMERA_PATH.name), tmp_path / "cam" / CAMERA_PATH.name):

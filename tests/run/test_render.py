@@ -11,7 +11,7 @@ import pytest
 from cltransfer.errors import InputError, UsageError
 from cltransfer.progress import silent
 from cltransfer.run.render import render_run
-from cltransfer.storage.run_files import CONFIG, JOURNAL, MANIFEST, VIDEO
+from cltransfer.storage.run_files import BESIDE, CONFIG, JOURNAL, MANIFEST, VIDEO
 
 
 def test_what_only_looks_like_a_run_is_not_written_into(tiny_run: Path, tmp_path: Path) -> None:
@@ -25,6 +25,23 @@ def test_what_only_looks_like_a_run_is_not_written_into(tiny_run: Path, tmp_path
     with pytest.raises(InputError, match=r"manifest.json: is no run's \(expected the folder of a run\)"):
         render_run(run, ["output_side=64"], None, None, None, silent)
     assert (tmp_path / "elsewhere" / VIDEO.name).stat().st_mtime_ns == before
+
+
+def test_no_other_file_of_the_run_is_written_over_and_no_film_is_drawn_for_nothing(
+    tiny_run: Path, tmp_path: Path
+) -> None:
+    steps, before = list[str](), (tiny_run / BESIDE).read_bytes()
+    (tmp_path / "folder.mp4").mkdir()
+    (tmp_path / "file").touch()
+    for out, told in (
+        (tiny_run / BESIDE, "is a file of the run itself"),
+        (tmp_path / "folder.mp4", "expected a file, there is something else"),
+        (tmp_path / "file" / "film.mp4", "cannot lie in .*file, which is a file"),
+    ):
+        with pytest.raises(UsageError, match=f"--out: {told}"):
+            render_run(tiny_run, [], None, None, out, lambda step, *_: steps.append(step))
+    assert steps == []
+    assert (tiny_run / BESIDE).read_bytes() == before
 
 
 def test_the_config_of_a_run_opens_no_other_file(tiny_run: Path, tmp_path: Path) -> None:
