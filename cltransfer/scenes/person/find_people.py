@@ -74,7 +74,7 @@ def _reach(scene: Scene) -> tuple[Tensor, float]:
     """Middle of a scene (3,), and how far from there most of it lies.
 
     Raises:
-        InputError: there is nothing in it.
+        InputError: there is nothing in it, or all of it lies at one point.
     """
     means = scene.geometry.means.double()
     if len(means) == 0:
@@ -82,7 +82,11 @@ def _reach(scene: Scene) -> tuple[Tensor, float]:
             scene.name, "scene", f"expected something to see, got an empty {type(scene.geometry).__name__}"
         )
     center = means.median(0).values
-    return center, float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
+    reach = float(torch.quantile((means - center)[:: max(1, len(means) // 10**5)].norm(dim=1), 0.9))
+    if not reach > 0:
+        reason = f"expected something that has an extent, all {type(scene.geometry).__name__} lie at one point"
+        raise InputError(scene.name, "scene", reason)
+    return center, reach
 
 
 def chosen(people: list[Found], person: int, scene: Scene, renderer: Any) -> Found:

@@ -31,6 +31,7 @@ from cltransfer.scenes.person.find_people import (
     ring,
     standing,
 )
+from cltransfer.scenes.simplify import subset
 
 UP = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
 TALL = torch.tensor([0.0, 0.0, 0.0], dtype=torch.float64), 1.8
@@ -182,6 +183,13 @@ def test_who_may_be_cut_off_before_the_lens_is_told_with_the_options_that_draw_t
         with pytest.raises(InputError) as caught:
             chosen([], 0, scene, told)
         assert "cut off" not in str(caught.value)
+
+
+def test_a_scene_that_is_one_point_is_said() -> None:
+    point = replace(of_reach(1.0, "gaussian_splats"), name="dot", subject=None)
+    point = replace(point, geometry=subset(point.geometry, torch.tensor([0])))
+    with pytest.raises(InputError, match=r"^dot: scene: expected something that has an extent, all Splats lie at one"):
+        find_people(point, lambda cameras: [np.zeros((0, 5))] * len(cameras))
 
 
 def test_an_empty_scene_is_said() -> None:
