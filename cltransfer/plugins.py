@@ -182,7 +182,7 @@ def _import_file(source: Source) -> str:
         raise ModelError(_file_of(source, error), error.field, error.reason, error.hint) from error
     except (Exception, SystemExit) as error:
         _forget(source.module)
-        reason = f"failed at import: {type(error).__name__}: {error}"
+        reason = f"failed at import{_line_of(source, error)}: {type(error).__name__}: {error}"
         raise ModelError(source.path, "plugin", reason, _hint(source, error)) from error
     _CODE[source.module] = source.code()
     return str(source.path)
@@ -193,6 +193,12 @@ def _file_of(source: Source, error: BaseException) -> Path:
     place = source.path.parent if source.package else source.path
     files = [Path(frame.f_code.co_filename) for frame, _ in walk_tb(error.__traceback__)]
     return next((file for file in reversed(files) if file.is_relative_to(place)), source.path)
+
+
+def _line_of(source: Source, error: BaseException) -> str:
+    """Which line of its own file was the last, as ``, line 3``; nothing where none was run."""
+    lines = [line for frame, line in walk_tb(error.__traceback__) if frame.f_code.co_filename == str(source.path)]
+    return f", line {lines[-1]}" if lines else ""
 
 
 def _known(source: Source) -> bool:

@@ -85,6 +85,7 @@ def unused_plugins(names: list[str] | None, *settings: Any) -> list[str]:
     """Notes on allowed plugins of whose components none of ``settings`` names one."""
     from ..config.options import SECTIONS
     from ..plugins import installed, settle
+    from ..registry import FITTERS
 
     modules, notes = {plugin.name: plugin.module.partition(":")[0] for plugin in installed()}, []
     for name, settled in zip(names or [], settle(names or [])):
@@ -95,6 +96,8 @@ def unused_plugins(names: list[str] | None, *settings: Any) -> list[str]:
         if given and not any(part in getattr(config, section) for section, part in given for config in settings):
             known = ", ".join(f"{section}.{part}={{}}" for section, part in given)
             notes.append(f"plugin {name} is allowed, but none of its components is in use ({known})")
+        if not given and not FITTERS.given_by(by):
+            notes.append(f"plugin {name} is allowed, but registers nothing: @LOSSES.register(...) above a class does")
     return notes
 
 

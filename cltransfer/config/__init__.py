@@ -195,9 +195,8 @@ def _check_section(section: str, value: Any, where: Any) -> None:
     registry = SECTIONS[section]
     for name, options in value.items():
         if str(name) not in registry.names():
-            hint = (
-                f"{nearest(name, registry.names())}; a plugin needs --allow-plugin, in Python cltransfer.plugins.allow"
-            )
+            let_in = "a plugin needs --allow-plugin, in Python cltransfer.plugins.allow, and has to register it"
+            hint = f"{nearest(name, registry.names())}; {let_in}"
             raise UsageError(where, f"{section}.{name}", f"no such {registry.kind}", hint)
         if options is None:
             continue
