@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from av.video.stream import VideoStream
 
 from ..computer.threads import thread_count
 from ..errors import InputError
+from ..registry.declared import SCENE_SUFFIXES
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 from .png_chunks import PNG, drawn_chunks
@@ -124,8 +126,15 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         with av.open(source, "r", format=demuxer, options=limited, metadata_errors="replace") as container:
             yield container, _video_stream(path, container)
     except av.FFmpegError as error:
-        hint = "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
-        raise InputError(path, "video", f"cannot be decoded: {error.strerror}", hint) from None
+        raise InputError(path, "video", f"cannot be decoded: {error.strerror}", _expected(path)) from None
+
+
+def _expected(path: Path) -> str:
+    if not os.access(path, os.R_OK):
+        return "it may not be read"
+    if path.suffix.lower() in SCENE_SUFFIXES:
+        return f"a scene is a reference by a path through it: {path.name}@trajectory.json"
+    return "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
 
 
 def _is_image(path: Path) -> bool:

@@ -124,3 +124,9 @@ def test_an_empty_file_is_told_so(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError) as caught:
         read_clip(tmp_path / name)
     assert str(caught.value).endswith(said)
+
+
+def test_a_scene_where_a_clip_belongs_is_told_how_it_can_teach(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text("ply\n")
+    with pytest.raises(InputError, match=r"a scene is a reference by a path through it: a\.ply@trajectory\.json"):
+        read_clip(tmp_path / "a.ply")
