@@ -59,7 +59,8 @@ class RunConfig:
         guide: frames along the clip at which distances are looked up, to choose one path in closed form that all frames
             start from, one where nothing moves; 0 starts each frame from the ones before it alone.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
-            distance and focal length cannot then be told apart.
+            distance and focal length cannot then be told apart. still is auto, but that the path keeps one focal length
+            for all of the clip, whatever that costs; it needs path smooth.
         engine: of each frame: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A
             loss without residuals, or renders read by networks, turn refine into cma. The path through what it found
             is up to path and joint.
@@ -106,7 +107,7 @@ class RunConfig:
     lod: float = 0.0
     warm_start: bool = True
     guide: int = 5
-    zoom: Literal["auto", "free", "fixed"] = "auto"
+    zoom: Literal["auto", "free", "fixed", "still"] = "auto"
     engine: Literal["refine", "cma", "adam"] = "cma"
     steps: int = 6
     dampings: int = 3

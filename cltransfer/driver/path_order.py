@@ -27,6 +27,7 @@ FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no splin
 TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; one a round of refining
 PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined; any other may bend
 CLEARLY = 0.9  # of the total that the last one promised
+Ladder = list[tuple[int, Tensor | None]]
 HOPE = 1.3  # times the total allowed, from where refining brings a filtered path there
 FAR = 3.0  # times the total allowed; above it the linear model does not hold
 
@@ -99,6 +100,7 @@ def least_path(
     noise: float,
     effort: Effort,
     guide: Tensor | None = None,
+    still: bool = False,
 ) -> LeastPath:
     """The least order that stays within the noise floor of the path as it was found.
 
@@ -109,6 +111,7 @@ def least_path(
         noise: how far totals are uncertain, because the reference was read by networks; 0 where it is exact.
         effort: of refining the path as a whole, where the loss is not small already.
         guide: a path (N, D) that moves as the reference does, None where there is none.
+        still: whether the lens is kept, whatever that costs.
     """
     free, residuals = (local.total, local.residuals) if local is not None else clip.scored(x)
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
@@ -124,9 +127,12 @@ def least_path(
         held = replace(path, x=x[:1].expand_as(x).clone(), residuals=residuals)
         return refined(clip, _standing(clip, held, local), effort)
     tries = min(TRIED, effort.rounds or TRIED)
-    spline = _by_total(clip, path, limit) if local is None else _by_model(clip, path, local, limit, tries)
+    ladder = _ladder(clip, x, still)
+    spline = (
+        _by_total(clip, path, limit, ladder) if local is None else _by_model(clip, path, local, limit, tries, ladder)
+    )
     if spline is None:
-        return _filtered(clip, path, guide, limit, effort)
+        return _filtered(clip, path, guide, limit, effort, still)
     found = refined(clip, spline, effort)
     return found if found.total <= limit else spline  # refining trades total for steadiness
 
@@ -141,20 +147,26 @@ def _standing(clip: WholeClip, found: LeastPath, local: Local | None) -> LeastPa
     return replace(here, x=x, total=total, residuals=residuals) if total < here.total else here
 
 
-def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, effort: Effort) -> LeastPath:
+def _filtered(
+    clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: float, effort: Effort, still: bool = False
+) -> LeastPath:
     """Where no spline is near enough: the losses jump, and so would the camera.
 
     What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
-    to the guide is filtered as well. The first that costs little is taken, or else the one that costs least.
+    to the guide is filtered as well. The first that costs little is taken, or else the one that costs least; where the
+    lens is to keep ``still`` some such path is, since the frames as they were found zoom.
     """
-    accepted = max(limit, JUMPS * free.free)
+    lens = clip.lens(free.x.shape[1]) if still else None
+    accepted = max(limit, JUMPS * free.free) if lens is None else math.inf
     enough, best, tried = HOPE * limit if effort.rounds else accepted, None, False
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         added = free.x if about is None else free.x - about
         steady = along(added, frames, clip.at)
-        x = clip.inside(steady if about is None else about + steady)
+        moving = steady if about is None else about + steady
+        x = clip.inside(moving if lens is None else _held(moving, lens))
         total, residuals = clip.scored(x)
         path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
+        path = path if lens is None else replace(path, lens_kept=True)
         best = path if best is None or path.total < best.total else best
         if path.total <= enough:
             found = _accepted(refined(clip, path, effort), path, accepted)
@@ -163,6 +175,12 @@ def _filtered(clip: WholeClip, free: LeastPath, guide: Tensor | None, limit: flo
             enough, tried = accepted, True  # refining does not bring it there, so the next has to be near enough itself
     assert best is not None
     return (None if tried else _accepted(refined(clip, best, effort), best, accepted)) or free
+
+
+def _held(x: Tensor, way: Tensor) -> Tensor:
+    """The path x (N, D) nearest to it along which ``way`` (D,) keeps its mean."""
+    along_way = x @ way
+    return x - (along_way - along_way.mean())[:, None] * way / (way @ way)
 
 
 def _accepted(after: LeastPath, before: LeastPath, limit: float) -> LeastPath | None:
@@ -183,9 +201,9 @@ def refined(clip: WholeClip, path: LeastPath, effort: Effort) -> LeastPath:
     return replace(path, x=x, residuals=residuals, total=clip.mean_total(residuals), refined=True)
 
 
-def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | None:
+def _by_total(clip: WholeClip, free: LeastPath, limit: float, ladder: Ladder) -> LeastPath | None:
     """The least order that is good enough, each tried in turn."""
-    for knots, way in _ladder(clip, free.x):
+    for knots, way in ladder:
         x = _fitted(clip, free.x, None, knots, way).x
         total = clip.total(x)
         if total <= limit:
@@ -193,14 +211,16 @@ def _by_total(clip: WholeClip, free: LeastPath, limit: float) -> LeastPath | Non
     return None
 
 
-def _by_model(clip: WholeClip, free: LeastPath, local: Local, limit: float, left: int) -> LeastPath | None:
+def _by_model(
+    clip: WholeClip, free: LeastPath, local: Local, limit: float, left: int, ladder: Ladder
+) -> LeastPath | None:
     """The least order that is good enough, of those of which the linear model says so; ``left`` paths are evaluated.
 
     One that turns out not to be is tried again from where it led, as long as the model there says so; the next one has
     to promise clearly more.
     """
     promised = math.inf
-    for knots, way in _ladder(clip, free.x):
+    for knots, way in ladder:
         spline = _fitted(clip, free.x, local, knots, way)
         first = spline.predicted
         if not left or first is None or first > min(limit, CLEARLY * promised):
@@ -224,7 +244,8 @@ def _fitted(clip: WholeClip, x: Tensor, local: Local | None, knots: int, fixed: 
     return replace(found, x=clip.inside(found.x))
 
 
-def _ladder(clip: WholeClip, x: Tensor) -> list[tuple[int, Tensor | None]]:
-    """Knots, and the direction of x that is kept still if any; the least first."""
+def _ladder(clip: WholeClip, x: Tensor, still: bool) -> Ladder:
+    """Knots, and the direction of x that is kept still if any, as always where ``still``; the least first."""
     lens = clip.lens(x.shape[1])
-    return [(knots, way) for knots in orders(len(x)) for way in ([None] if lens is None else [lens, None])]
+    ways = [None] if lens is None else [lens] if still else [lens, None]
+    return [(knots, way) for knots in orders(len(x)) for way in ways]

@@ -87,7 +87,7 @@ def make_schedule(
     """The schedule of ``config`` for a reference of N frames, whose totals are uncertain by ``noise``."""
     tolerance = max(config.tolerance, QUIET * noise)
     free = config.zoom == "free"
-    if config.zoom == "auto" and "filmic_space" in objective.names:
+    if config.zoom in ("auto", "still") and "filmic_space" in objective.names:
         space = objective.names.index("filmic_space")
         free = bool(objective.weighs[space]) and bool(objective.defined(reference)[:, space].any())
     note = _why_cma_alone(config, search, objective) if config.engine == "refine" else ""

@@ -12,6 +12,7 @@ from ..features import nobody
 from ..losses.camera_movement import weight_note
 from ..losses.shot_size import ShotSize, degenerate
 from ..near_plane import drawn_whole, smaller_near
+from ..reading.zoom import lens_range
 from ..report.data import Flag
 from ..search import limits
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 DEGENERATE = 1.0  # least curvature of the total along a direction of x below which nothing determines it; usually > 10
 ON_BOUND = 1e-6  # of the half-range
+ZOOMS = 1.25  # times the shortest focal length of the result
+SHOWN = 0.3  # log range of the reference's, below which it stands
 WORSE = 1.05  # times the total of the first view held still, above which a result is worse
 OTHERWISE, MUCH = 3.0, 1.0  # times the total of the search, and so much more, above which a result is read otherwise
 
@@ -45,6 +48,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     yield from _poor(result)
     yield from _floaters(result)
     yield from _near(result)
+    yield from _lens(result)
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
         hint = "--subject 0, 1, ... takes each, `cltransfer lift SCENE --person 1` shows whom"
@@ -109,6 +113,15 @@ def _near(result: Result) -> Iterator[Flag]:
     if count:
         where = f"in {count} of {len(cameras)} frames, as near as {least:.2g} scene units"
         yield Flag(None, f"the person is faded or cut {where}: set {smaller_near(result.renderer, least / 2)}")
+
+
+def _lens(result: Result) -> Iterator[Flag]:
+    """Whether the lens of the result goes where that of the reference stands."""
+    focal = result.trajectory.camera.focal
+    zoom = float(focal.max() / focal.min())
+    if zoom > ZOOMS and lens_range(result.reference.features) < SHOWN:
+        told = f"the lens zooms {zoom:.3g} times, which the reference, as its flow and depth tell, does not"
+        yield Flag(None, f"{told}: zoom=still keeps one focal length")
 
 
 def _reference(result: Result) -> Iterator[Flag]:

@@ -94,6 +94,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     parts = Components.build(config)
     family: Family = "scene" if config.extract.inner == "geometric" else "image"
     search = config.build_one("search")
+    _check_still(config, search)
     scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
     check_renderer(parts.renderer, scene)
     if config.lod > 0:
@@ -143,6 +144,22 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     return Job(
         parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts, by_networks, alignment
     )
+
+
+def _check_still(config: RunConfig, search: Any) -> None:
+    """Refuse a lens that is to keep still where nothing keeps it.
+
+    Raises:
+        UsageError: frames are left as they are found, or the search does not tell what its lens is.
+    """
+    if config.zoom != "still":
+        return
+    if config.path != "smooth":
+        hint = "set path=smooth, or zoom=fixed for the focal length of the first frame"
+        raise UsageError("", "zoom", f"still is for a path, expected path smooth, got {config.path}", hint)
+    if getattr(search, "lens", None) is None:
+        name = next(iter(config.search))
+        raise UsageError("", "zoom", f"search {name} does not tell what its lens is", "subject_orbit does")
 
 
 def _person(inputs: Inputs, scene: Scene) -> int | None:

@@ -102,7 +102,8 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     local = found.local
     if local is not None and config.lod > 0:  # merged, the scene has other residuals
         local = replace(local, residuals=clip.residuals(found.x))
-    return least_path(clip, found.x, local, job.noise, Effort(config.joint, config.joint_steps), guide)
+    effort = Effort(config.joint, config.joint_steps)
+    return least_path(clip, found.x, local, job.noise, effort, guide, config.zoom == "still")
 
 
 def _followed_again(clip: WholeClip, schedule: Schedule, starts: Starts, report: Report, found: Path) -> Path:

@@ -18,6 +18,7 @@ from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.plan import Step
+from cltransfer.run.flags import run_flags
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SubjectOrbit
@@ -252,3 +253,31 @@ def test_a_path_is_refined_until_it_costs_no_more_than_its_frames_did(monkeypatc
     free = LeastPath(torch.zeros(6, 7), None, 0.0, False, 0.2, 0.2, 0.14)
     path_order._filtered(Priced([0.3]), free, None, 0.34, Effort(4, 6))  # type: ignore[arg-type]
     assert asked == [0.2]
+
+
+@pytest.mark.parametrize("shaken", [0.0, 0.06])
+def test_a_lens_that_is_to_keep_still_does_whatever_it_costs(shaken: float) -> None:
+    """The reference zooms by a fifth, so that frames which zoom cost nothing, and no path that does not comes near."""
+    clip, true = waving(period=8)
+    lens = clip.lens(7)
+    assert lens is not None
+    true = true + 0.2 * torch.linspace(0, 1, len(true), dtype=torch.float64)[:, None] * lens / (lens @ lens)
+    true[::2, 5] += shaken
+    person = clip.stage.scene.subject
+    zooming = replace(clip, reference=read_path(clip.stage, clip.search.cameras(true, clip.home, person)))
+    free = least_path(zooming, true, None, 0.0, Effort(1, 4))
+    still = least_path(zooming, true, None, 0.0, Effort(1, 4), still=True)
+    ranges = [float(focal.max() / focal.min()) for focal in (zooming.cameras(p.x).focal for p in (free, still))]
+    assert ranges == [pytest.approx(math.exp(0.2), abs=0.02), pytest.approx(1.0, abs=1e-6)]
+    assert (free.lens_kept, still.lens_kept) == (False, True)
+    assert "focal length kept, filtered" in still.name
+    assert still.total > free.total
+
+
+@pytest.mark.parametrize("shot", ["pan", "zoom"])
+def test_a_transfer_keeps_the_lens_still_on_demand(taught: Callable[..., Any], shot: str) -> None:
+    result = taught(shot, "zoom=still")
+    focal = result.trajectory.camera.focal
+    assert float(focal.max() / focal.min()) == pytest.approx(1.0, abs=1e-6)
+    assert order(result).lens_kept
+    assert ("the lens zooms" in str([flag.reason for flag in run_flags(result)])) is False

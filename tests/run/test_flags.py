@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.path_order import LeastPath
 from cltransfer.losses.camera_movement import CameraMovement
@@ -223,6 +224,31 @@ def test_a_size_of_the_mask_is_told_where_a_loss_takes_it_from_there(
     objective = Objective(losses if loss is None else {**losses, "shot_size": loss})
     flags = run_flags(replace(plain, reference=reference, objective=objective))
     assert [flag.reason for flag in flags if flag.frame == 1] == told
+
+
+@pytest.mark.parametrize(("own", "told"), [(1.0, True), (1.5, False), (None, False)])
+def test_a_lens_that_zooms_where_that_of_the_reference_stands_is_told(
+    plain: Result, own: float | None, told: bool
+) -> None:
+    """Of a reference whose camera is not known its flow and depth tell, with two frames of it as well as none."""
+
+    def zoomed(camera: Camera, times: float) -> Camera:
+        K = camera.K.clone()
+        K[1:, [0, 1], [0, 1]] *= times
+        return replace(camera, K=K)
+
+    features = plain.reference.features
+    if own is None:
+        features = replace(features, camera=None, depth=None)
+    elif features.camera is not None:
+        features = replace(features, camera=zoomed(features.camera, own))
+    else:
+        features = replace(features, camera=zoomed(plain.trajectory.camera, own))
+    result = replace(plain, reference=replace(plain.reference, features=features))
+    result = replace(result, trajectory=replace(result.trajectory, camera=zoomed(result.trajectory.camera, 1.5)))
+    flags = [flag.reason for flag in run_flags(result) if "the lens zooms" in flag.reason]
+    assert len(flags) == told
+    assert all(flag.endswith("zoom=still keeps one focal length") for flag in flags)
 
 
 @pytest.mark.parametrize("mode", ["robust", "faithful"])

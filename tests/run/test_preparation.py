@@ -73,6 +73,19 @@ def test_a_renderer_that_cannot_draw_is_refused_before_anything_is_read(
     assert not (tmp_path / "j").exists()
 
 
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (["path=exact"], "zoom: still is for a path, expected path smooth, got exact"),
+        (["path=smooth", "search={se3_jaws: {}}"], "zoom: search se3_jaws does not tell what its lens is"),
+    ],
+)
+def test_a_lens_that_nothing_keeps_still_is_refused(overrides: list[str], line: str) -> None:
+    config = load_config(overrides=[*SMALL, "zoom=still", *overrides])
+    with pytest.raises(UsageError, match=line):
+        prepare(Inputs("builtin:plaza", "builtin:static"), config, Clock(), lambda *_: None, None)
+
+
 def test_a_scene_that_cannot_be_merged_is_refused_before_anything_is_read(tmp_path: Path) -> None:
     config = load_config(overrides=[*SMALL, "lod=2", "renderer.mesh={}"])
     steps, inputs = list[str](), Inputs("builtin:plaza-0-mesh", "builtin:static")

@@ -1,0 +1,45 @@
+"""Whether a clip zooms is told by its flow and depth, and by its cameras where they are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from cltransfer.config import load_config
+from cltransfer.driver.stage import Stage, read_path
+from cltransfer.features import Features
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
+from cltransfer.reading.zoom import lens_range
+from cltransfer.scenes.load import load_scene
+from cltransfer.shots import shot
+
+FRAMES = 12
+ZOOMS = {"zoom": 0.69, "crash_zoom": 1.10, "dolly_zoom": 0.82}  # log of how far the lens goes
+
+
+def read(name: str) -> Features:
+    scene, parts = load_scene("builtin:plaza"), Components.build(load_config())
+    assert scene.subject is not None
+    path = shot(name, scene.subject, (160, 90), FRAMES).camera
+    return read_path(Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (160, 90)), path)
+
+
+@pytest.mark.parametrize("name", [*ZOOMS, "push_in", "pull_out", "pan", "tilt", "boom", "truck", "static", "dutch"])
+def test_a_zoom_is_told_from_all_else(name: str) -> None:
+    features = read(name)
+    told = lens_range(replace(features, camera=None))
+    if name in ZOOMS:
+        assert 0.6 * ZOOMS[name] < told < 1.1 * ZOOMS[name]
+    else:
+        assert told < 0.3
+    assert lens_range(features) == pytest.approx(ZOOMS.get(name, 0.0), abs=0.01)
+
+
+def test_where_nothing_tells_it_is_not_known() -> None:
+    features = replace(read("zoom"), camera=None)
+    assert math.isnan(lens_range(replace(features, depth=None)))
+    assert math.isnan(lens_range(features[:1]))
+    assert math.isnan(lens_range(replace(features, layers=features.require("layers") & False)))
