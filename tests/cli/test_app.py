@@ -21,8 +21,10 @@ import typer
 from cltransfer.ablate.trial import run_trial
 from cltransfer.camera import Camera
 from cltransfer.cli.app import app
+from cltransfer.cli.shared import unused_plugins
 from cltransfer.clips.clip import read_clip
 from cltransfer.config import load_config, to_yaml
+from cltransfer.plugins import allow
 from cltransfer.reading.named_scenes import remember
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.subject import Subject
@@ -475,6 +477,13 @@ def test_a_plugin_that_nothing_uses_and_a_reference_that_nobody_named_are_told(
     assert unused in with_plugin(*sweep, "--out", tmp_path / "d").out
     measured = with_plugin(*sweep, "losses.headroom={}", "--out", tmp_path / "e")
     assert (measured.code, "is allowed" in measured.out) == (0, False)
+
+
+def test_a_plugin_that_registers_nothing_is_told(tmp_path: Path, own_loss: str) -> None:
+    (tmp_path / "lazy.py").write_text(own_loss.replace("@LOSSES", "# @LOSSES"))
+    told = f"plugin {tmp_path / 'lazy.py'} is allowed, but registers nothing: @LOSSES.register(...) above a class does"
+    allow([tmp_path / "lazy.py"])
+    assert unused_plugins([str(tmp_path / "lazy.py")], load_config()) == [told]
 
 
 def test_without_plugins_nothing_is_missed(command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
