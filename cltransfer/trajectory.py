@@ -54,7 +54,10 @@ class Trajectory:
         return float((len(self) - 1) / (self.times[-1] - self.times[0]))
 
     def at(self, times: Tensor) -> Trajectory:
-        """The path at other moments: through its cameras by cubic splines of centre, rotation and log focal length.
+        """The path at other moments: smoothly through its cameras, by centre, rotation and log focal length.
+
+        By cubic splines whose slopes are limited: a camera that holds still before a move and after it does so between
+        its frames too, where a plain spline would wind up and swing past the end.
 
         Args:
             times: (M,) float64 [s], strictly increasing, within those of the path.
@@ -64,25 +67,33 @@ class Trajectory:
 
         No gradient goes through it.
         """
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
         if not self.times[0] <= times.min() <= times.max() <= self.times[-1]:
             span = f"{float(self.times[0]):g} to {float(self.times[-1]):g} s"
             raise ValueError(f"times must be within {span}, got {float(times.min()):g} to {float(times.max()):g}")
         if len(self) == 1:
             return self
-        camera, knots = Camera(self.camera.w2c.detach(), self.camera.K.detach(), self.camera.size), self.times.numpy()
-        turned = RotationSpline(knots, Rotation.from_matrix(camera.w2c[:, :3, :3].numpy()))(times.numpy())
-        R = torch.from_numpy(turned.as_matrix())
+        camera = Camera(self.camera.w2c.detach(), self.camera.K.detach(), self.camera.size)
         focal = camera.K[:, [0, 1], [0, 1]].log()
-        lens = torch.cat([camera.center, focal, camera.K[:, :2, 2]], dim=1)  # (N, 7)
-        found = torch.from_numpy(CubicSpline(knots, lens.numpy(), bc_type="natural")(times.numpy()))
+        R = self._turned(camera.w2c[:, :3, :3], times)
+        center, focal, middle = (_between(self.times, v, times) for v in (camera.center, focal, camera.K[:, :2, 2]))
         K = camera.K[:1].repeat(len(times), 1, 1)
-        K[:, [0, 1], [0, 1]], K[:, :2, 2] = found[:, 3:5].exp(), found[:, 5:]
+        K[:, [0, 1], [0, 1]], K[:, :2, 2] = focal.exp(), middle
         w2c = torch.eye(4, dtype=torch.float64).repeat(len(times), 1, 1)
-        w2c[:, :3, :3], w2c[:, :3, 3] = R, -(R @ found[:, :3, None])[..., 0]
+        w2c[:, :3, :3], w2c[:, :3, 3] = R, -(R @ center[:, :, None])[..., 0]
         return Trajectory(Camera(w2c, K, camera.size), times)
+
+    def _turned(self, R: Tensor, times: Tensor) -> Tensor:
+        """Rotations (N, 3, 3) of the frames at other moments, (M, 3, 3): by their quaternions, the short way round."""
+        from scipy.spatial.transform import Rotation, Slerp
+
+        known = Rotation.from_matrix(R.numpy())
+        if len(R) == 2:
+            return torch.from_numpy(Slerp(self.times.numpy(), known)(times.numpy()).as_matrix())
+        quaternions = torch.from_numpy(known.as_quat())
+        alike = (quaternions[1:] * quaternions[:-1]).sum(1) >= 0  # q and -q are one rotation
+        signs = torch.cat([alike.new_ones(1), alike]).double() * 2 - 1
+        found = _between(self.times, quaternions * signs.cumprod(0)[:, None], times)
+        return torch.from_numpy(Rotation.from_quat(found.numpy()).as_matrix())  # which makes them of length 1
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, with the convention written beside them."""
@@ -173,3 +184,19 @@ def jerk(camera: Camera, height: float) -> float:
         camera.focal.log()[:, None].diff(dim=0).diff(dim=0).diff(dim=0),
     ]
     return float(torch.cat(thirds, dim=1).pow(2).sum(1).mean().sqrt())
+
+
+def _between(knots: Tensor, values: Tensor, times: Tensor) -> Tensor:
+    """Values (N, D) of N moments at M others, (M, D): a cubic spline that is nowhere much faster than its moments.
+
+    Its speed at each is limited to three times that of the slower of the straight lines on either side, as Hyman (1983)
+    does for one dimension: what holds still goes on to.
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    slopes = torch.from_numpy(CubicSpline(knots.numpy(), values.numpy(), bc_type="natural")(knots.numpy(), 1))
+    straight = (values.diff(dim=0) / knots.diff()[:, None]).norm(dim=1)
+    most = 3 * torch.cat([straight[:1], torch.minimum(straight[1:], straight[:-1]), straight[-1:]])
+    speed = slopes.norm(dim=1)
+    limited = slopes * torch.where(speed > most, most / speed, 1.0)[:, None]
+    return torch.from_numpy(CubicHermiteSpline(knots.numpy(), values.numpy(), limited.numpy())(times.numpy()))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 
 from cltransfer.camera import Camera
 from cltransfer.errors import InputError
@@ -49,6 +50,28 @@ def test_between_its_frames_a_path_goes_on_smoothly() -> None:
         ]
     assert max(errors[9]) < 0.01  # heights, and parts; the frames are 0.37 rad of orbit apart
     assert all(fine < coarse / 6 for fine, coarse in zip(errors[17], errors[9]))
+
+
+def test_a_camera_that_holds_still_before_and_after_a_move_neither_winds_up_nor_swings_past_its_end() -> None:
+    """A whip pan and a crash zoom within one step of frames that are far apart."""
+    camera = Camera.look_at(
+        torch.zeros(1, 3), torch.tensor([[0.0, 0.0, 1.0]]), torch.tensor([0.0, -1.0, 0.0]), 0.7, (320, 180)
+    )
+    angle = torch.tensor([0.0] * 6 + [math.radians(40)] * 6, dtype=torch.float64)
+    turn = axis_angle_to_rotation_matrix(torch.stack([0 * angle, angle, 0 * angle], dim=1))
+    w2c = torch.eye(4, dtype=torch.float64).repeat(12, 1, 1)
+    w2c[:, :3, :3] = turn
+    w2c[:6, 0, 3] = 1.0
+    K = camera.K.double().repeat(12, 1, 1)
+    K[6:, [0, 1], [0, 1]] *= 3
+    path = Trajectory(Camera(w2c, K, (320, 180)), torch.linspace(0, 10, 12, dtype=torch.float64))
+    found = path.at(torch.linspace(0, 10, 241, dtype=torch.float64)).camera
+    yaw = torch.rad2deg(torch.atan2(found.w2c[:, 0, 2], found.w2c[:, 0, 0]))
+    assert (float(yaw.min()), float(yaw.max())) == (pytest.approx(0.0, abs=1e-6), pytest.approx(40.0, abs=1e-6))
+    lens = found.focal / found.focal[0]
+    assert (float(lens.min()), float(lens.max())) == (pytest.approx(1.0), pytest.approx(3.0))
+    still = torch.linspace(0, 10, 241) < 5 * 10 / 11
+    torch.testing.assert_close(found.w2c[still], w2c[:1].expand(int(still.sum()), 4, 4))
 
 
 def test_times_are_kept_as_float64_and_no_gradient_goes_through_a_path_between() -> None:
