@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import InputError
 from .clip import timed_frames
@@ -30,6 +31,10 @@ NEIGHBOURS = 4  # changes on either side that say what is usual
 SAME = 0.002  # change at most of a frame that is shown again
 GAP = 3.0  # over the usual step of time: frames are missing
 BLOCK = 256  # pictures that are compared at a time
+BLENDS = (1, 2)  # frames between two shots that mix the last of one and the first of the other
+STIRS = 0.02  # change at least from each frame to the next where two shots are mixed
+LEAST_SHARE = 0.1  # of either shot in a frame that mixes two
+MIXED = 0.1  # of the square of how the frames on both sides differ, that a mix of both may miss a blend by
 REPEATS = 3  # times that a frame is shown again at most; more is a still camera
 
 
@@ -38,7 +43,8 @@ def find_cuts(small: np.ndarray) -> list[int]:
 
     A cut changes what is where and how much there is of each colour, at once, and the frames after it do not go back:
     a flash does, a fast camera changes its frames one after another, and a short whip pan shifts them. Frames that show
-    nothing, black or white, belong to no shot: what is seen before them is held against what is seen after.
+    nothing, black or white, belong to no shot: what is seen before them is held against what is seen after. Nor do one
+    frame or two that mix both shots, as those do that are made between two others; longer dissolves are no cut.
 
     Args:
         small: small pictures (F, h, w, 3) uint8 of consecutive frames.
@@ -56,6 +62,7 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     shown = np.flatnonzero(np.concatenate(varied) >= FLAT)
     if len(shown) < 2:
         return [(int(only), int(only)) for only in shown]
+    shown = shown[~_blended(small[shown])]
     pictures = small[shown]
     change, recolour = _changes(pictures[:-1], pictures[1:])
     apart = np.flatnonzero(np.diff(shown) > 1)  # maybe faded: as if their colours were in full
@@ -67,6 +74,29 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     cuts = [k for k in candidates if _stands_out(change, k) and _stays(pictures, told, k)]
     begins = [0, *(int(told[k]) + 1 for k in cuts if not _whips(pictures, told, change, k))]
     return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]
+
+
+def _blended(pictures: np.ndarray) -> np.ndarray:
+    """Which pictures (F,) mix one that is before them with one behind that is unlike it."""
+    stirs, found = _changes(pictures[:-1], pictures[1:])[0] > STIRS, np.zeros(len(pictures), bool)
+    for between in BLENDS:
+        if len(stirs) <= between:
+            continue
+        for i in np.flatnonzero(sliding_window_view(stirs, between + 1).all(1)):
+            mixed, (first, last) = slice(i + 1, i + 1 + between), pictures[[i, i + 1 + between]]
+            if _unlike(first[None], last[None])[0] > DIFFERENT and _are_mixed(pictures[mixed], first, last):
+                found[mixed] = True
+    return found
+
+
+def _are_mixed(pictures: np.ndarray, first: np.ndarray, last: np.ndarray) -> bool:
+    """Whether all of ``pictures`` (B, h, w, 3) are ``first`` and ``last`` in some shares."""
+    whole = last.astype(np.float32) - first
+    gone = pictures.astype(np.float32) - first
+    share = (gone * whole).sum((1, 2, 3), keepdims=True) / np.maximum(np.square(whole).sum(), 1e-9)
+    missed = np.square(gone - share * whole).sum((1, 2, 3))
+    of_both = (share > LEAST_SHARE) & (share < 1 - LEAST_SHARE)
+    return bool(of_both.all() and (missed < MIXED * np.square(whole).sum()).all())
 
 
 def _stands_out(change: np.ndarray, k: int) -> bool:

@@ -34,6 +34,26 @@ def test_bars_do_not_hide_a_cut(bars: tuple[int, int], seeds: tuple[int, int]) -
     assert find_cuts(clip) == [10]
 
 
+@pytest.mark.parametrize("between", [0, 1, 2])
+@pytest.mark.parametrize("seeds", [(0, 1), (2, 3), (4, 5)])
+def test_frames_that_mix_both_shots_do_not_hide_a_cut(between: int, seeds: tuple[int, int]) -> None:
+    """A frame that is made between two others, for another rate, is one of each cut."""
+    before, after = (drawn(seed, 10) for seed in seeds)
+    shares = np.linspace(0, 1, between + 2)[1:-1, None, None, None]
+    mixed = ((1 - shares) * before[-1] + shares * after[0]).round().astype(np.uint8)
+    assert find_cuts(np.concatenate([before, mixed, after])) == [10 + between]
+
+
+@pytest.mark.parametrize("between", [1, 2])
+def test_frames_that_mix_real_clips_do_not_hide_a_cut(between: int) -> None:
+    if not DATA.is_dir():
+        pytest.skip("needs the clips of shared/data")
+    before, after = (small_pictures(DATA / f"{name}.mp4")[1][:24] for name in ("sav_05_juggle", "lp_s32"))
+    shares = np.linspace(0, 1, between + 2)[1:-1, None, None, None]
+    mixed = ((1 - shares) * before[-1] + shares * after[0]).round().astype(np.uint8)
+    assert find_cuts(np.concatenate([before, mixed, after])) == [24 + between]
+
+
 def test_a_long_clip_takes_little_more_than_its_small_pictures() -> None:
     clip = np.concatenate([drawn(seed, 600) for seed in range(5)])
     tracemalloc.start()
