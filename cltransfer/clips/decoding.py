@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from av.container import InputContainer
 from av.stream import Disposition
+from av.video.reformatter import Colorspace
 from av.video.stream import VideoStream
 
 from ..computer.threads import thread_count
@@ -27,8 +28,11 @@ from .png_chunks import PNG, drawn_chunks
 
 PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
+UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
+HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
+CODED = 64  # rows and columns that a coded frame may have beyond those that are shown
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 _JPEG = b"\xff\xd8"
@@ -70,18 +74,25 @@ class Frame:
 
         What is transparent shows the colour that lies under it, or black where ``over_black``.
         """
-        pixels = self._over_black() if over_black else self.raw.to_ndarray(format="rgb24")
+        pixels = self._over_black() if over_black else self._decoded("rgb24")
         upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.turns)
         if upright.shape[1::-1] == size:
             return np.ascontiguousarray(upright)
         return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
 
+    def _decoded(self, kind: str) -> np.ndarray:
+        """Pixels as decoded; a video that does not say by which matrix has that of its height, as players take it."""
+        unsaid = self.raw.colorspace == UNSAID and not self.raw.format.is_rgb
+        if unsaid and self.raw.height >= HD and not self.raw.format.name.startswith(("gray", "yuvj")):
+            return self.raw.to_ndarray(format=kind, src_colorspace=Colorspace.ITU709)
+        return self.raw.to_ndarray(format=kind)
+
     def _over_black(self) -> np.ndarray:
         """RGB times alpha as decoded, (H, W, 3) uint8."""
         kind = self.raw.format
         if not (kind.has_palette or any(component.is_alpha for component in kind.components)):
-            return self.raw.to_ndarray(format="rgb24")
-        rgba = self.raw.to_ndarray(format="rgba").astype(np.uint16)
+            return self._decoded("rgb24")
+        rgba = self._decoded("rgba").astype(np.uint16)
         return ((rgba[..., :3] * rgba[..., 3:] + 127) // 255).astype(np.uint8)
 
 
@@ -181,10 +192,16 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     if stream.codec_context.name == "apng":
         raise InputError(path, "video", "is of APNG", "re-encode it")
     strict = {"err_detect": "explode"} if stream.codec_context.name in _BY_FRAME else {}
-    stream.codec_context.options = {"max_pixels": str(_pixel_limit(path)), **strict}  # a frame may be larger
+    stream.codec_context.options = {"max_pixels": str(_most_decoded(path, stream)), **strict}
     stream.thread_type = "AUTO"
     stream.codec_context.thread_count = thread_count()
     return stream
+
+
+def _most_decoded(path: Path, stream: VideoStream) -> int:
+    """Pixels of a frame as it is coded, in whole blocks, at most: one may be larger than the header says."""
+    sides = stream.codec_context.width, stream.codec_context.height
+    return max(_pixel_limit(path), (sides[0] + CODED) * (sides[1] + CODED))
 
 
 def _pixel_limit(path: Path) -> int:

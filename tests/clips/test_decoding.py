@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from av.video.reformatter import Colorspace
 from PIL import Image
 
 from cltransfer.clips.clip import read_clip
@@ -130,3 +131,23 @@ def test_a_scene_where_a_clip_belongs_is_told_how_it_can_teach(tmp_path: Path) -
     (tmp_path / "a.ply").write_text("ply\n")
     with pytest.raises(InputError, match=r"a scene is a reference by a path through it: a\.ply@trajectory\.json"):
         read_clip(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(("height", "tagged", "known"), [(720, False, 709), (480, False, 601), (480, True, 709)])
+def test_a_video_that_does_not_tell_its_colours_has_those_of_its_height(
+    tmp_path: Path, height: int, tagged: bool, known: int
+) -> None:
+    """Players take BT.709 from 720 rows on, BT.601 below; what is told holds."""
+    rgb = np.full((height, 320, 3), (200, 40, 40), np.uint8)
+    matrix = {709: Colorspace.ITU709, 601: Colorspace.ITU601}[known]
+    with av.open(str(tmp_path / "a.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=24, options={"crf": "1"})
+        stream.width, stream.height, stream.pix_fmt = 320, height, "yuv420p"
+        if tagged:
+            stream.codec_context.colorspace = Colorspace.ITU709
+        frame = av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="yuv420p", dst_colorspace=matrix)
+        frame.colorspace = matrix if tagged else 2
+        for packet in (*stream.encode(frame), *stream.encode()):
+            container.mux(packet)
+    seen = read_clip(tmp_path / "a.mp4").image[0, :, height // 2, 160].tolist()
+    assert seen == pytest.approx([200, 40, 40], abs=3)
