@@ -154,7 +154,7 @@ def _fastest(motion: Motion, primitive: str) -> float:
         return 0.0
     column = PRIMITIVES.index(primitive)
     steps = _filtered(motion.track)[:, column].diff().abs() / APPARENT[column]
-    return float((steps / motion.times.diff()).max())
+    return float((steps / _filtered(motion.times[:, None])[:, 0].diff()).max())  # so that what is steady stays so
 
 
 def _word(primitive: str, amount: float) -> str:

@@ -95,7 +95,7 @@ def describe_path(path: Path, subject: Path | None = None, frames: int | None = 
     person = Subject.load(beside)
     features = path_features(trajectory, person)
     motion = path_motion(trajectory, person)
-    name = path.parent.name if path.name == TRAJECTORY else path.stem
+    name = path.resolve().parent.name if path.name == TRAJECTORY else path.stem
     return describe_features(name, features, trajectory.times, motion, {"depth": "a camera path has no depth"})
 
 

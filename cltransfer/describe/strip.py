@@ -75,9 +75,8 @@ def _scale(ax: Axes, shown: Description) -> None:
 def _angle(ax: Axes, shown: Description) -> None:
     for column, name in enumerate(("yaw", "pitch", "roll")):
         degrees = torch.rad2deg(shown.orientation[:, column]).numpy()
-        if column == 0:  # a line that crosses the back of the body is broken there
-            degrees = np.where(np.abs(np.diff(degrees, prepend=degrees[:1])) > 180, np.nan, degrees)
-        ax.plot(shown.times, degrees, label=name, **DOTS)
+        round_back = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1  # a line that goes round is broken there
+        ax.plot(np.insert(shown.times, round_back, np.nan), np.insert(degrees, round_back, np.nan), label=name, **DOTS)
     words = [shown.tracks[name].usual() for name in ("height", "side", "dutch")]
     ax.set_title(f"angle [degrees]: {', '.join(word for word in words if word) or 'not told'}", loc="left")
     ax.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1), borderpad=0)
@@ -88,8 +87,8 @@ def _movement(ax: Axes, shown: Description) -> None:
     for i, name in enumerate(PRIMITIVES):
         if float(track[:, i].abs().max()) > STILL:
             ax.plot(shown.times, track[:, i], label=name, **DOTS)
-    if ax.lines:
-        ax.legend(frameon=False, ncols=len(PRIMITIVES), loc="lower right", bbox_to_anchor=(1, 1), borderpad=0)
+    if ax.lines:  # beside it: above it the words may take all of its width
+        ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(1, 1), borderaxespad=0)
     else:
         ax.set_ylim(-10 * STILL, 10 * STILL)
     ax.set_title(f"movement [frame sides]: {shown.movement.text}", loc="left")

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
@@ -165,6 +166,27 @@ def test_thumbnails_keep_their_shape_however_few_frames_there_are(frames: int, t
     ax = Figure().subplots()
     strip._thumbnails(ax, torch.arange(frames).double(), torch.zeros(frames, 3, 320, 180, dtype=torch.uint8))
     assert ax.images[0].get_array().shape == (strip.HIGH, round(strip.WIDE * 320 / 180) * (strip.HIGH * 180 // 320), 3)
+
+
+def test_a_yaw_that_goes_round_the_back_is_broken_there_and_keeps_every_dot() -> None:
+    ax, shown = Figure().subplots(), described(sample_features(0, 6))
+    yaw = torch.tensor([170.0, 178.0, -174.0, -166.0, -158.0, -150.0])
+    turned = replace(shown, orientation=torch.deg2rad(torch.stack([yaw, 0 * yaw, 0 * yaw], dim=1)).double())
+    strip._angle(ax, turned)
+    line = ax.lines[0].get_ydata()
+    assert line[np.isfinite(line)] == pytest.approx(yaw.numpy(), abs=1e-4)
+    assert np.flatnonzero(np.isnan(line)).tolist() == [2]
+
+
+@pytest.mark.parametrize("count", [2, 8])
+def test_the_legend_of_the_movement_stands_beside_its_words(count: int) -> None:
+    figure = Figure(figsize=(9, 3))
+    ax, shown = figure.subplots(), described(sample_features(0, 6))
+    rates = torch.zeros_like(shown.motion.rates)
+    rates[1:, :count] = 0.1
+    strip._movement(ax, replace(shown, motion=replace(shown.motion, rates=rates)))
+    figure.draw_without_rendering()
+    assert ax.get_legend().get_window_extent().x0 >= ax.get_window_extent().x1 - 1
 
 
 def test_a_thumbnail_stands_at_its_own_time_however_unevenly_frames_follow() -> None:

@@ -104,6 +104,16 @@ def test_fast_zooms_and_pans_have_names_of_their_own() -> None:
     assert named(flowing(right=-0.2)) == "whip pan"
 
 
+@pytest.mark.parametrize("steps", [(1, 1, 1), (1, 2, 1, 3), (2, 3), (5, 6)])
+def test_how_fast_a_steady_pan_is_does_not_depend_on_how_its_frames_are_spaced(steps: tuple[int, ...]) -> None:
+    """A whip pan is one of 1.1 frame sides a second."""
+    times = torch.tensor([0, *(steps * 12)[:12]]).cumsum(0).double() / 24
+    for speed, name in ((1.0, "pan right"), (1.2, "whip pan")):
+        rates = torch.zeros(len(times), len(PRIMITIVES), dtype=torch.float64)
+        rates[1:, PRIMITIVES.index("pan")] = speed * times.diff()
+        assert movement(Motion(rates, times, 0.0)).name == name
+
+
 def test_upright_and_wide_frames_agree() -> None:
     def turned(value: torch.Tensor) -> torch.Tensor:
         return value.transpose(-1, -2)
