@@ -41,22 +41,24 @@ class Inspection:
     @property
     def seen(self) -> int:
         """Frames that show the person."""
-        return int(torch.isfinite(self.reference.features.require("keypoints")[..., 0]).any(1).sum())
+        return int(visible_joints(self.reference.features.require("keypoints")).any(1).sum())
 
     def captions(self) -> list[str]:
         """A line for each frame: time, shot size, key joints seen, angles, confidence."""
         features = self.reference.features
         scale = shot_scale(features).tolist()
         joints = visible_joints(frame_joints(features)).sum(1).tolist()
+        seen = visible_joints(features.require("keypoints")).any(1)
         angles = torch.full((len(features), 3), float("nan"))
         if features.has("orientation"):
             angles = torch.rad2deg(features.require("orientation"))
         lines = []
         for i, moment in enumerate(self.reference.times.tolist()):
-            words = [f"{i}: {moment:.2f} s", SCALES[scale[i]] if scale[i] >= 0 else "no person"]
+            shown = "no shot size" if bool(seen[i]) else "no person"
+            words = [f"{i}: {moment:.2f} s", SCALES[scale[i]] if scale[i] >= 0 else shown]
             if scale[i] >= 0:
                 words += [f"{joints[i]}/5 key joints", f"confidence {float(self.confidence[i]):.2f}"]
-            if bool(torch.isfinite(angles[i]).all()):
+            if bool(seen[i]) and bool(torch.isfinite(angles[i]).all()):
                 words.append("yaw {:.0f}°, pitch {:.0f}°, roll {:.0f}°".format(*angles[i].tolist()))
             lines.append(", ".join(words))
         return lines

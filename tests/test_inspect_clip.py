@@ -53,6 +53,25 @@ def laid_open() -> Callable[[str], Inspection]:
     return make
 
 
+def test_who_is_out_of_the_frame_is_not_in_it(laid_open: Any) -> None:
+    """A scene knows where its person's joints are, there too."""
+    shot = laid_open("builtin:push_in")
+    keypoints = shot.reference.features.require("keypoints").clone()
+    keypoints[1, :, 0], keypoints[1, :, 2] = 5000.0, 0.0
+    features = replace(shot.reference.features, keypoints=keypoints)
+    away = replace(shot, reference=replace(shot.reference, features=features))
+    assert (shot.seen, away.seen) == (3, 2)
+    assert away.captions()[1] == "1: 0.50 s, no person"
+    assert "yaw" in away.captions()[0]
+
+
+def test_a_page_fits_a_narrow_window_whatever_its_clip_is_called(browser: Any, laid_open: Any, tmp_path: Path) -> None:
+    browser.set_window_size(500, 800)  # the narrowest that Chromium makes a window
+    browser.get(write_inspection(tmp_path / "page", laid_open(f"{'x' * 96}.mp4")).as_uri())
+    wide, shown = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert wide <= shown
+
+
 def test_a_click_in_a_picture_names_the_person(browser: Any, laid_open: Any, tmp_path: Path) -> None:
     browser.get(write_inspection(tmp_path / "page", laid_open("it's  a <b>.mp4#t=1,2&person=3")).as_uri())
     assert browser.find_element("id", "who").text == shlex.quote("it's  a <b>.mp4#t=1,2&person=X,Y,SECONDS")
