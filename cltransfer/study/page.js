@@ -204,6 +204,7 @@
   }
   document.addEventListener("keydown", (event) => {
     if (at("ask").hidden || event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === " " && event.target.closest("button, a, input")) return; // presses it
     const act = { ArrowLeft: () => choose(0), ArrowRight: () => choose(1), Backspace: takeBack, " ": replay }[event.key];
     if (!act) return;
     event.preventDefault();

@@ -94,6 +94,17 @@ def test_a_participant_answers_reloads_downloads_and_is_analysed(
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
 
 
+def test_a_button_that_has_the_focus_is_pressed_by_the_space_bar(browser: Any, page: tuple[Path, Path]) -> None:
+    """Elsewhere that key shows the videos again."""
+    join(browser, page[0], "P-08")
+    until(lambda: browser.find_element(By.ID, "choose-right").is_enabled())
+    browser.execute_script("document.getElementById('choose-right').focus()")
+    before = text(browser, "count")
+    browser.switch_to.active_element.send_keys(Keys.SPACE)
+    until(lambda: text(browser, "count") != before)
+    assert text(browser, "count") == "Question 2 of 3"
+
+
 def test_who_stops_early_downloads_what_there_is_and_makes_room_for_another(
     browser: Any, page: tuple[Path, Path], tmp_path: Path, command: Callable[..., Any]
 ) -> None:
