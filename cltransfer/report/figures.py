@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,7 +65,8 @@ def term_curves(report: ReportData) -> str:
         axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, borderpad=0)
         axes[-1].set_xlabel("time [s]")
 
-    return _svg(draw, (6.4, 1.15 * len(shown) + 0.3))
+    told = f"each term over time: {', '.join(term.name for term in shown)}"
+    return _svg(draw, (6.4, 1.15 * len(shown) + 0.3), told)
 
 
 def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: str) -> None:
@@ -123,7 +125,7 @@ def top_view(trajectory: Trajectory, subject: Subject) -> str:
         ax.set_xlabel("from above [subject heights]")
         ax.grid()
 
-    return _svg(draw, (4.4, 4.0))
+    return _svg(draw, (4.4, 4.0), "the camera's path about the person, from above")
 
 
 def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
@@ -143,11 +145,14 @@ def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
             ax.grid(axis="y")
         axes[-1].set_xlabel("time [s]")
 
-    return _svg(draw, (4.4, 1.25 * len(rows) + 0.3))
+    return _svg(draw, (4.4, 1.25 * len(rows) + 0.3), f"{' and '.join(name for name, _ in rows)} over time")
 
 
-def _svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
-    """The ``<svg>`` element of a figure of ``size`` [inch]: no date, no links, colours as CSS variables."""
+def _svg(draw: Callable[[Figure], Any], size: tuple[float, float], told: str) -> str:
+    """The ``<svg>`` element of a figure of ``size`` [inch]: no date, no links, colours as CSS variables.
+
+    Who hears the page is ``told`` what it shows.
+    """
 
     def draw_clear(figure: Figure) -> None:
         draw(figure)
@@ -163,7 +168,7 @@ def _svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
     width, height = (math.ceil(96 * side) for side in size)
     return re.sub(
         r'<svg [^>]*?viewBox="([^"]*)"[^>]*>',
-        rf'<svg viewBox="\1" width="{width}" height="{height}">',
+        rf'<svg viewBox="\1" width="{width}" height="{height}" role="img" aria-label="{escape(told)}">',
         text,
         count=1,
     )
