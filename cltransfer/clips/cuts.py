@@ -78,14 +78,18 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
 
 def _blended(pictures: np.ndarray) -> np.ndarray:
     """Which pictures (F,) mix one that is before them with one behind that is unlike it."""
-    stirs, found = _changes(pictures[:-1], pictures[1:])[0] > STIRS, np.zeros(len(pictures), bool)
+    change, found = _changes(pictures[:-1], pictures[1:])[0], np.zeros(len(pictures), bool)
     for between in BLENDS:
-        if len(stirs) <= between:
+        if len(change) <= between:
             continue
-        for i in np.flatnonzero(sliding_window_view(stirs, between + 1).all(1)):
-            mixed, (first, last) = slice(i + 1, i + 1 + between), pictures[[i, i + 1 + between]]
-            if _unlike(first[None], last[None])[0] > DIFFERENT and _are_mixed(pictures[mixed], first, last):
-                found[mixed] = True
+        for i in np.flatnonzero(sliding_window_view(change > STIRS, between + 1).all(1)):
+            after = i + 1 + between
+            apart = _unlike(pictures[i : i + 1], pictures[after : after + 1])[0]
+            usual = np.concatenate([change[max(i - NEIGHBOURS, 0) : i], change[after : after + NEIGHBOURS]])
+            if apart <= max(DIFFERENT, STANDS_OUT * (between + 1) * np.median(usual) if len(usual) else 0.0):
+                continue  # a fast camera: a frame of it is about the mean of its neighbours
+            if _are_mixed(pictures[i + 1 : after], pictures[i], pictures[after]):
+                found[i + 1 : after] = True
     return found
 
 
