@@ -63,7 +63,9 @@ def describe(
         reason = reference.missing.get(lacking[0], "not read")
         raise InputError(source, lacking[0], reason, HINT)
     motion = flow_motion(reference.features, reference.times)
-    read = reference.features if reference.family == "scene" else turned_back(reference.features)  # a scene's is exact
+    read = reference.features
+    if reference.family != "scene":  # a scene's is exact
+        read = turned_back(read, reference.times)
     shown = describe_features(reference.name, read, reference.times, motion, reference.missing)
     lost = [f"the run has no {TRAJECTORY}: read from its frames, as a clip is"] if is_run(path) else []
     return replace(shown, flags=(*lost, *shown.flags, *reference.flags)), reference.image

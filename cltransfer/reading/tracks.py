@@ -20,11 +20,12 @@ from ..placement import frame_joints, visible_joints
 from ..skeleton import JOINTS
 
 FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
+TURNS = 4.0  # [1/s] a body that is seen so often turns little in between
 CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
 SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, from which on their order is sure
 
 
-def cleaned(features: Features, frames: float, at: Tensor | None = None) -> Features:
+def cleaned(features: Features, frames: float, at: Tensor | None = None, times: Tensor | None = None) -> Features:
     """The features of a clip with yaw flips repaired, and joints and angles filtered.
 
     Joints are filtered within stretches in which the same key joints are visible, because a joint that enters the
@@ -34,13 +35,14 @@ def cleaned(features: Features, frames: float, at: Tensor | None = None) -> Feat
         features: N frames in order.
         frames: standard deviation of the Gaussian along the clip [frames]; 0 leaves everything as it was read.
         at: places of the frames, see :func:`~.places.places`; None are evenly spaced.
+        times: of the frames, (N,) [s]; None has a body turn as little between any two.
     """
     at = counted(len(features), at)
     if frames <= 0 or len(features) < 3:
         return features
     new: dict[str, Any] = {}
     if features.has("orientation"):
-        new["orientation"] = _steady_angles(turned_back(features).require("orientation"), frames, at)
+        new["orientation"] = _steady_angles(turned_back(features, times).require("orientation"), frames, at)
     if features.has("keypoints"):
         stretches = _stretches(visible_joints(frame_joints(features)))
         joints = features.require("keypoints").clone()
@@ -51,12 +53,15 @@ def cleaned(features: Features, frames: float, at: Tensor | None = None) -> Feat
     return replace(features, **new)
 
 
-def turned_back(features: Features) -> Features:
-    """The features of N frames in order, with those turned by pi in which the person's back was taken for the front."""
+def turned_back(features: Features, times: Tensor | None = None) -> Features:
+    """The features of N frames in order, with those turned by pi in which the person's back was taken for the front.
+
+    ``times`` of the frames, (N,) [s], tell in which time a body may have turned by itself.
+    """
     if not features.has("orientation"):
         return features
     angles = features.require("orientation")
-    yaw = repair_flips(angles[:, 0], facing(features))
+    yaw = repair_flips(angles[:, 0], facing(features), times)
     return replace(features, orientation=torch.cat([yaw[:, None], angles[:, 1:]], dim=1))
 
 
@@ -77,7 +82,7 @@ def facing(features: Features) -> Tensor:
     return torch.where(known, (apart / SURELY_WIDE).clamp(-1, 1), 0.0)
 
 
-def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
+def repair_flips(yaw: Tensor, facing: Tensor | None = None, times: Tensor | None = None) -> Tensor:
     """Yaw with frames that were read back to front turned by pi, by a two-state Viterbi.
 
     Between two frames the body turns little, so a jump by pi is the reader's; which side is right is decided by the
@@ -86,6 +91,7 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
     Args:
         yaw: (N,) [rad], 0 in front of the body.
         facing: whether it shows its front (1) or back (-1), (N,), 0 where unknown; see :func:`facing`.
+        times: of the frames, (N,) [s]; None takes them for close together.
     """
     known = torch.isfinite(yaw).nonzero()[:, 0]
     if len(known) < 2:
@@ -95,7 +101,10 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None) -> Tensor:
     if facing is not None:
         costs = costs + CONTRADICTED * (-facing[known, None].to(yaw) * both.cos().sign()).clamp_min(0)
     pay, back = costs[0], []
-    for (before, now), apart, cost in zip(pairwise(both), known.diff().tolist(), costs[1:]):
+    gaps = known.diff().double()
+    if times is not None:
+        gaps = torch.maximum(gaps, TURNS * times[known].double().diff().cpu())
+    for (before, now), apart, cost in zip(pairwise(both), gaps.tolist(), costs[1:]):
         turn = wrap(now[:, None] - before[None]).abs() / apart  # (now, before)
         best = (pay[None] + turn).min(1)
         back.append(best.indices)

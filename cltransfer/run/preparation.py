@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ..along_clip import places
 from ..camera import fitted_size, resized
@@ -112,7 +113,9 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     if by_networks or family == "image":
         parts.plan("image").load_networks()
     at = places(reference.times)
-    wanted = cleaned(reference.features, config.clean, at) if reference.family == "image" else reference.features
+    wanted = reference.features
+    if reference.family == "image":
+        wanted = cleaned(wanted, config.clean, at, reference.times)
     for step in parts.plan(family, reference.features.names()).steps:
         check_single(step)  # rather than at the first candidate
     clock.lap("reference")
@@ -130,7 +133,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         held = {} if view is None else {VIEW: fingerprint(view)}
         header = run_header(inputs, config, parts, search, scene, reference) | held
         stage = replace(stage, journal=record.open(header))
-    noise = noise_floor(stage.objective, reference.features, wanted)
+    noise = noise_floor(stage.objective, reference.features, wanted, reference.times)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
     given, read = None if view is None else resized(view, output), reference.family == "image"
     home = any_view(scene.subject, output) if given is None and scene.subject is not None else given
@@ -188,12 +191,12 @@ def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Refere
     return Stage(scene, parts.renderer, plan, objective, small, guard=guard)
 
 
-def noise_floor(objective: Objective, read: Features, wanted: Features) -> float:
+def noise_floor(objective: Objective, read: Features, wanted: Features, times: Tensor | None = None) -> float:
     """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
 
     0 where it was not filtered. Nothing below it can be told apart. A frame read back to front is an error, no jitter,
     and one that shows nothing tells none.
     """
-    terms = objective.terms(read if wanted is read else turned_back(read), wanted)
+    terms = objective.terms(read if wanted is read else turned_back(read, times), wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
     return float(frame_totals(objective, terms, defined).nanmean().nan_to_num(0.0))
