@@ -17,15 +17,17 @@ from torch import Tensor
 from ...camera import Camera
 from ...errors import InputError
 from ...features import Features
+from ...orientation import unit
 from ...skeleton import JOINTS, VISIBLE, standing_height
 from ...subject import Subject
 from .. import Scene
 from .find_people import BY_VIEWS, See, boxes_of, chosen, find_people, people_of, ring, side_by_side, standing
 from .triangulate import Triangulated, triangulate
-from .vote import vote_labels
+from .vote import seen_in, vote_labels
 
 AGREE = 0.0125  # reprojection error of a view that agrees, in frame widths
 MINIMUM_VIEWS = 3
+LEAST_ANGLE = math.radians(3)  # between rays, below which their point may lie anywhere along them
 
 # joints whose distance is a known share of the standing height, longest first
 _STATURE = (("head_top", "ankle", 0.955), ("head_top", "knee", 0.72), ("head_top", "hip", 0.47), ("neck", "hip", 0.29))
@@ -115,7 +117,7 @@ def lift(scene: Scene, renderer: Any, look: Look, see: See, options: LiftOptions
             who = chosen(people, options.person or 0, scene, renderer)
             box = boxes_of(who, standing(who, scene.up), given, boxes)
     seen = look(given, box)
-    found = torch.isfinite(seen.require("box")[:, 0])
+    found = seen_in(seen)
     if int(found.sum()) < MINIMUM_VIEWS:
         reason = f"a person in {int(found.sum())} of {len(given)} views"
         raise InputError(scene.name, "lift", reason, f"give views that show one: {BY_VIEWS}")
@@ -133,9 +135,15 @@ def _joints(cameras: Camera, seen: Features) -> list[Triangulated]:
     for j in range(len(JOINTS)):
         sure = keypoints[:, j, 2] > VISIBLE
         point = triangulate(cameras, keypoints[:, j, :2], sure, AGREE * cameras.size[0])
-        enough = int(point.agreed.sum()) >= MINIMUM_VIEWS
+        enough = int(point.agreed.sum()) >= MINIMUM_VIEWS and _spread(cameras, point) >= LEAST_ANGLE
         points.append(point if enough else Triangulated(point.point * math.nan, point.agreed, point.error))
     return points
+
+
+def _spread(cameras: Camera, point: Triangulated) -> float:
+    """Largest angle [rad] between the rays by which views that agree see a point."""
+    rays = unit(point.point - cameras.center[point.agreed])
+    return float((rays @ rays.T).clamp(-1, 1).min().acos())
 
 
 def _subject(scene: Scene, cameras: Camera, seen: Features, points: Sequence[Triangulated]) -> Subject:

@@ -30,7 +30,7 @@ class Triangulated:
 def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float) -> Triangulated:
     """Robust triangulation: the pair of views that most others agree with, then all that agree.
 
-    The result is that of every pair tried, so it does not depend on chance.
+    The result is that of every pair tried, so it does not depend on chance; nor on where the world has its origin.
 
     Args:
         cameras: V views.
@@ -44,6 +44,8 @@ def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float)
     if len(views) < 2:
         return Triangulated(torch.full((3,), float("nan"), dtype=torch.float64), agreed, error)
     P = (cameras.K @ cameras.w2c[:, :3])[views]  # (V, 3, 4)
+    middle = cameras.center[views].mean(0)  # from there: the linear method draws points towards the origin
+    P = torch.cat([P[..., :3], P[..., 3:] + P[..., :3] @ middle[:, None]], dim=-1)
     xy = pixels[views].double()
     best = _largest(P, xy, tolerance)
     if int(best.sum()) < 2:
@@ -52,7 +54,7 @@ def triangulate(cameras: Camera, pixels: Tensor, seen: Tensor, tolerance: float)
     final = _reprojection(P, xy, point)[0]
     error[views] = final
     agreed[views] = final < tolerance
-    return Triangulated(point[0], agreed, error)
+    return Triangulated(point[0] + middle, agreed, error)
 
 
 def _largest(P: Tensor, xy: Tensor, tolerance: float) -> Tensor:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ...camera import Camera
 from ...feature_shapes import on_grid
-from ...features import Features
+from ...features import Features, nobody
 from ...subject import Subject
 
 BEHIND = 0.06  # a primitive counts as seen up to this many subject heights behind the surface seen there
@@ -17,6 +17,11 @@ INSIDE = 0.8  # share of the masks that must hold a primitive no view sees
 
 _BONES = ((12, 13), (13, 0), (13, 1), (0, 2), (2, 4), (1, 3), (3, 5), (13, 6), (13, 7), (6, 7), (0, 6), (1, 7),
           (6, 8), (8, 10), (7, 9), (9, 11))  # fmt: skip
+
+
+def seen_in(seen: Features) -> Tensor:
+    """Views (V,) bool that show the person: in a box that is there, as the pose network says too."""
+    return torch.isfinite(seen.require("box")[:, 0]) & ~nobody(seen)
 
 
 def vote_labels(means: Tensor, cameras: Camera, seen: Features, subject: Subject) -> Tensor:
@@ -33,7 +38,7 @@ def vote_labels(means: Tensor, cameras: Camera, seen: Features, subject: Subject
     visible_in = torch.zeros_like(inside)
     visible = torch.zeros_like(inside)
     masks, surface = (on_grid(seen.require(name), cameras.size[::-1]) for name in ("subject", "depth"))
-    for v in torch.isfinite(seen.require("box")[:, 0]).nonzero()[:, 0].tolist():
+    for v in seen_in(seen).nonzero()[:, 0].tolist():
         pixels, depths = (of_one[0] for of_one in cameras[v].project(points))  # of all views it would be gigabytes
         on, row, column = _pixel(pixels, depths, cameras.size)
         in_mask = masks[v][row, column] & on

@@ -28,10 +28,11 @@ from cltransfer.scenes.person.lift import Lift, LiftOptions, lift
 from cltransfer.scenes.splats import Splats
 
 
-def lifted(scene: Scene, views: int, thinned: int = 1) -> Lift:
+def lifted(scene: Scene, views: int, thinned: int = 1, doubted: int = 0) -> Lift:
     """Lifted by exact readings from a ring of ``views`` about the person, in none of which a detector sees anybody.
 
-    Of the maps each ``thinned``-th row and column is there.
+    Of the maps each ``thinned``-th row and column is there. Of the first ``doubted`` views the pose network says that
+    nobody is in the box.
     """
     parts, person = Components.build(load_config()), scene.subject
     plan = parts.plan("scene")
@@ -40,7 +41,9 @@ def lifted(scene: Scene, views: int, thinned: int = 1) -> Lift:
     def look(cameras: Camera, box: Tensor | None) -> Features:
         seen = run(plan, parts.renderer.render(scene, cameras, plan.buffers - SCENE_SOURCE), None)
         subject, depth = (seen.require(name)[:, ::thinned, ::thinned] for name in ("subject", "depth"))
-        return replace(seen, box=torch.ones(len(cameras), 5), subject=subject, depth=depth)
+        keypoints, subject = seen.require("keypoints").clone(), subject.clone()
+        keypoints[:doubted], subject[:doubted] = torch.nan, False
+        return replace(seen, box=torch.ones(len(cameras), 5), subject=subject, depth=depth, keypoints=keypoints)
 
     cameras = ring(person.anchor, person.height, scene.up, views)
     nobody = [np.zeros((0, 5)) for _ in range(views)]
@@ -57,6 +60,38 @@ def test_who_is_lifted_by_maps_of_fewer_pixels_is_nearly_the_same() -> None:
     theirs = full.label > 0.5
     assert float((half.label > 0.5)[theirs].double().mean()) > 0.97
     assert int(((half.label > 0.5) & ~theirs).sum()) < 0.03 * int(theirs.sum())
+
+
+def test_a_view_that_the_pose_network_doubts_has_no_vote() -> None:
+    """It would say of all that no view sees, inside the body, that it is nobody's."""
+    scene = named_scene("courtyard")
+    sure, doubtful = lifted(scene, 12), lifted(scene, 16, doubted=4)
+    assert (sure.found, doubtful.found) == (12, 12)
+    theirs, still = sure.label > 0.5, doubtful.label > 0.5
+    assert float(still[theirs].double().mean()) > 0.97
+
+
+@pytest.mark.parametrize(("apart", "known"), [(0.05, False), (0.5, True)])
+def test_joints_that_all_views_see_from_one_place_are_not_known(apart: float, known: bool) -> None:
+    scene = named_scene("courtyard")
+    person, parts = scene.subject, Components.build(load_config())
+    assert person is not None
+    plan, count = parts.plan("scene"), 8
+    beside = torch.linspace(-apart / 2, apart / 2, count).double()[:, None] * person.left
+    eye = person.anchor + person.height * (3 * person.facing + beside)
+    cameras = Camera.look_at(eye, person.anchor, scene.up, 0.7, (160, 90))
+
+    def look(cameras: Camera, box: Tensor | None) -> Features:
+        seen = run(plan, parts.renderer.render(scene, cameras, plan.buffers - SCENE_SOURCE), None)
+        return replace(seen, box=torch.ones(len(cameras), 5))
+
+    options = LiftOptions(given=cameras)
+    if known:
+        found = lift(scene, parts.renderer, look, lambda cameras: [np.zeros((0, 5))] * count, options)
+        assert float((found.subject.joints - person.joints).norm(dim=1).nanmedian()) < 0.05 * person.height
+        return
+    with pytest.raises(InputError, match="only 0 joints that 3 views agree on"):
+        lift(scene, parts.renderer, look, lambda cameras: [np.zeros((0, 5))] * count, options)
 
 
 def standing_at(cameras: Camera, middle: Tensor, height: float) -> np.ndarray:

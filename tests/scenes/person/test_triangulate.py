@@ -89,7 +89,19 @@ def test_views_that_all_agree_take_few_pairs_and_give_what_all_pairs_give(
     P = cameras.K @ cameras.w2c[:, :3]
     errors = plain(P, pixels, torch.combinations(torch.arange(21), 2))
     best = errors[int(module._agreeing(errors, 8.0).argmax())] < 8.0
-    assert torch.equal(found.point, module._intersect(P[best][None], pixels[best][None])[0])
+    torch.testing.assert_close(found.point, module._intersect(P[best][None], pixels[best][None])[0], atol=3e-3, rtol=0)
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (40.0, -3.0, 25.0)])
+def test_a_point_does_not_depend_on_where_the_world_has_its_origin(origin: tuple[float, float, float]) -> None:
+    """Views from a short way beside one another, as of a truck: there the linear method draws towards the origin."""
+    generator, shift = torch.Generator().manual_seed(0), torch.tensor(origin, dtype=torch.float64)
+    eye = shift + torch.stack([torch.linspace(-0.4, 0.4, 24), torch.zeros(24), torch.full((24,), -5.0)], 1).double()
+    cameras = Camera.look_at(eye, shift, torch.tensor([0.0, -1.0, 0.0], dtype=torch.float64), 0.7, (640, 360))
+    point = shift + torch.tensor([0.1, 0.2, 0.0], dtype=torch.float64)
+    pixels = cameras.project(point[None])[0][:, 0] + 2 * torch.randn(24, 2, generator=generator, dtype=torch.float64)
+    found = triangulate(cameras, pixels, torch.ones(24, dtype=torch.bool), 12.0)
+    assert float((found.point - point).norm()) < 0.25
 
 
 def test_fewer_than_two_views_leave_the_point_unknown() -> None:
