@@ -28,6 +28,8 @@ class Extractor(Protocol):
     #   passes: network passes one frame costs (0 where absent)
     #   persons(now): boxes of all persons of each frame, for a detector of ``box``: along a clip one is then followed;
     #     a detector that provides more reads the person in the ``box`` that ``now`` then has, and leaves it
+    #   doubts_boxes: True if it gives NaN of a box in which nobody is: where all that read a ``box`` do, frames in
+    #     which the detector loses the person have one that is guessed
     #   network: what it runs, a cached_property, looked at before any frame is read so that it is loaded by then
     #   whole_clip: True if it reads whole clips only; it then has, instead of __call__,
     #     read_clip(found, load) -> found with what it provides, or with the reasons why not: ``found`` has the N frames

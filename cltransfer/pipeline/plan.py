@@ -113,8 +113,9 @@ class Plan:
 
     @property
     def doubts_boxes(self) -> bool:
-        """Whether what reads the person says of a box that nobody is in it."""
-        return any(getattr(step.extractor, "doubts_boxes", False) for step in self.person_known.steps)
+        """Whether all that read the person in a box say of one that nobody is in it: then a box may be a guess."""
+        readers = [step.extractor for step in self.person_known.steps if "box" in step.extractor.requires]
+        return bool(readers) and all(getattr(reader, "doubts_boxes", False) for reader in readers)
 
     @property
     def person_known(self) -> Plan:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
 from cltransfer.config import load_config
 from cltransfer.errors import ModelError
 from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.plan import Plan, Step
 from cltransfer.registry import EXTRACTORS, LOSSES
 
 MINE = ["losses.mine={}"]
@@ -134,3 +135,23 @@ def test_an_extractor_whose_options_tell_what_it_provides_stands_beside_a_slip(l
             Components.build(load_config(overrides=[*MINE, "extractors.gazer={}"]))
     finally:
         EXTRACTORS._classes.pop("gazer")
+
+
+@dataclass(frozen=True)
+class ReadsBoxes:
+    doubts_boxes: bool = True
+
+    family: ClassVar[str] = "image"
+    requires: ClassVar[tuple[str, ...]] = ("image", "box")
+    provides: ClassVar[tuple[str, ...]] = ("keypoints",)
+
+
+@pytest.mark.parametrize(
+    ("readers", "guessed"), [((), False), ((True,), True), ((True, False), False), ((True, True), True)]
+)
+def test_boxes_are_guessed_only_for_readers_that_all_say_of_one_that_nobody_is_in_it(
+    readers: tuple[bool, ...], guessed: bool
+) -> None:
+    """One that cannot would find joints in every frame in which the detector lost the person."""
+    steps = tuple(Step(f"reader {i}", ReadsBoxes(doubts)) for i, doubts in enumerate(readers))
+    assert Plan(steps, frozenset(), frozenset(), {}).doubts_boxes == guessed
