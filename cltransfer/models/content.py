@@ -5,13 +5,17 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from ..computer.packages import versions
 from ..registry.plugin_code import code_of
 from ..storage.files import content_hash
 from .catalogue import entry_of_file
+from .onnx import VARIABLE
 from .places import found_model, model_places
 
 READERS = (
@@ -20,6 +24,15 @@ READERS = (
     "trajectory",
 )  # fmt: skip
 """Parts of cltransfer by which pictures are read, for :func:`cltransfer.registry.plugin_code.own_code`."""
+
+
+def read_by() -> list[object]:
+    """Versions of the packages by which pictures are read, and what networks run on."""
+    others = {}
+    for name in ("numpy", "pycolmap"):
+        with suppress(metadata.PackageNotFoundError):
+            others[name] = metadata.version(name)
+    return [versions(), others, os.environ.get(VARIABLE) or "auto"]
 
 
 def reading(extractor: Any) -> dict[str, Any]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import UsageError
+from ..errors import ModelError, UsageError
 from ..features import Features
 from ..progress import Progress, silent
 from .plan import CLIP_SOURCE, Plan, Step
@@ -185,3 +186,20 @@ def _unknown(value: Tensor) -> Tensor:
     if value.dtype is torch.bool:
         return torch.zeros_like(value)
     return torch.full_like(value, float("nan"), dtype=value.dtype if value.is_floating_point() else torch.float32)
+
+
+def persons_in(detector: Step, frames: Features) -> list[np.ndarray]:
+    """Boxes (P, 5) of all persons in each of the frames.
+
+    Raises:
+        ModelError: a plugin gives something else.
+    """
+    with detector.named, torch.no_grad():
+        found = detector.extractor.persons(frames)
+    boxes = list(found) if isinstance(found, list | tuple) else []
+    if len(boxes) != len(frames) or not all(isinstance(b, np.ndarray) and b.shape[1:] == (5,) for b in boxes):
+        came = f"{len(found)} of them" if isinstance(found, list | tuple) else f"a {type(found).__name__}"
+        kinds = ", ".join(sorted({f"{type(b).__name__} {tuple(getattr(b, 'shape', ()))}" for b in boxes}))
+        reason = f"expected an array (P, 5) of persons for each of {len(frames)} frames, got {came}"
+        raise ModelError("", f"extractor {detector.name}", reason + f": {kinds}" * bool(kinds))
+    return boxes

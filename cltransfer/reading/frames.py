@@ -15,10 +15,10 @@ from ..clips.gaps import filled
 from ..clips.join_persons import join
 from ..clips.persons import Who
 from ..computer.memory import require_free
-from ..errors import InputError, ModelError, UsageError
+from ..errors import InputError, UsageError
 from ..features import Features, nobody
-from ..pipeline.graph import CHUNK, run_clip
-from ..pipeline.plan import Plan, Step
+from ..pipeline.graph import CHUNK, persons_in, run_clip
+from ..pipeline.plan import Plan
 from ..progress import Progress, silent
 from ..scenes.person.find_people import Found, boxes_of
 from ..subject import Subject
@@ -173,23 +173,6 @@ def read_alike(features: Features, image: Tensor, plan: Plan, other: Features, p
     return _of_person(image, alike, features.box, progress)
 
 
-def _persons(detector: Step, frames: Features) -> list[np.ndarray]:
-    """Boxes (P, 5) of all persons in each of the frames.
-
-    Raises:
-        ModelError: a plugin gives something else.
-    """
-    with detector.named, torch.no_grad():
-        found = detector.extractor.persons(frames)
-    boxes = list(found) if isinstance(found, list | tuple) else []
-    if len(boxes) != len(frames) or not all(isinstance(b, np.ndarray) and b.shape[1:] == (5,) for b in boxes):
-        came = f"{len(found)} of them" if isinstance(found, list | tuple) else f"a {type(found).__name__}"
-        kinds = ", ".join(sorted({f"{type(b).__name__} {tuple(getattr(b, 'shape', ()))}" for b in boxes}))
-        reason = f"expected an array (P, 5) of persons for each of {len(frames)} frames, got {came}"
-        raise ModelError("", f"extractor {detector.name}", reason + f": {kinds}" * bool(kinds))
-    return boxes
-
-
 def _read(
     image: Tensor, plan: Plan, follow: Follow, progress: Progress, times: np.ndarray | None
 ) -> tuple[Features, tuple[str, ...]]:
@@ -199,7 +182,7 @@ def _read(
         return _of_person(image, plan, None, progress), ()
     found = list[np.ndarray]()
     for start in range(0, count, CHUNK):
-        found += _persons(detector, _loaded(image, None, start, start + CHUNK))
+        found += persons_in(detector, _loaded(image, None, start, start + CHUNK))
         progress("finding persons", min(start + CHUNK, count), count)
     box, flags = follow(found)
     box = filled(box, times) if plan.doubts_boxes else box

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..features import Features
-from ..models.content import READERS, reading
+from ..models.content import READERS, read_by, reading
 from ..pipeline.components import SCENE_SOURCE, Components
 from ..pipeline.graph import run_clip
 from ..pipeline.plan import Family, Plan
@@ -187,7 +187,7 @@ def _pixels(image: Tensor) -> str:
 
 def _key(what: list[Any], plan: Plan) -> str:
     steps = [[s.name, reading(s.extractor), list(s.hidden)] for s in plan.steps]
-    text = json.dumps([own_code(*READERS), what, sorted(plan.wanted), steps], sort_keys=True, default=str)
+    text = json.dumps([own_code(*READERS), read_by(), what, sorted(plan.wanted), steps], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 

@@ -63,7 +63,8 @@ def place_frames(clues: Clues, seconds: float, lens: float | None = None) -> Pla
     Mapping starts from several lenses, since a poor guess loses frames; of the models that place enough of them, that
     are no worse than another on the corners of both and that explain most corners the one with the most ordinary lens
     is kept, turned inside out where that explains its corners better, and with a lens for every frame where that does.
-    Single-threaded and seeded, and what time cut off does not count: the same clip gives the same cameras.
+    Single-threaded and seeded: the same clip gives the same cameras, unless time cuts off a guess, which then does not
+    count.
 
     Args:
         clues: of the clip.

@@ -16,8 +16,8 @@ from ...camera import Camera
 from ...drawing import drawn_by
 from ...errors import InputError
 from ...features import Features
-from ...models.content import READERS, reading
-from ...pipeline.graph import run
+from ...models.content import READERS, read_by, reading
+from ...pipeline.graph import persons_in, run
 from ...pipeline.plan import CLIP_SOURCE, Plan, make_plan
 from ...registry import RENDERERS
 from ...registry.plugin_code import code_of, own_code
@@ -80,8 +80,7 @@ class _Eyes:
     def see(self, cameras: Camera) -> Boxes:
         """Boxes of all persons, or of the main one where they are not told apart."""
         if self.plan.detector is not None:
-            boxes: Boxes = self.plan.detector.extractor.persons(self._drawn(cameras))
-            return boxes
+            return persons_in(self.plan.detector, self._drawn(cameras))
         box = run(self.plan, self._drawn(cameras), None).require("box")
         return [row[None][: int(torch.isfinite(row[0]))].numpy() for row in box]
 
@@ -180,6 +179,6 @@ def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any], pers
     shown = [scene.digest, scene.harmonics]
     ours = own_code(*READERS, "renderers", "scenes")
     which = f"person {person}" if person else None  # 0 is whom it takes where nobody is named
-    known = [ours, shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code, which])]
+    known = [ours, read_by(), shown, scene.up.tolist(), used, drawn, *filter(None, [scene.code, which])]
     text = json.dumps(known, default=str)
     return cache_dir() / "lifts" / hashlib.sha256(text.encode()).hexdigest()[:32] / SUBJECT

@@ -75,6 +75,18 @@ def test_the_cache_keeps_a_person_for_all_that_has_read_it() -> None:
         cached_lift(scene, GaussianSplats(), beside)
 
 
+@pytest.mark.parametrize("of", ["package", "device"])
+def test_the_cache_keeps_a_person_for_the_packages_that_have_read_it(of: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another OpenCV resizes otherwise, and a device has other numbers."""
+    scene, asked = named_scene("courtyard"), {"a": Brightened(1.0), "b": Found(0)}
+    before = cached_lift(scene, GaussianSplats(), asked)
+    if of == "package":
+        monkeypatch.setattr("cltransfer.models.content.versions", lambda: {"opencv-contrib-python-headless": "99"})
+    else:
+        monkeypatch.setenv("CLTRANSFER_NETWORKS", "cuda")
+    assert cached_lift(scene, GaussianSplats(), asked) != before
+
+
 def test_labels_come_back_with_the_person(tmp_path: Path) -> None:
     scene = named_scene("courtyard")
     assert scene.subject is not None
