@@ -108,3 +108,37 @@ def test_of_jaws_parameters_only_the_lens_has_a_bound() -> None:
     """A path that has gone far from the first view is no failure of its own."""
     x = torch.tensor([[1.0e6, 0, 0, 0, 0, 1, 3.0, 1.0], [0, 0, 0, 0, 0, 1, 0, 6.0]], dtype=torch.float64)
     assert pinned_frames(x, Se3Jaws().bounds(), "se3_jaws").tolist() == [False, True]
+
+
+@pytest.mark.parametrize(("pixels", "failed"), [(1, True), (2, False)])
+def test_a_subject_of_a_five_hundredth_of_the_frame_is_one(pixels: int, failed: bool) -> None:
+    reference, shown = _frame()  # of 576 pixels
+    label = torch.zeros_like(shown.label)
+    label.view(-1)[:pixels] = 1.0
+    assert _reasons(reference, replace(shown, label=label)) == ({"subject"} if failed else set())
+
+
+@pytest.mark.parametrize("height", [1.7, 17.0])
+@pytest.mark.parametrize(("share", "area", "failed"), [(0.099, 0.06, True), (0.099, 0.04, False), (0.101, 0.06, False)])
+def test_a_twentieth_of_the_frame_may_be_nearer_than_a_tenth_of_the_person(
+    height: float, share: float, area: float, failed: bool
+) -> None:
+    reference, shown = _frame()
+    depth = torch.full_like(shown.depth, 40.0)
+    depth.view(-1)[: round(area * depth.numel())] = share * height
+    assert _reasons(reference, replace(shown, depth=depth, height=height)) == ({"near"} if failed else set())
+
+
+@pytest.mark.parametrize(("inside", "pinned"), [(0.0019, True), (0.0021, False)])
+def test_a_parameter_is_pinned_within_a_thousandth_of_its_range(inside: float, pinned: bool) -> None:
+    low, high = PaperBox().bounds()
+    x = ((low + high) / 2)[None].clone()
+    x[0, 0] = high[0] - inside / 2 * (high[0] - low[0])
+    assert bool(pinned_frames(x, (low, high), "paper_box")) == pinned
+
+
+def test_a_clip_may_lose_a_tenth_of_its_frames_and_reach_half_of_what_random_views_have() -> None:
+    lost = torch.arange(30) < 3
+    assert not failed_clip(lost, 4.99, 10.0)
+    assert failed_clip(torch.arange(30) < 4, 4.99, 10.0)
+    assert failed_clip(lost, 5.01, 10.0)

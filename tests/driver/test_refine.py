@@ -142,3 +142,19 @@ def test_few_steps_that_gain_nothing_say_so_and_those_that_gain_do_not() -> None
     few = Refinement(steps=3, dampings=(1e-3,), jacobians=0)
     assert refine(rough, one, groups, few, slopes).stop == "worth"
     assert refine(bent, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(steps=1), None).stop == "steps"
+
+
+POINTS = torch.tensor([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]], dtype=torch.float64)
+FERMAT = torch.tensor([1.302169, 1.046746], dtype=torch.float64)  # least sum of distances, by scipy's Nelder-Mead
+
+
+def test_a_group_is_weighed_by_its_norm_and_not_each_residual_by_itself() -> None:
+    """Of three points: by each residual it would be the medians of their coordinates, by squares their mean."""
+    found = refine(
+        lambda x: (x[:, None] - POINTS).flatten(1),
+        torch.tensor([2.0, 2.0], dtype=torch.float64),
+        torch.tensor([0, 0, 1, 1, 2, 2]),
+        Refinement(steps=40),
+        None,
+    )
+    torch.testing.assert_close(found.x, FERMAT, atol=0.12, rtol=0)

@@ -156,3 +156,17 @@ def test_bends_of_even_frames_are_the_same_by_their_places() -> None:
     assert bending(x, at=at) == pytest.approx(bending(x))
     assert bending(THINNED[:, None] ** 3, at=THINNED) == pytest.approx(STIFFNESS / 2 * 36 * 9 / 12)
     assert bending(x[:3], at=at[:3]) == 0.0
+
+
+def test_a_group_is_weighed_by_its_norm_and_not_each_residual_by_itself() -> None:
+    """The point of least distance to three others, in every frame; by each residual it would be their medians."""
+    points = torch.tensor([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]], dtype=torch.float64)
+    x = torch.tensor([2.0, 1.5], dtype=torch.float64).expand(12, 2).clone()
+    slopes = torch.eye(2, dtype=torch.float64).repeat(3, 1).expand(12, 6, 2)
+    groups, paired = torch.tensor([0, 0, 1, 1, 2, 2]), torch.zeros(6, dtype=torch.bool)
+    best = torch.tensor([1.302169, 1.046746], dtype=torch.float64)  # by scipy's Nelder-Mead
+    for solve in (lambda x, terms: fit(x, terms, 1).x, lambda x, terms: moved(x, terms, 1, 1e-6).x):
+        there = x
+        for _ in range(30):
+            there = solve(there, Local((there[:, None] - points).flatten(1), slopes, groups, paired))
+        torch.testing.assert_close(there, best.expand(12, 2), atol=0.03, rtol=0)

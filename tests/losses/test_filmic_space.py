@@ -119,3 +119,21 @@ def test_a_layer_of_which_less_than_the_least_area_has_a_depth_is_empty() -> Non
     depth[0, y, x] = 9.0
     assert bool(FilmicSpace()(features, replace(features, depth=depth)).isnan())
     assert bool(FilmicSpace(mode="faithful")(features, replace(features, depth=depth)).isfinite())
+
+
+@pytest.mark.parametrize("unit", [1.0, 37.0])
+@pytest.mark.parametrize(
+    ("off", "column", "layer"), [(1.5, 0, 8.0), (1 / 1.5, 0, 8.0), (1.5, 1, 0.5), (1 / 1.5, 1, 0.5)]
+)
+def test_beyond_a_jump_a_peak_costs_how_far_it_is_from_where_it_is_wanted(
+    off: float, column: int, layer: float, unit: float
+) -> None:
+    """By the render's own person, 3 away where that of the reference is 2, and by either side's own unit."""
+    reference = stage(0.5, 2, 8)
+    there = [0.5 * 1.5, 3, 8 * 1.5]
+    there[2 if column == 0 else 0] *= off
+    rendered = stage(*there)
+    found = FilmicSpace().beyond(reference, replace(rendered, depth=rendered.depth * unit))[0, :, 0]
+    expected = [0.0, 0.0]
+    expected[column] = math.log(off)
+    assert found.tolist() == pytest.approx(expected, abs=1e-5)

@@ -128,3 +128,18 @@ def test_who_turns_round_between_frames_that_are_far_apart_is_believed() -> None
     torch.testing.assert_close(repair_flips(yaw, front, 2 * seconds), yaw)
     quick = repair_flips(yaw, front, seconds / 24)
     assert float(wrapped(quick[:2] - math.pi).abs().max()) < 0.01
+
+
+def test_a_yaw_that_goes_round_the_back_is_filtered_along_the_way_it_goes() -> None:
+    yaw = torch.linspace(2.9, 3.4, 24, dtype=torch.float64)
+    angles = torch.stack([wrapped(yaw), 0 * yaw, 0 * yaw], dim=1)
+    got = cleaned(Features((10, 10), orientation=angles), 2.0).require("orientation")
+    assert float(wrapped(got[:, 0] - yaw).abs().max()) < 0.03
+    assert float(got[:, 0].abs().max()) <= math.pi
+
+
+def test_one_angle_that_is_read_elsewhere_is_left_out() -> None:
+    angles = torch.zeros(24, 3, dtype=torch.float64)
+    angles[12] = 0.5
+    got = cleaned(Features((10, 10), orientation=angles), 1.0).require("orientation")
+    assert float(got.abs().max()) < 0.02

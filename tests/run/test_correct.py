@@ -106,3 +106,26 @@ def test_a_bias_that_changes_steadily_is_found_however_the_frames_are_spaced() -
     bias = measure_bias(network, clip((85, 160), joints, angles), 4.0, places(times))
     there = bias.joints - torch.where(unsure[:, None, None], off[11], off)  # the nearest in time, not the one before
     assert float(there.abs().max()) < 1e-9
+
+
+def test_a_bias_of_the_yaw_is_small_behind_the_person_too() -> None:
+    """There 3.1 and -3.1 are 0.08 apart."""
+    joints, angles = scene()
+    behind, read = angles.clone(), angles.clone()
+    behind[:, 0], read[:, 0] = 3.1, -3.1
+    size = (160, 90)
+    bias = measure_bias(clip(size, joints, read), clip(size, joints, behind), 4.0)
+    torch.testing.assert_close(bias.angles[:, 0], torch.full((N,), 2 * math.pi - 6.2, dtype=torch.float64))
+    aimed = corrected(clip(size, joints, read), bias).require("orientation")[:, 0]
+    torch.testing.assert_close(aimed, torch.full((N,), 3.1, dtype=torch.float64))
+
+
+def test_readings_that_are_off_by_little_do_not_move_the_bias() -> None:
+    """Too near to be left out by how far they are off: the median leaves them out."""
+    joints, angles = scene()
+    read, turned = joints + 0.01, angles + 0.1
+    read[2::5] += 0.06
+    turned[2::5] += 0.3
+    bias = measure_bias(clip((480, 908), read, turned), clip((480, 908), joints, angles), 4.0)
+    assert float((bias.joints - 0.01).abs().max()) < 0.005
+    assert float((bias.angles - 0.1).abs().max()) < 0.02
