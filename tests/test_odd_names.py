@@ -19,7 +19,7 @@ from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.storage.files import content_hash, write_text
 
 LATIN = os.fsdecode(b"wom\xe9n")
-TINY = ("preset=fast", "frames=2", "output_side=96", "search_side=48")
+TINY = ("frames=2", "output_side=96")
 BOTH = """
 import sys
 from cltransfer.cli.app import main
@@ -66,7 +66,10 @@ def test_a_study_of_a_clip_by_any_name_has_its_key(clip: Path, fresh: Callable[.
 def test_a_run_and_an_inspection_may_lie_under_any_name(cache: Path, tmp_path: Path) -> None:
     """OpenCV ends the interpreter when it is given such a name: so in one of its own, that both share."""
     run, page = tmp_path / LATIN / "run", tmp_path / LATIN / "page"
-    words = (("transfer", "--out", str(run)), ("inspect", "builtin:static", "--out", str(page)))
+    words = (
+        ("transfer", "--out", str(run), "preset=fast", "search_side=48"),
+        ("inspect", "builtin:static", "--out", str(page)),
+    )
     done = subprocess.run(
         [sys.executable, "-c", BOTH, *(word for verb in words for word in (*verb, "--quiet", *TINY, "end"))],
         env={**os.environ, "CLTRANSFER_CACHE": str(cache)},

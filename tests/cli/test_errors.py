@@ -482,8 +482,8 @@ def test_a_fresh_process_refuses_at_once(
 
 
 def test_a_disk_that_cannot_be_written_is_code_5(command: Callable[..., Any], tiny_run: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    answer = command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / "file" / "x.mp4")
+    """A name that no file system takes; where a file stands for the folder, the command cannot be meant."""
+    answer = command("render", tiny_run, "output_side=64", "--quiet", "--out", tmp_path / f"{'x' * 300}.mp4")
     refused(answer, 5, "x.mp4")
 
 
