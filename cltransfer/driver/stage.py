@@ -14,10 +14,11 @@ from torch import Tensor
 from ..camera import Camera
 from ..drawing import drawn_by
 from ..features import Features
-from ..pipeline.graph import run
+from ..pipeline.graph import persons_in, run
 from ..pipeline.objective import Across, Objective
 from ..pipeline.plan import Plan
 from ..scenes import Scene
+from ..scenes.person.find_people import boxes_of_subject
 from .guard import SCENE_DEPTH, Guard
 from .journal import Journal, small_print
 from .recent import Context, Recent, moving, standing
@@ -131,10 +132,18 @@ class Stage:
         return drawn_by(self.renderer, self.scene, cameras.at_size(self.size), buffers)
 
     def _seen(self, rendered: Features, before: Features | None) -> Features:
-        seen = run(self.plan, rendered, before)
+        seen = self._read(rendered, before)
         if self.guard is None or seen.depth is rendered.depth:
             return seen
         return replace(seen, extras={**seen.extras, SCENE_DEPTH: rendered.require("depth")})
+
+    def _read(self, rendered: Features, before: Features | None) -> Features:
+        """What the extractors read: of several people who is filmed, where networks read, and not the largest."""
+        detector, person = self.plan.detector, self.scene.subject
+        if detector is None or person is None or (person.people or 1) < 2 or rendered.camera is None:
+            return run(self.plan, rendered, before)
+        box = boxes_of_subject(person, rendered.camera, persons_in(detector, rendered))
+        return run(self.plan.person_known, replace(rendered, box=box), before)
 
     def _new(self, cameras: Camera, before: View | None, rendered: Callable[[], Features]) -> View:
         def look() -> Features:

@@ -20,7 +20,7 @@ from ..features import Features, nobody
 from ..pipeline.graph import CHUNK, persons_in, run_clip
 from ..pipeline.plan import Plan
 from ..progress import Progress, silent
-from ..scenes.person.find_people import Found, boxes_of
+from ..scenes.person.find_people import boxes_of_subject
 from ..subject import Subject
 
 MAPS = 48  # bytes a pixel of a clip, at the peak: 37 measured without a depth network, whose maps are added
@@ -120,10 +120,8 @@ def render_features(
     """
     if subject is None:
         return clip_features(image, plan, times=times)
-    person = Found(subject.anchor, subject.height, len(cameras))
-    body = subject.joints[torch.isfinite(subject.joints).all(1)]
     shown = None if times is None else times.double().numpy()
-    return _read(image, plan, lambda boxes: (boxes_of(person, body, cameras, boxes).numpy(), ()), silent, shown)[0]
+    return _read(image, plan, lambda boxes: (boxes_of_subject(subject, cameras, boxes).numpy(), ()), silent, shown)[0]
 
 
 def read_frames(

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..features import Features
 from ..models.content import READERS, read_by, reading
 from ..pipeline.components import SCENE_SOURCE, Components
-from ..pipeline.graph import run_clip
+from ..pipeline.graph import CHUNK, run_clip
 from ..pipeline.plan import Family, Plan
 from ..progress import Progress, silent
 from ..registry.plugin_code import own_code
@@ -25,7 +25,7 @@ from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import kept_frames
 from .feature_file import LIMIT, FeatureFile
-from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, require_person
+from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, render_features, require_person
 from .scene_source import split_scene
 
 _log = logging.getLogger("cltransfer")
@@ -220,7 +220,12 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         image[start:stop] = quantised(rendered.require("image"))  # a reader of whole clips asks for a frame again
         return replace(rendered, image=image[start:stop].float() / 255)
 
-    features = run_clip(plan, load, len(path), progress, "rendering the reference")
+    if reading.scene_family == "image" and scene.subject is not None and (scene.subject.people or 1) > 1:
+        for start in range(0, len(path), CHUNK):
+            load(start, start + CHUNK)
+        features = render_features(image, path.camera, scene.subject, plan, path.times)  # of several who is filmed
+    else:
+        features = run_clip(plan, load, len(path), progress, "rendering the reference")
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
 import torch
 
@@ -20,7 +21,7 @@ from cltransfer.errors import InputError, ModelError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
-from cltransfer.pipeline.plan import Step
+from cltransfer.pipeline.plan import Plan, Step
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
 from cltransfer.shots import shot
@@ -146,3 +147,46 @@ def test_a_renderer_that_fails_or_ends_the_program_is_named(error: BaseException
     stage = Stage(scene, Brush(), parts.plan("scene"), Objective(parts.losses), SIZE)
     with pytest.raises(ModelError, match=r"renderer Brush: expected depth, label, it raised \w+: no paint"):
         stage.features(shot("static", scene.subject, SIZE, 1).camera, None)
+
+
+@dataclass(frozen=True)
+class TwoPeople:
+    """A detector that sees a larger bystander at the left beside whoever stands in the middle."""
+
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("box",)
+
+    def persons(self, now: Features) -> list[np.ndarray]:
+        width, height = now.size
+        filmed = [0.45 * width, 0.3 * height, 0.1 * width, 0.4 * height, 0.9]
+        return [np.array([[0, 0, 0.4 * width, height, 0.9], filmed], np.float32) for _ in range(len(now))]
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        return replace(now, box=torch.stack([torch.from_numpy(found[0]) for found in self.persons(now)]))
+
+
+@dataclass(frozen=True)
+class MiddleOfBox:
+    requires: ClassVar[tuple[str, ...]] = ("box",)
+    provides: ClassVar[tuple[str, ...]] = ("keypoints",)
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        box = now.require("box")
+        middle = torch.stack([box[:, 0] + box[:, 2] / 2, box[:, 1] + box[:, 3] / 2, box[:, 4]], dim=1)
+        return replace(now, keypoints=middle[:, None].expand(-1, 14, 3).clone())
+
+
+@pytest.mark.parametrize(("people", "share"), [(2, 0.5), (1, 0.2)])
+def test_networks_in_the_loop_read_who_is_filmed_and_not_the_largest(people: int, share: float) -> None:
+    """Of one person, as before, whom the detector takes for the main one."""
+    scene, parts = builtin_scene("courtyard"), Components.build(load_config())
+    assert scene.subject is not None
+    scene = replace(scene, subject=replace(scene.subject, people=people))
+    steps = (Step("detector", TwoPeople()), Step("reader", MiddleOfBox()))
+    plan = Plan(steps, frozenset({"image", "depth", "label", "alpha"}), frozenset({"keypoints"}), {})
+    camera = Camera.look_at(
+        (scene.subject.anchor + 3 * scene.subject.height * scene.subject.facing)[None],
+        scene.subject.anchor, scene.up, 0.7, SIZE,
+    )  # fmt: skip
+    seen = Stage(scene, parts.renderer, plan, Objective(parts.losses), SIZE).features(camera, None)
+    assert seen.require("keypoints")[0, 0, 0].item() == pytest.approx(share * SIZE[0])

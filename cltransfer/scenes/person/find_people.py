@@ -14,6 +14,7 @@ from torch import Tensor
 from ...camera import Camera
 from ...errors import InputError, UsageError
 from ...near_plane import smaller_near
+from ...subject import Subject
 from .. import Scene
 from .triangulate import triangulate
 
@@ -165,6 +166,12 @@ def boxes_of(person: Found, body: Tensor, cameras: Camera, boxes: Boxes) -> Tens
         if off[nearest] < near[v]:
             found[v] = box[nearest].float()
     return found
+
+
+def boxes_of_subject(subject: Subject, cameras: Camera, boxes: Boxes) -> Tensor:
+    """In each of V views the box (V, 5) [px] nearest to where a lifted person must be; see :func:`boxes_of`."""
+    body = subject.joints[torch.isfinite(subject.joints).all(1)]
+    return boxes_of(Found(subject.anchor, subject.height, len(cameras)), body, cameras, boxes)
 
 
 def standing(person: Found, up: Tensor) -> Tensor:
