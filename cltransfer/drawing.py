@@ -31,7 +31,8 @@ def check_renderer(renderer: Any, scene: Scene) -> None:
     if name in OURS or hasattr(renderer, "draws"):
         check_kind(name, scene, (name, *getattr(renderer, "draws", ())))
     if hasattr(renderer, "require_backend"):
-        renderer.require_backend()
+        with named(f"renderer {name}", "expected nothing, or a ModelError"):
+            renderer.require_backend()
 
 
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:

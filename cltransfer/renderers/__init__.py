@@ -20,6 +20,9 @@ class Renderer(Protocol):
 
     One that draws what another renderer does says of which: ``draws = ("gaussian_splats",)``. It is then given no other
     scene, and a reference scene of another kind is drawn by what draws that.
+
+    One that needs a device or a package may have ``require_backend()``, which raises ModelError where that is not here:
+    it is asked before anything is read.
     """
 
     provides: ClassVar[frozenset[str]]
