@@ -62,9 +62,12 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     shown = np.flatnonzero(np.concatenate(varied) >= FLAT)
     if len(shown) < 2:
         return [(int(only), int(only)) for only in shown]
-    shown = shown[~_blended(small[shown])]
     pictures = small[shown]
     change, recolour = _changes(pictures[:-1], pictures[1:])
+    if (mixed := _blended(pictures, change)).any():
+        shown = shown[~mixed]
+        pictures = small[shown]
+        change, recolour = _changes(pictures[:-1], pictures[1:])
     apart = np.flatnonzero(np.diff(shown) > 1)  # maybe faded: as if their colours were in full
     if len(apart):
         _, recolour[apart] = _changes(_full_range(pictures[apart]), _full_range(pictures[apart + 1]))
@@ -76,9 +79,9 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]
 
 
-def _blended(pictures: np.ndarray) -> np.ndarray:
-    """Which pictures (F,) mix one that is before them with one behind that is unlike it."""
-    change, found = _changes(pictures[:-1], pictures[1:])[0], np.zeros(len(pictures), bool)
+def _blended(pictures: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Which pictures (F,), of changes (F - 1,), mix one that is before them with one behind that is unlike it."""
+    found = np.zeros(len(pictures), bool)
     for between in BLENDS:
         if len(change) <= between:
             continue
