@@ -9,7 +9,8 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from ..storage.files import check_yaml, named_twice, read_text
+from ..storage.files import read_text
+from ..storage.yaml_text import check_yaml, named_twice
 
 COMMAND_LINE = "command line"
 YAML_LIMIT = 2**20  # bytes

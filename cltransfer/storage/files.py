@@ -12,7 +12,6 @@ import os
 import re
 import secrets
 import stat
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from ..errors import InputError, UsageError
 
 JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
 FORMULA = ("=", "+", "-", "@", "\t", "\n")  # how a cell may begin that a spreadsheet works out instead of showing it
-YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
 
 _log = logging.getLogger("cltransfer")
 
@@ -241,39 +239,6 @@ def check_size(path: Path, limit: int) -> None:
     size = path.stat().st_size
     if size > limit:
         raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
-
-
-def check_yaml(text: str, loader: Any) -> None:
-    """Refuse, as ``loader`` will read ``text``, anchors, of which a short file makes a huge value, and deep nesting.
-
-    Raises:
-        ValueError: it names an anchor or an alias, or is nested deeper than :data:`YAML_LEVELS`.
-        YAMLError: it is no YAML.
-    """
-    import yaml
-
-    deep, depth = ValueError(f"expected at most {YAML_LEVELS} levels"), 0
-    try:
-        for event in yaml.parse(text, loader):
-            if getattr(event, "anchor", None):
-                raise ValueError("expected no anchors and aliases (& and *), write the values")
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > YAML_LEVELS:
-                raise deep
-    except yaml.YAMLError as error:
-        # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
-        raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
-
-
-def named_twice(node: Any) -> Iterator[str]:
-    """Keys that a mapping has twice in a node of YAML; ``yaml.safe_load`` takes the last."""
-    below = node.value if node is not None and node.id != "scalar" else []
-    if below and node.id == "mapping":
-        names = Counter(key.value for key, _ in below if key.id == "scalar")
-        yield from (name for name, times in names.items() if times > 1)
-        below = [value for _, value in below]
-    for part in below:
-        yield from named_twice(part)
 
 
 def content_hash(path: Path, files: Iterable[Path] | None = None) -> str:

@@ -5,28 +5,21 @@ from __future__ import annotations
 import errno
 import os
 import stat
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import torch
-import yaml
 from safetensors.torch import save_file
 
 from cltransfer.errors import UsageError
 from cltransfer.storage.files import (
-    YAML_LEVELS,
     atomic,
     check_out,
-    check_yaml,
-    named_twice,
     same_file,
     told_from_here,
     write_text,
 )
-
-LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 @pytest.fixture(params=[0o022, 0o002, 0o077])
@@ -101,21 +94,6 @@ def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
         check_out(tmp_path / "a")
 
 
-@pytest.mark.parametrize("loader", LOADERS)
-def test_yaml_that_is_broken_beside_words_on_nesting_is_told_as_broken(loader: type) -> None:
-    with pytest.raises(yaml.YAMLError):
-        check_yaml("a: [1, nesting depth: 2", loader)
-
-
-@pytest.mark.parametrize("loader", LOADERS)
-@pytest.mark.parametrize("opened", ["[", "{a: ", "- "])
-def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str, loader: type) -> None:
-    check_yaml(opened * YAML_LEVELS + "1" + {"[": "]", "{a: ": "}"}.get(opened, "") * YAML_LEVELS, loader)
-    for levels in (YAML_LEVELS + 1, 2000, 100_000):  # libyaml has a limit of its own between
-        with pytest.raises(ValueError, match=f"expected at most {YAML_LEVELS} levels"):
-            check_yaml(opened * levels, loader)
-
-
 def test_a_pipe_a_device_and_a_folder_stay_what_they_are(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("/dev/null")
@@ -147,10 +125,3 @@ def test_where_no_way_leads_a_path_is_told_whole(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(os.path, "relpath", other_drive)
     assert told_from_here(tmp_path) == str(tmp_path)
-
-
-def test_keys_named_twice_are_found_among_very_many(within: Callable[[float, float], bool]) -> None:
-    node = yaml.compose("\n".join(f"k{i}: 0" for i in (*range(20_000), 7)), Loader=LOADERS[1])
-    begun = time.process_time()
-    assert list(named_twice(node)) == ["k7"]
-    assert within(time.process_time() - begun, 0.5)  # 4 s by looking through all those before

@@ -23,7 +23,8 @@ from torch import Tensor
 
 from ...computer.memory import require_free
 from ...errors import InputError
-from ...storage.files import check_yaml, content_hash, named_twice, read_text
+from ...storage.files import content_hash, read_text
+from ...storage.yaml_text import check_yaml, named_twice
 from ...subject import Subject
 from .. import Scene
 from ..steps import check_steps

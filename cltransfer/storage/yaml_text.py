@@ -1,0 +1,42 @@
+"""YAML from strangers, looked at before it is read: no anchors, no deep nesting, no key that is named twice."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
+
+
+def check_yaml(text: str, loader: Any) -> None:
+    """Refuse, as ``loader`` will read ``text``, anchors, of which a short file makes a huge value, and deep nesting.
+
+    Raises:
+        ValueError: it names an anchor or an alias, or is nested deeper than :data:`YAML_LEVELS`.
+        YAMLError: it is no YAML.
+    """
+    import yaml
+
+    deep, depth = ValueError(f"expected at most {YAML_LEVELS} levels"), 0
+    try:
+        for event in yaml.parse(text, loader):
+            if getattr(event, "anchor", None):
+                raise ValueError("expected no anchors and aliases (& and *), write the values")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > YAML_LEVELS:
+                raise deep
+    except yaml.YAMLError as error:
+        # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
+        raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
+
+
+def named_twice(node: Any) -> Iterator[str]:
+    """Keys that a mapping has twice in a node of YAML; ``yaml.safe_load`` takes the last."""
+    below = node.value if node is not None and node.id != "scalar" else []
+    if below and node.id == "mapping":
+        names = Counter(key.value for key, _ in below if key.id == "scalar")
+        yield from (name for name, times in names.items() if times > 1)
+        below = [value for _, value in below]
+    for part in below:
+        yield from named_twice(part)
