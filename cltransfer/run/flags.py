@@ -51,7 +51,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     yield from _lens(result)
     person = result.scene.subject
     if person is not None and (person.people or 1) > 1:
-        hint = "--subject 0, 1, ... takes each, `cltransfer lift SCENE --person 1` shows whom"
+        hint = "in a scan --subject 0, 1, ... takes each, `cltransfer lift SCENE --person 1` shows whom"
         yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")
     if not result.schedule.free_lens:
         space = result.verified.term("filmic_space")

@@ -97,7 +97,7 @@ def test_a_transfer_films_the_person_that_is_asked_for(
         words = (file, "builtin:static", "--subject", person, "--out", run, *small, "threads=1", "--quiet")
         answer = command("transfer", *words, *networks)
         assert answer.code == 0, answer.err
-        assert "2 people in the scene, one is filmed: --subject 0, 1, ... takes each" in answer.out
+        assert "2 people in the scene, one is filmed: in a scan --subject 0, 1, ... takes each" in answer.out
         filmed.append(Subject.load(run / "subject.json").anchor)
     apart = filmed[1] - filmed[0]
     assert min(float((apart - way).norm()), float((apart + way).norm())) < 0.25

@@ -48,6 +48,7 @@ NO_READERS = Components(GaussianSplats(), {}, {})
 STOPS = {  # shares of the whole run's journal at which a run is stopped, and by what
     "refine": ((0.3, signal.SIGKILL), (0.7, signal.SIGTERM)),
     "cma": ((0.5, signal.SIGKILL),),
+    "adam": ((0.5, signal.SIGKILL),),
 }
 
 
@@ -99,7 +100,9 @@ def spent(run: Path) -> dict[str, Any]:
     return {what: cost for what, cost in said.items() if not what.startswith("seconds")}
 
 
-@pytest.mark.parametrize("engine", ["refine", pytest.param("cma", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "engine", ["refine", *(pytest.param(name, marks=pytest.mark.slow) for name in ("cma", "adam"))]
+)
 def test_a_run_that_was_stopped_goes_on_to_the_same_bits_and_computes_only_what_was_lost(
     command: Callable[..., Any],
     cache: Path,

@@ -97,4 +97,4 @@ def _subject(place: Place, world: Array) -> Subject:
     up, facing = (torch.from_numpy(world[axis].copy()) for axis in (2, 0))
     joints = torch.from_numpy(place.body.joints() @ world)
     confidence = torch.ones(14, dtype=torch.float64)
-    return Subject(joints, confidence, facing, up, place.body.height, metres_per_unit=1.0)
+    return Subject(joints, confidence, facing, up, place.body.height, 1.0, place.people)

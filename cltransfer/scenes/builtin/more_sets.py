@@ -81,7 +81,7 @@ def stage(rng: np.random.Generator) -> Place:
     for x in (4.6, 6.0, 7.4, 8.8):
         for y in np.arange(-4.2, 4.3, 1.4):
             parts += _seat((x, float(y)))
-    return Place(drawn_body(rng), parts, axes=MINUS_Y_UP, sun=_HIGH)
+    return Place(drawn_body(rng), parts, axes=MINUS_Y_UP, sun=_HIGH, people=2)
 
 
 def path(rng: np.random.Generator) -> Place:

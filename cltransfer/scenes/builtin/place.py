@@ -30,12 +30,14 @@ class Place:
         parts: everything else.
         axes: of the scene.
         sun: direction to the light, in the set's axes, any length.
+        people: in it, the person among them.
     """
 
     body: Body
     parts: Sequence[Part]
     axes: Axes = Z_UP
     sun: tuple[float, float, float] = AFTERNOON
+    people: int = 1
 
 
 @dataclass(frozen=True)
