@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .clips.image_folder import clip_hash
+from .clips.source import ClipSource
 from .config import to_yaml
 from .config.options import RunConfig
 from .models.content import reading
@@ -76,12 +77,13 @@ class Kept:
         lines = read_kept(folder / KEPT, KEPT_LIMIT, lambda line: (str(line.pop("key")), _row_of(line)), "score")
         return cls(folder / KEPT, about, dict(lines))
 
-    def key(self, method: str, name: str, reference: Path, render: Path | None) -> str:
+    def key(self, method: str, name: str, reference: str, render: str | None) -> str:
         """What the score of a clip depends on; empty where it is not kept."""
         if self.path is None or render is None:
             return ""
-        clips = [clip_hash(kept_frames(clip)) for clip in (reference, render)]
-        return hashlib.sha256(json.dumps([self.about, method, name, *clips]).encode()).hexdigest()[:32]
+        sources = [ClipSource.parse(clip) for clip in (reference, render)]
+        clips = [[clip_hash(kept_frames(source.path)), source.fps] for source in sources]
+        return hashlib.sha256(json.dumps([self.about, method, name, clips]).encode()).hexdigest()[:32]
 
     def keep(self, key: str, row: ClipScore) -> None:
         """Put a row on disk, if it has a score and does not lie there."""

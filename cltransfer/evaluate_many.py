@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .clips.image_folder import VIDEOS, natural_order
+from .clips.clip_folder import sources_in
 from .config.options import RunConfig
 from .errors import CltransferError, InputError, ModelError
 from .evaluate import evaluate
@@ -26,7 +25,6 @@ from .storage.alone import alone
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 FEWEST = 6  # clips of which an interval says something
-FEW = 3  # clips that a note names; of more it says how many
 
 
 @dataclass(frozen=True)
@@ -54,31 +52,6 @@ class Interval:
     reason: str = ""
 
 
-def clips_in(folder: Path) -> dict[str, Path]:
-    """Videos, image folders and run folders right inside ``folder``, by name without suffix.
-
-    Raises:
-        InputError: there is no such folder, or none in it, or two have one name.
-    """
-    if not folder.is_dir():
-        raise InputError(folder, "clips", "expected a folder" if folder.exists() else "no such folder")
-    found: dict[str, Path] = {}
-    for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
-        if entry.name.startswith(".") or not _is_clip(entry):
-            continue
-        name = unicodedata.normalize("NFC", entry.name if entry.is_dir() else entry.stem)  # Macs pack NFD
-        if name in found:
-            raise InputError(folder, name, "two clips have this name", "clips are matched by name")
-        found[name] = entry
-    if not found:
-        raise InputError(folder, "clips", "expected videos, image folders or runs, found none")
-    return found
-
-
-def _is_clip(entry: Path) -> bool:
-    return entry.is_dir() or entry.suffix.lower() in VIDEOS
-
-
 def evaluate_many(
     references: str | Path,
     methods: Mapping[str, str | Path],
@@ -91,8 +64,8 @@ def evaluate_many(
     A clip that is missing or cannot be scored is a row with its reason; it is never left out.
 
     Args:
-        references: folder of reference clips.
-        methods: folder of rendered clips by method.
+        references: folder of reference clips, see :func:`~cltransfer.clips.clip_folder.sources_in`.
+        methods: folder of rendered clips by method, named likewise.
         config: as for :func:`cltransfer.evaluate.evaluate`.
         progress: called with a step, clips done, clips in all.
         folder: where each score is kept as soon as it is there, and taken from where it was kept before: of the same
@@ -106,11 +79,11 @@ def evaluate_many(
     """
     parts = Components.build(config)
     parts.plan("image").load_networks()  # what no clip could be scored by shows at once
-    known = clips_in(Path(references))
-    rendered = {method: clips_in(Path(folder)) for method, folder in methods.items()}
+    known = sources_in(references)
+    rendered = {method: sources_in(folder) for method, folder in methods.items()}
     for method, clips in rendered.items():
         if not clips.keys() & known.keys():
-            raise InputError(Path(methods[method]), "clips", f"none has the name of a reference ({', '.join(known)})")
+            raise InputError(methods[method], "clips", f"none has the name of a reference ({', '.join(known)})")
     rows: list[ClipScore] = []
     failures: list[Exception] = []
     with nullcontext() if folder is None else alone(folder, "scores clips"):
@@ -132,10 +105,10 @@ def evaluate_many(
     return rows
 
 
-def _scored(method: str, name: str, reference: Path, render: Path | None, config: RunConfig) -> ClipScore:
+def _scored(method: str, name: str, reference: str, render: str | None, config: RunConfig) -> ClipScore:
     if render is None:
         return ClipScore(method, name, reason="the method has no clip of this name")
-    report = evaluate(str(reference), str(render), config)
+    report = evaluate(reference, render, config)
     found = rows_of(report)
     means, defined = {row.name: row.mean for row in found}, {row.name: row.defined for row in found}
     lacking = {row.name: row.reason for row in found if row.reason}
@@ -153,35 +126,6 @@ def notes_of(rows: list[ClipScore]) -> list[str]:
         f"{method}, {clips[0] if len(clips) == 1 else f'{len(clips)} clips'}: {note}"
         for (method, note), clips in about.items()
     ]
-
-
-def left_over(references: Path, methods: Mapping[str, Path]) -> list[str]:
-    """A note for each folder with what is not scored: clips by whose names there is no reference, and what is no clip.
-
-    Args:
-        references: folder of reference clips.
-        methods: folder of rendered clips by method.
-    """
-    known = clips_in(references)
-    found = {method: [name for name in clips_in(folder) if name not in known] for method, folder in methods.items()}
-    others = {
-        whose: [e.name for e in sorted(folder.iterdir()) if not (e.name.startswith(".") or _is_clip(e))]
-        for whose, folder in {"references": references, **methods}.items()
-    }
-    return [
-        *(f"{whose}: {_some(names)} not scored: no reference of this name" for whose, names in found.items() if names),
-        *(f"{whose}: {_some(names)} not scored: no video by its suffix" for whose, names in others.items() if names),
-    ]
-
-
-def _some(names: list[str]) -> str:
-    """The first few of ``names``, and how many more.
-
-    >>> _some(["a"]), _some(["a", "b", "c", "d"])
-    ('a is', 'a, b, c and 1 more are')
-    """
-    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
-    return f"{', '.join(names[:FEW])}{more} {'is' if len(names) == 1 else 'are'}"
 
 
 def interval(

@@ -5,7 +5,6 @@ import errno
 import io
 import json
 import os
-import unicodedata
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,13 +17,14 @@ import torch
 from cltransfer.cli.evaluate import methods_of
 from cltransfer.cli.slips import is_override
 from cltransfer.clips.clip import write_video
+from cltransfer.clips.clip_folder import left_over
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.evaluate import evaluate
 from cltransfer.evaluate_kept import ClipScore
-from cltransfer.evaluate_many import clips_in, evaluate_many, interval, left_over, notes_of, summarise
+from cltransfer.evaluate_many import evaluate_many, interval, notes_of, summarise
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES
@@ -215,20 +215,6 @@ def test_no_name_is_a_formula_and_every_number_stays_one(name: str) -> None:
     assert "\r" not in clips_csv(rows)
 
 
-def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
-    folder_of(tmp_path / "all", b=wall(0, 1))
-    (tmp_path / "all" / "a").mkdir()
-    (tmp_path / "all" / "run").mkdir()
-    (tmp_path / "all" / "notes.txt").touch()
-    found = clips_in(tmp_path / "all")
-    assert list(found) == ["a", "b", "run"]
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="found none"):
-        clips_in(tmp_path / "empty")
-    with pytest.raises(InputError, match="nowhere: clips: no such folder"):
-        clips_in(tmp_path / "nowhere")
-
-
 def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(
     mean_flow: tuple[str, ...], tmp_path: Path
 ) -> None:
@@ -388,18 +374,6 @@ def test_clips_that_no_reference_has_the_name_of_are_told(
     ]
 
 
-def test_names_match_however_their_accents_are_written(tmp_path: Path) -> None:
-    composed, apart = (unicodedata.normalize(form, "café") for form in ("NFC", "NFD"))
-    for folder, name in (("references", composed), ("ours", apart)):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / f"{name}.mkv").touch()
-    assert clips_in(tmp_path / "ours") == {composed: tmp_path / "ours" / f"{apart}.mkv"}
-    assert left_over(tmp_path / "references", {"ours": tmp_path / "ours"}) == []
-    (tmp_path / "ours" / composed).mkdir()
-    with pytest.raises(InputError, match="two clips have this name"):
-        clips_in(tmp_path / "ours")
-
-
 def test_a_note_on_several_clips_is_told_once_a_method() -> None:
     rows = [ClipScore(method, clip, notes=("dark",)) for method in ("ours", "theirs") for clip in ("a", "b")]
     assert notes_of([*rows, ClipScore("ours", "c", notes=("far",))]) == [
@@ -442,12 +416,12 @@ def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
 @pytest.mark.parametrize(
     ("named", "line"),
     [
-        (("FOLDER#fps=30", "m=FOLDER"), "FOLDER#fps=30: expected one clip before #fps=30, FOLDER is a folder"),
-        (("FOLDER", "m=FOLDER#fps=30"), "m=FOLDER#fps=30: expected one clip before #fps=30, FOLDER is a folder"),
+        (("FOLDER#person=1", "m=FOLDER"), "FOLDER#person=1: expected one clip before #person=1, FOLDER is a folder"),
+        (("FOLDER", "m=FOLDER#fps=1&t=1"), "m=FOLDER#fps=1&t=1: expected one clip before #fps=1&t=1, FOLDER is a"),
         (("FOLDER", "m=FOLDER", "FOLDER#t=1,2"), "FOLDER#t=1,2: expected one clip before #t=1,2, FOLDER is a folder"),
     ],
 )
-def test_a_part_or_rate_of_a_folder_of_clips_is_refused(named: tuple[str, ...], line: str, tmp_path: Path) -> None:
+def test_a_part_of_a_folder_of_clips_is_refused(named: tuple[str, ...], line: str, tmp_path: Path) -> None:
     folder = str(folder_of(tmp_path / "references", a=wall(0, 2)))
     reference, render, *more = (word.replace("FOLDER", folder) for word in named)
     with pytest.raises(UsageError) as caught:
@@ -457,11 +431,30 @@ def test_a_part_or_rate_of_a_folder_of_clips_is_refused(named: tuple[str, ...], 
     assert methods_of(clip, clip, []) == ({}, [])
 
 
+def test_images_of_a_method_play_as_fast_as_is_said_behind_its_folder(
+    mean_flow: tuple[str, ...], command: Any, tmp_path: Path
+) -> None:
+    """Four at 8 a second, as the reference plays them, go together one by one; scored twice into one folder."""
+    references, picture = folder_of(tmp_path / "references", a=wall(0, 2)), wall(0, 2)
+    (tmp_path / "theirs" / "a").mkdir(parents=True)
+    for i in range(4):
+        cv2.imwrite(str(tmp_path / "theirs" / "a" / f"{i}.png"), picture[i].permute(1, 2, 0).numpy()[..., ::-1])
+    frames = []
+    for behind in ("", "#fps=8"):
+        words = (references, f"{tmp_path / 'theirs'}{behind}", *mean_flow, "--json", "--out", tmp_path / "out")
+        said = command("evaluate", *words)
+        assert said.code == 0, said.err
+        (clip,) = json.loads(said.out)["clips"]
+        assert (clip["method"], f"render: {ASSUMED}" in clip["notes"]) == ("theirs", not behind)
+        frames.append(clip["frames"])
+    assert frames == [2, 4]
+
+
 @pytest.mark.parametrize("argument", [f"losses={{shot_size: {{weight: 1.0}}}}{' ' * 300}", f"seed=1{' ' * 300}"])
 def test_an_override_may_be_longer_than_the_name_of_a_file(argument: str, tmp_path: Path) -> None:
     folder = str(folder_of(tmp_path / "references", a=wall(0, 2)))
     assert is_override(argument)
-    assert methods_of(folder, f"ours={folder}", [argument]) == ({"ours": Path(folder)}, [argument])
+    assert methods_of(folder, f"ours={folder}", [argument]) == ({"ours": folder}, [argument])
     assert methods_of(f"{folder}/a.mkv", argument, []) == ({}, [])
 
 

@@ -21,21 +21,22 @@ def evaluate(
         str,
         typer.Argument(
             help="Video, image folder (24 images/s unless FOLDER#fps=30 or its times.json says) or run folder, "
-            "CLIP#t=START,END for a part; or a folder of clips."
+            "CLIP#t=START,END for a part; or a folder of clips, FOLDER#fps=30 for all image folders in it."
         ),
     ],
     render: Annotated[
         str,
         typer.Argument(
             help="Video, image folder or run folder, named as REFERENCE is; its frames are paired by time. Where "
-            "REFERENCE is a folder of clips: METHOD=FOLDER, of clips with the same names."
+            "REFERENCE is a folder of clips: METHOD=FOLDER, of clips with the same names, or METHOD=FOLDER#fps=30."
         ),
     ],
     more: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[METHOD=FOLDER]... [KEY=VALUE]...",
-            help="Further methods, where REFERENCE is a folder of clips; then what goes over the config.",
+            help="Further methods, where REFERENCE is a folder of clips; then what goes over the config: frames=24, "
+            "extractors..., losses..., preset=, renderer..., threads=, and of folders seed= (`plugins show config`).",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results.")] = None,
@@ -65,7 +66,7 @@ def evaluate(
 
     set_threads(settings.threads or thread_count())
     if methods:
-        evaluate_folders(Path(reference), methods, settings, out, as_json, quiet)
+        evaluate_folders(reference, methods, settings, out, as_json, quiet)
     else:
         evaluate_clips(reference, render, settings, out, as_json, quiet)
     tell(unused_plugins(allow_plugin, settings), as_json)
@@ -91,26 +92,26 @@ def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None,
     show(metrics_json(shown), "\n".join(lines), as_json)
 
 
-def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, Path], list[str]]:
+def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, str], list[str]]:
     """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip.
 
     Raises:
         UsageError: a folder is not there or named twice, is one of a method where ``reference`` is one clip, or has a
-            part or rate behind its name, which is a clip's.
+            part behind its name, which is a clip's.
     """
     for argument in (reference, render, *more):
         _check_whole(argument)
-    if _is_one_clip(Path(reference)):
+    if _is_one_clip(_folder(reference)):
         _check_one_render(reference, render)
         return {}, more
-    methods: dict[str, Path] = {}
+    methods: dict[str, str] = {}
     rest = []
     for argument in (render, *more):
         name, path = _method(argument)
-        if path and os.path.isdir(path):
+        if path and os.path.isdir(_folder(path)):
             if name in methods:
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
-            methods[name] = Path(path)
+            methods[name] = path
         elif path:
             raise UsageError(argument, "", f"no such folder, and {name!r} is no key of the config", _nearest_key(name))
         elif argument is render:
@@ -126,23 +127,30 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
 
 
 def _check_whole(argument: str) -> None:
-    """Refuse a part, rate or person behind the name of a folder of clips, each of which has its own."""
+    """Refuse a part or person behind the name of a folder of clips, each of which has its own."""
     name, mark, asked = argument.rpartition("#")
     if not mark or os.path.exists(argument):
         return
-    folder = next((Path(text) for text in (name, _method(name)[1]) if text and os.path.isdir(text)), None)
-    if folder is not None and not _is_one_clip(folder):
+    folder = next((text for text in (name, _method(name)[1]) if text and os.path.isdir(text)), None)
+    rate = asked.startswith("fps=") and "&" not in asked
+    if folder is not None and not rate and not _is_one_clip(folder):
         reason = f"expected one clip before #{asked}, {folder} is a folder of them"
-        hint = "leave it out; how many images a second a folder has its own times.json says" * asked.startswith("fps=")
-        raise UsageError(argument, "", reason, hint or f"leave out #{asked}")
+        raise UsageError(argument, "", reason, f"leave out #{asked}; of a folder only #fps=N may be said")
 
 
-def _is_one_clip(reference: Path) -> bool:
-    """Whether ``reference`` is one clip, and no folder of them."""
+def _folder(argument: str) -> str:
+    """``argument`` without the rate that may stand behind a folder."""
+    name, mark, asked = argument.rpartition("#")
+    return name if mark and asked.startswith("fps=") and not os.path.exists(argument) else argument
+
+
+def _is_one_clip(named: str) -> bool:
+    """Whether what is ``named`` is one clip, and no folder of them."""
     from ..clips.image_folder import holds_clips
     from ..storage.run_files import is_run
 
-    return not reference.is_dir() or is_run(reference) or not holds_clips(reference)
+    path = Path(named)
+    return not path.is_dir() or is_run(path) or not holds_clips(path)
 
 
 def _check_one_render(reference: str, render: str) -> None:
@@ -150,7 +158,7 @@ def _check_one_render(reference: str, render: str) -> None:
     from ..clips.image_folder import image_files
     from ..storage.run_files import is_run
 
-    path, folder = Path(reference), _method(render)[1]
+    path, folder = Path(_folder(reference)), _folder(_method(render)[1])
     if not path.exists() or os.path.exists(render) or not folder or not os.path.isdir(folder):
         return
     what = "is a file" if path.is_file() else "is a run" if is_run(path) else f"holds {image_files(path)[0].name}"
@@ -160,8 +168,8 @@ def _check_one_render(reference: str, render: str) -> None:
 
 def _method(argument: str) -> tuple[str, str]:
     """Name and folder of a method, as in METHOD=FOLDER or by the folder alone; no folder where it is an override."""
-    if os.path.isdir(argument):  # no error of a text that is too long for a path
-        return Path(argument).name, argument
+    if os.path.isdir(_folder(argument)):  # no error of a text that is too long for a path
+        return Path(_folder(argument)).name, argument
     name, _, path = argument.partition("=")
     return (name, "") if _of_config(name) else (name, path)
 
@@ -184,10 +192,11 @@ def _nearest_key(name: str) -> str:
 
 
 def evaluate_folders(
-    references: Path, methods: dict[str, Path], settings: Any, out: Path | None, as_json: bool, quiet: bool
+    references: str, methods: dict[str, str], settings: Any, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
     """Score folders of clips and show the table of methods and what a reader should know."""
-    from ..evaluate_many import evaluate_many, left_over, notes_of, summarise
+    from ..clips.clip_folder import left_over
+    from ..evaluate_many import evaluate_many, notes_of, summarise
     from ..evaluate_table import methods_json, methods_markdown, write_methods
     from ..progress import progress
 

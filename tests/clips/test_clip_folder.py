@@ -1,0 +1,67 @@
+"""A folder of clips: which it holds, by which names, how fast its images play, and what of it is not scored."""
+
+from __future__ import annotations
+
+import unicodedata
+from pathlib import Path
+
+import pytest
+
+from cltransfer.clips.clip_folder import clips_in, left_over, sources_in
+from cltransfer.errors import InputError, UsageError
+
+
+def a_folder(path: Path, *files: str) -> Path:
+    """A folder of empty files, and of folders of them."""
+    for name in files:
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).touch()
+    return path
+
+
+def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
+    found = clips_in(a_folder(tmp_path / "all", "b.mkv", "a/0.png", "run/0.png", "notes.txt"))
+    assert list(found) == ["a", "b", "run"]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="found none"):
+        clips_in(tmp_path / "empty")
+    with pytest.raises(InputError, match="nowhere: clips: no such folder"):
+        clips_in(tmp_path / "nowhere")
+
+
+def test_names_match_however_their_accents_are_written(tmp_path: Path) -> None:
+    composed, apart = (unicodedata.normalize(form, "café") for form in ("NFC", "NFD"))
+    for folder, name in (("references", composed), ("ours", apart)):
+        a_folder(tmp_path / folder, f"{name}.mkv")
+    assert clips_in(tmp_path / "ours") == {composed: tmp_path / "ours" / f"{apart}.mkv"}
+    assert left_over(tmp_path / "references", {"ours": tmp_path / "ours"}) == []
+    (tmp_path / "ours" / composed).mkdir()
+    with pytest.raises(InputError, match="two clips have this name"):
+        clips_in(tmp_path / "ours")
+
+
+def test_a_rate_behind_a_folder_is_that_of_the_images_in_it_that_have_none(tmp_path: Path) -> None:
+    folder = a_folder(tmp_path / "theirs", "a/0.png", "b/0.png", "b/times.json", "c.mkv")
+    named = {"a": str(folder / "a"), "b": str(folder / "b"), "c": str(folder / "c.mkv")}
+    assert sources_in(folder) == named
+    assert sources_in(f"{folder}#fps=30") == named | {"a": f"{folder / 'a'}#fps=30"}
+    assert left_over(f"{folder}#fps=30", {"theirs": f"{folder}#fps=25"}) == []
+
+
+@pytest.mark.parametrize(
+    ("files", "behind", "told"),
+    [
+        (
+            ("a.mkv",),
+            "#fps=30",
+            r"#fps: expected folders of images without times\.json in it, found none \(leave it out",
+        ),
+        (("a/0.png",), "#fps=30&t=1,2", "expected a folder of clips and at most #fps=N behind it"),
+        (("a/0.png",), "#fps=many", "#fps: expected images a second"),
+    ],
+)
+def test_what_behind_a_folder_changes_nothing_is_refused(
+    tmp_path: Path, files: tuple[str, ...], behind: str, told: str
+) -> None:
+    with pytest.raises(UsageError, match=told):
+        sources_in(f"{a_folder(tmp_path / 'theirs', *files)}{behind}")
