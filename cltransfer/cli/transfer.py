@@ -175,19 +175,23 @@ def export(
         typer.Option(
             "--out",
             "-o",
-            help="shot.py: a script that makes the camera in Blender, its zoom too. shot.usda: USD, for Houdini, Maya, "
-            "Unreal. shot.json: nerfstudio. A folder: COLMAP's text model, for SuperSplat and gsplat.",
+            help="shot.py: a script that makes the camera in Blender, its zoom too. shot.usda: USD. shot.json: "
+            "nerfstudio. A folder: COLMAP's text model; SuperSplat takes its images.txt, without roll and lens.",
         ),
     ],
     fps: Annotated[
-        float | None, typer.Option(help="Frames a second, between those of the run too; default: only those it has.")
+        float | None,
+        typer.Option(
+            help="Frames a second, up to 240, between those of the run too. Default: only those it has, numbered as "
+            "fast as they come, or at 24 a second where fewer than 12 do."
+        ),
     ] = None,
     y_up: Annotated[
         bool | None,
         typer.Option(help="Of .py, .usda: programs turn the scene's file, y to z. Default: where RUN's is glTF, OBJ."),
     ] = None,
 ) -> None:
-    """Write the camera of RUN for other programs, focal length and roll as they are.
+    """Write the camera of RUN for other programs, with focal length and roll.
 
     cltransfer export run --fps 24 --out shot.py
 
@@ -195,10 +199,12 @@ def export(
     camera meet where one program reads both. COLMAP and nerfstudio play cameras evenly: give --fps where times are
     uneven.
     """
-    from ..run.export import export_path
+    from ..export.lens import rate_of
+    from ..run.export import WORLDS, export_path
 
     written = export_path(path, out, fps, y_up)
-    print(f"{out}: {len(written)} cameras over {float(written.times[-1] - written.times[0]):.2f} s")
+    numbered = f", numbered at {fps or rate_of(written):.6g} frames/s" * (out.suffix.lower() in WORLDS)
+    print(f"{out}: {len(written)} cameras over {float(written.times[-1] - written.times[0]):.2f} s{numbered}")
 
 
 def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:

@@ -1,4 +1,6 @@
-"""COLMAP's text model: ``cameras.txt``, ``images.txt`` and an empty ``points3D.txt``, for SuperSplat and gsplat.
+"""COLMAP's text model: ``cameras.txt``, ``images.txt`` and an empty ``points3D.txt``.
+
+SuperSplat takes ``images.txt`` alone: where each camera stands and looks, without roll and lens.
 
 Its axes, pixels and world to camera are ours (https://colmap.github.io/format.html).
 """

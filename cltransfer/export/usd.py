@@ -1,8 +1,8 @@
-"""OpenUSD's text format, ``.usda``: one camera over time, for Houdini, Maya, Unreal, Blender and usdview.
+"""OpenUSD's text format, ``.usda``: one camera over time, for what reads USD.
 
 A camera looks along -z, y up; matrices act on rows; gate and focal length are in tenths of a scene unit, here a metre
 (https://openusd.org/release/api/class_usd_geom_camera.html). Blender's importer keeps the first focal length of a zoom:
-:mod:`.blender`.
+:mod:`.blender`. Maya's takes both as millimetres whatever the unit (maya-usd, translatorCamera.cpp).
 """
 
 from __future__ import annotations

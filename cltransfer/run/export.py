@@ -65,13 +65,14 @@ def _turned(run: Path) -> bool:
     """Whether other programs turn the scene of a run.
 
     Raises:
-        InputError: its manifest does not tell: an older version made it, or the scene is put together of files.
+        InputError: its manifest does not tell: an older version made it, or the scene is put together of files or was
+            given from Python.
     """
     try:
-        file = str(read_json(run / MANIFEST)["scene"]["file"])
+        file = read_json(run / MANIFEST)["scene"]["file"]
     except (KeyError, TypeError):
-        file = ".yaml"
-    if file in (".yaml", ".yml"):
+        file = None
+    if file in (None, ".yaml", ".yml"):
         reason = "does not tell whether other programs turn the scene's files, y to z, as they do glTF and OBJ"
         raise InputError(run / MANIFEST, "scene", reason, "say --y-up or --no-y-up")
     return file in TURNED

@@ -145,12 +145,12 @@ def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequen
     reference = {"name": result.reference.name, "sha256": result.reference.digest, "part": inputs.part}
     scene = result.scene
     about = {"name": scene.name, "sha256": scene.digest, "up": scene.up.tolist(), "harmonics": scene.harmonics}
-    file = split_moment(inputs.scene)[0].suffix.lower() if isinstance(inputs.scene, str) else ""
+    file = split_moment(inputs.scene)[0].suffix.lower() if isinstance(inputs.scene, str) else None
     return {
         "format": FORMAT,
         "version": 1,
         "cltransfer": __version__,
-        "scene": {**about, "file": file},  # its suffix
+        "scene": {**about, "file": file},  # its suffix; null of a scene that Python gave
         "reference": reference,
         "packages": versions(),
         "python": platform.python_version(),

@@ -8,6 +8,7 @@ from ..errors import UsageError
 from ..trajectory import FRAME_LIMIT, Trajectory
 
 MOST_FPS = 240
+SLACK = 0.05  # of a frame that a path may be short of its last: times are rounded, and 23.976 is not 24000 / 1001
 
 
 def at_rate(trajectory: Trajectory, fps: float | None, most: int = FRAME_LIMIT) -> Trajectory:
@@ -26,7 +27,7 @@ def at_rate(trajectory: Trajectory, fps: float | None, most: int = FRAME_LIMIT) 
     if not 0 < fps <= MOST_FPS:
         raise UsageError("", "--fps", f"expected a rate in (0, {MOST_FPS}], got {fps:g}")
     start, end = float(trajectory.times[0]), float(trajectory.times[-1])
-    count = int((end - start) * fps + 1e-6) + 1
+    count = int((end - start) * fps + SLACK) + 1
     if count > most:
         raise UsageError("", "--fps", f"{fps:g} makes {count} frames of {end - start:.1f} s, at most {most}")
     return trajectory.at((start + torch.arange(count, dtype=torch.float64) / fps).clamp(max=end))

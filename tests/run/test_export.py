@@ -68,7 +68,7 @@ def test_where_the_run_does_not_tell_it_has_to_be_said(tiny_run: Path, tmp_path:
     manifest = json.loads((run / MANIFEST).read_text())
     composed = {**manifest["scene"], "file": ".yaml"}
     older = {name: value for name, value in composed.items() if name != "file"}
-    for scene in (composed, older):
+    for scene in (composed, older, {**composed, "file": None}):  # which Python has given
         (run / MANIFEST).write_text(json.dumps({**manifest, "scene": scene}))
         with pytest.raises(InputError, match=r"turn the scene's files.* \(say --y-up or --no-y-up\)"):
             export_path(run, tmp_path / "shot.usda", None, None)
@@ -159,10 +159,26 @@ def test_the_verb_tells_what_it_wrote(command: Callable[..., Any], tiny_run: Pat
     said = command("export", tiny_run, "--fps", 24, "--out", tmp_path / "shot.py")
     assert (said.code, said.err) == (0, "")
     assert said.out.startswith(f"{tmp_path / 'shot.py'}: ")
+    assert said.out.endswith(" s, numbered at 24 frames/s\n")
     assert command("export", tiny_run).code == 2
     for y_up, axis in (("--y-up", "Y"), ("--no-y-up", "Z")):
         assert command("export", tiny_run, y_up, "--out", tmp_path / "shot.usda").code == 0
         assert f'upAxis = "{axis}"' in (tmp_path / "shot.usda").read_text()
+
+
+@pytest.mark.parametrize(
+    ("rate", "fps"), [(24000 / 1001, 23.976), (30000 / 1001, 29.97), (60000 / 1001, 59.94), (24, 24), (30, 30)]
+)
+def test_a_rate_that_is_nearly_that_of_the_path_keeps_its_last_frame(rate: float, fps: float) -> None:
+    for count in (2, 3, 24, 97, 1000):
+        times = (torch.arange(count).double() / rate * 1000).round() / 1000  # as files keep them
+        path = Trajectory(sample_cameras(0, 1)[[0] * count], times)
+        found = at_rate(path, fps).times
+        assert len(found) == count
+        assert (found.diff() > 0.9 / rate).all()
+        assert found[-1] <= times[-1]
+    half = Trajectory(sample_cameras(0, 2), torch.tensor([0.0, 1.5 / 24]).double())
+    assert at_rate(half, 24).times.tolist() == [0, 1 / 24]
 
 
 def test_a_camera_has_more_frames_than_a_video_keeps(tmp_path: Path) -> None:

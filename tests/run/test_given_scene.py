@@ -28,7 +28,7 @@ def test_a_scene_from_python_is_found_the_same_cameras_in(tmp_path: Path) -> Non
     assert torch.equal(found.trajectory.camera.w2c, same.trajectory.camera.w2c)
     report = write_run(tmp_path, found, inputs, config, [])
     told = json.loads((tmp_path / "manifest.json").read_text())["scene"]
-    assert (told["name"], told["sha256"]) == ("mine", scene.digest)
+    assert (told["name"], told["sha256"], told["file"]) == ("mine", scene.digest, None)
     assert report.command == ""
     again = given_scene(Inputs(replace(scene, subject=None), "builtin:push_in", subject=tmp_path / "subject.json"))
     assert again.subject is not None
