@@ -244,7 +244,7 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
         if given in others:
             others = [key for key in others if key != follows]
     for key in others[:1]:
-        reason = f"the run was begun with {recorded.get(key)!r}, this is {now.get(key)!r}"
+        reason = f"the run was begun with {_said(recorded.get(key))}, this is {_said(now.get(key))}"
         raise InputError(path, key, reason, _begun_so(key, recorded.get(key), len(others) - 1))
 
 
@@ -260,9 +260,22 @@ def _begun_so(key: str, value: object, more: int) -> str:
         word = f"--{key} {shlex.quote(str(value))}"
     elif key == "subject":
         word = "no --subject"
-    elif key.startswith("config.") and isinstance(value, str | int | float):
-        said = str(value).lower() if isinstance(value, bool) else value
+    elif key.startswith("config.") and (value is None or isinstance(value, str | int | float)):
+        said = value if isinstance(value, str) else _said(value)
         word = shlex.quote(f"{key.removeprefix('config.')}={said}")
+    elif key.startswith("config."):
+        return f"repeat the command as it was with --resume, or {again}"
     else:
         return again
     return f"go on with {word}, or {again}"
+
+
+def _said(value: object) -> str:
+    """A setting as a config says it.
+
+    >>> _said(None), _said(True), _said("auto")
+    ('null', 'true', "'auto'")
+    """
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    return repr(value)

@@ -234,6 +234,13 @@ def test_a_journal_is_of_what_the_initial_view_s_file_held(tmp_path: Path) -> No
         Journal(tmp_path / "a", {"init": "auto", "threads": 2}, True)
 
 
+def test_a_key_that_was_not_set_is_told_as_a_config_says_it(tmp_path: Path) -> None:
+    Journal(tmp_path / "a", {"config.frames": None}, False)
+    told = r"config\.frames: the run was begun with null, this is 24 \(go on with frames=null, or"
+    with pytest.raises(InputError, match=told):
+        Journal(tmp_path / "a", {"config.frames": 24}, True)
+
+
 def test_who_was_named_follows_from_subject_and_is_asked_for_again(tmp_path: Path) -> None:
     begun = {"subject": "1", "person": "a" * 64}
     Journal(tmp_path / "a", begun, False)
@@ -250,6 +257,7 @@ def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
     again = "5 more settings differ: repeat the command as it was with --resume, or start over with another --out"
     assert _begun_so("config.basin", 1000.0, 5) == again
     assert _begun_so("config.basin", 1000.0, 1).startswith("1 more setting differs: repeat ")
+    assert _begun_so("config.losses", {"framing": {}}, 0).startswith("repeat the command as it was with --resume, or")
     assert _begun_so("config.warm_start", True, 0).startswith("go on with warm_start=true, or")
     assert _begun_so("config.preset", "Mine $(date)", 0).startswith("go on with 'preset=Mine $(date)', or")
     assert _begun_so("threads", "1; date", 0).startswith("go on with CLTRANSFER_THREADS='1; date', or")
