@@ -19,6 +19,7 @@ from ..errors import InputError, UsageError
 from ..features import Features, nobody
 from ..pipeline.graph import CHUNK, persons_in, run_clip
 from ..pipeline.plan import Plan
+from ..placement import visible_joints
 from ..progress import Progress, silent
 from ..scenes.person.find_people import boxes_of_subject
 from ..subject import Subject
@@ -52,13 +53,23 @@ def check_room(*clips: tuple[int, int, int]) -> None:
 
 
 def require_person(source: str, features: Features, hint: str = ELSEWHERE) -> None:
-    """Refuse the reference ``source`` where somebody was looked for and nobody is in any frame.
+    """Refuse the reference ``source`` where somebody was looked for and nobody shows in any frame.
 
     Raises:
-        InputError: there is none; ``hint`` says what to do, of a clip by default.
+        InputError: nobody does; ``hint`` says what to do, of a clip by default.
     """
-    if bool(nobody(features).all()):
+    if bool((nobody(features) | _hidden(features)).all()):
         raise InputError(source, "person", f"none found in {len(features)} frames", hint)
+
+
+def _hidden(features: Features) -> Tensor:
+    """Frames (N,) bool in which neither a joint nor a pixel of the person shows, though a scene knows where it is."""
+    shown = torch.ones(len(features), dtype=torch.bool)
+    if features.has("keypoints"):
+        shown = visible_joints(features.require("keypoints")).any(1)
+        if features.has("subject"):
+            shown |= features.require("subject").flatten(1).any(1)
+    return ~shown
 
 
 def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times: Tensor | None = None) -> Features:
