@@ -99,7 +99,7 @@ def go_aside(
     for way in sorted(way for way in chosen if any(way)):
         # one that goes as a whole stays what it is, to the last bit: a camera that stands shows two views
         move = moves[way[0]] if len(set(way)) == 1 else along(moves[list(way)], STEADY, clip.at)
-        there = clip.inside(x + move)
+        there = clip.inside(x + move, clip.lens(x.shape[1]) if lens_kept else None)
         found = clip.residuals(there)
         total = clip.mean_total(found) + bending(there, about, clip.at)
         if total < least:

@@ -111,7 +111,7 @@ class _At:
 
     def reached(self, x: Tensor) -> _At:
         """At x (N, D), with the Jacobians corrected by what that step shows."""
-        x = self.clip.inside(x)
+        x = self.clip.inside(x, self.moves.fixed)
         there = self.clip.residuals(x) if self.jumps is None else self.jumps.values(self.clip.across(x))
         jacobian = broyden(self.measured, x - self.x, there)
         return replace(self, x=x, measured=replace(self.measured, residuals=there, jacobian=jacobian))

@@ -163,7 +163,7 @@ def _filtered(
         added = free.x if about is None else free.x - about
         steady = along(added, frames, clip.at)
         moving = steady if about is None else about + steady
-        x = clip.inside(moving if lens is None else _held(moving, lens))
+        x = clip.inside(moving if lens is None else _held(moving, lens), lens)
         total, residuals = clip.scored(x)
         path = replace(free, x=x, filtered=frames, about=about, total=total, residuals=residuals)
         path = path if lens is None else replace(path, lens_kept=True)
@@ -241,7 +241,7 @@ def _by_model(
 
 def _fitted(clip: WholeClip, x: Tensor, local: Local | None, knots: int, fixed: Tensor | None = None) -> Fitted:
     found = fit(x, local, knots, fixed, clip.at)
-    return replace(found, x=clip.inside(found.x))
+    return replace(found, x=clip.inside(found.x, fixed))
 
 
 def _ladder(clip: WholeClip, x: Tensor, still: bool) -> Ladder:

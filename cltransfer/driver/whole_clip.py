@@ -58,9 +58,19 @@ class WholeClip:
         """Lowest and highest x, (dimensions,) each, that limit a camera."""
         return limits(self.search, dimensions)
 
-    def inside(self, x: Tensor) -> Tensor:
-        """A path x (N, D) moved onto the limits where it goes beyond, as splines do of frames at a limit."""
-        return inside(x, self.limits(x.shape[1]))
+    def inside(self, x: Tensor, kept: Tensor | None = None) -> Tensor:
+        """A path x (N, D) moved onto the limits where it goes beyond, as splines do of frames at a limit.
+
+        What that takes from a direction (D,) that is ``kept``, as the lens, comes back by what is at no limit; of a
+        camera that stands it is kept anyway.
+        """
+        bounds = self.limits(x.shape[1])
+        found = inside(x, bounds)
+        if kept is None or bool((x == x[:1]).all()) or torch.equal(found, x):
+            return found
+        free = torch.where(found == x, kept, 0.0)  # (N, D)
+        share = ((x - found) @ kept) / (free**2).sum(1).clamp_min(1e-12)
+        return inside(found + share[:, None] * free, bounds)
 
     def about(self, home: Camera, x: Tensor) -> Tensor:
         """A path x (N, D) as the same cameras are written about another ``home``; about the subject it stays as is."""

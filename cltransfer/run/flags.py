@@ -121,7 +121,9 @@ def _lens(result: Result) -> Iterator[Flag]:
     zoom = float(focal.max() / focal.min())
     if zoom > ZOOMS and lens_range(result.reference.features) < SHOWN:
         told = f"the lens zooms {zoom:.3g} times, which the reference, as its flow and depth tell, does not"
-        yield Flag(None, f"{told}: zoom=still keeps one focal length")
+        still = result.kept.path is not None and getattr(result.search, "lens", None) is not None
+        hint = "zoom=still keeps one focal length" if still else "zoom=fixed keeps that of the first frame"
+        yield Flag(None, f"{told}: {hint}")
 
 
 def _reference(result: Result) -> Iterator[Flag]:

@@ -224,7 +224,7 @@ class Priced:
     totals: list[float]
     at: None = None  # evenly spaced
 
-    def inside(self, x: torch.Tensor) -> torch.Tensor:
+    def inside(self, x: torch.Tensor, kept: torch.Tensor | None = None) -> torch.Tensor:
         return x
 
     def scored(self, x: torch.Tensor) -> tuple[float, torch.Tensor]:
@@ -272,6 +272,17 @@ def test_a_lens_that_is_to_keep_still_does_whatever_it_costs(shaken: float) -> N
     assert (free.lens_kept, still.lens_kept) == (False, True)
     assert "focal length kept, filtered" in still.name
     assert still.total > free.total
+
+
+@pytest.mark.parametrize("preset", ["fast", "balanced"])
+def test_a_lens_that_is_kept_is_kept_where_the_camera_may_come_no_nearer(
+    taught: Callable[..., Any], preset: str
+) -> None:
+    result = taught("push_in", "zoom=still", f"preset={preset}", "search.subject_orbit.nearest=2.9")
+    focal = result.trajectory.camera.focal
+    assert order(result).lens_kept
+    assert any("distance at its bound" in flag.reason for flag in run_flags(result))
+    assert float(focal.max() / focal.min()) == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("shot", ["pan", "zoom"])

@@ -248,7 +248,10 @@ def test_a_lens_that_zooms_where_that_of_the_reference_stands_is_told(
     result = replace(result, trajectory=replace(result.trajectory, camera=zoomed(result.trajectory.camera, 1.5)))
     flags = [flag.reason for flag in run_flags(result) if "the lens zooms" in flag.reason]
     assert len(flags) == told
-    assert all(flag.endswith("zoom=still keeps one focal length") for flag in flags)
+    assert all(flag.endswith("zoom=fixed keeps that of the first frame") for flag in flags)  # there is no path
+    path = LeastPath(torch.zeros(len(plain.reference), 7), None, 0.0, False, 0.0, 0.0, 0.0)
+    smooth = run_flags(kept(result, path=path))
+    assert sum(flag.reason.endswith("zoom=still keeps one focal length") for flag in smooth) == told
 
 
 @pytest.mark.parametrize("mode", ["robust", "faithful"])
