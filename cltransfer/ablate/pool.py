@@ -70,7 +70,7 @@ def _parallel(
 
 def _on_cluster(trials: Sequence[Trial], job: Job, address: str) -> Iterator[Outcome]:
     try:
-        from distributed import Client, KilledWorker, as_completed
+        from distributed import Client
     except ImportError:
         raise UsageError("", "engine.backend", "dask is not installed", "pip install 'cltransfer[cluster]'") from None
     for logger in ("distributed", "distributed.client"):  # a lost connection is told once, by us
@@ -79,24 +79,46 @@ def _on_cluster(trials: Sequence[Trial], job: Job, address: str) -> Iterator[Out
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ResourceError(address, "engine.address", f"no scheduler answers: {error}") from None
-    with client:
-        calls = {client.submit(run_trial, trial, job, pure=False): trial for trial in trials}
-        for done, future in enumerate(as_completed(calls, loop=client.loop)):
-            lost, trial = future.exception(), calls[future]
-            if lost is None:
-                try:
-                    outcome = future.result()
-                except (CancelledError, OSError):
-                    reason = f"the scheduler was lost, {len(trials) - done} of {len(trials)} trials are left"
-                    hint = "start it again; the same command goes on from here"
-                    raise ResourceError(address, "engine.address", reason, hint) from None
-                yield outcome
-            elif isinstance(lost, KilledWorker):
-                yield _killed(trial)
-            elif isinstance(lost, ModelError):
-                raise lost
-            else:  # the worker could not even begin, or could not answer
-                yield Outcome(trial.key, trial.row, trial.case, failed=f"{type(lost).__name__}: {lost}")
+    left = len(trials)
+    try:
+        with client:
+            together: list[Trial] = []
+            for found in _answers(client, trials, job):
+                if isinstance(found, Trial):
+                    together.append(found)
+                else:
+                    left -= 1
+                    yield found
+            for trial in together:  # each alone, as somebody else's crash may have taken it along
+                (found,) = _answers(client, [trial], job)
+                left -= 1
+                yield _killed(trial) if isinstance(found, Trial) else found
+    except (CancelledError, OSError):
+        reason = f"the scheduler was lost, {left} of {len(trials)} trials are left"
+        hint = "start it again; the same command goes on from here"
+        raise ResourceError(address, "engine.address", reason, hint) from None
+
+
+def _answers(client: Any, trials: Sequence[Trial], job: Job) -> Iterator[Outcome | Trial]:
+    """What comes of trials, as they end; the trial itself where the workers that it ran or waited on have died.
+
+    Raises:
+        CancelledError, OSError: the scheduler is lost.
+        ModelError: see :func:`run_trial`.
+    """
+    from distributed import KilledWorker, as_completed
+
+    calls = {client.submit(run_trial, trial, job, pure=False): trial for trial in trials}
+    for future in as_completed(calls, loop=client.loop):
+        lost, trial = future.exception(), calls[future]
+        if lost is None:
+            yield future.result()
+        elif isinstance(lost, KilledWorker):
+            yield trial
+        elif isinstance(lost, ModelError | CancelledError):
+            raise lost
+        else:  # the worker could not even begin, or could not answer
+            yield Outcome(trial.key, trial.row, trial.case, failed=f"{type(lost).__name__}: {lost}")
 
 
 def _killed(trial: Trial) -> Outcome:

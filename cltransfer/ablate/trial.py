@@ -18,6 +18,7 @@ from torch import Tensor
 from .. import __version__
 from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
+from ..models.content import read_by
 from ..reading.scene_source import split_scene
 from ..registry.plugin_code import own_code
 from .content import Digest, codes_of, digests, parts_content, read_here
@@ -39,6 +40,7 @@ class Trial:
         metrics: config by which the result is measured.
         codes: of the plugins that both name, which ``key`` is made of too.
         files: digest of the files that both name, and of the networks if any is read.
+        sources: the scene, its view and person, and the reference, each by name, with what identified it.
     """
 
     key: str
@@ -50,6 +52,7 @@ class Trial:
     metrics: RunConfig
     codes: tuple[str, ...]
     files: str
+    sources: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,15 +92,24 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
         for row, (own, codes) in zip(sweep.rows, parts):
             used = row.scene or scene
             config = replace(row.config, seed=case.seed)
-            content = [digest(used.scene), digest(used.init), digest(used.subject), used.up, digest(source)]
-            answers = [__version__, asdict(config), asdict(sweep.metrics), content, [own, measures]]
+            sources = {name: digest(name) for name in (used.scene, used.init, used.subject, source) if name is not None}
+            content = [*map(digest, (used.scene, used.init, used.subject)), used.up, digest(source)]
+            answers = [
+                [__version__, own_code(), read_by()],
+                asdict(config),
+                asdict(sweep.metrics),
+                content,
+                [own, measures],
+            ]
             key = _digest(answers)[:24]
             twin = cases.setdefault((row.name, key), case)
             if twin != case:  # as one more value it would make an interval narrow
                 told = f"{case.reference} in {case.scene} is the same as {twin.reference} in {twin.scene}"
                 raise UsageError("", "references", told, "name each scene and reference once")
             files = _files(used, source, (config, own), (sweep.metrics, measures))
-            found.append(Trial(key, row.name, case, used, source, config, sweep.metrics, codes, files))
+            found.append(
+                Trial(key, row.name, case, used, source, config, sweep.metrics, codes, files, tuple(sources.items()))
+            )
     return found
 
 
@@ -147,8 +159,8 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
     """Run and measure ``trial``; a failure is an outcome too, so that the sweep goes on.
 
     Raises:
-        ModelError: the code, a plugin's, a network or a file is not what the trials were told apart by, so that the
-            outcome would be another's.
+        ModelError: the code, a plugin's, a network, a scene or another file is not what the trials were told apart by,
+            so that the outcome would be another's.
     """
     start = time.perf_counter()
     other: ModelError | None = None
@@ -186,6 +198,20 @@ def _other(trial: Trial, job: Job) -> ModelError | None:
     if trial.files != _files(trial.scene, trial.reference, row, metrics):
         told = "a worker has other networks or files of a plugin than the command had when the ablation began"
         return ModelError("", "engine", told, "give every worker the same, and run it again: what is done is kept")
+    return _edited(trial) if job.code else None
+
+
+def _edited(trial: Trial) -> ModelError | None:
+    """What a trial is run on, if it is not there, or not as it was where the ablation began."""
+    for source, known in trial.sources:
+        try:
+            now = digests()(source)
+        except CltransferError as error:
+            told = f"what the command has read cannot be read here: {error}"
+            return ModelError("", "engine", told, "scenes, references and --out lie at one place for every worker")
+        if now != known:
+            told = "is not what it was when the ablation began"
+            return ModelError(source, "engine", told, "run it again: what is done is kept")
     return None
 
 

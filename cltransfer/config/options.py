@@ -55,15 +55,17 @@ class RunConfig:
         output_side: longer side of the final video [px].
         lod: level of detail while searching: splats that share a voxel of so many pixels are merged; 0 merges nothing.
             The result is rendered and scored in full.
-        warm_start: start each frame from the frames before it; otherwise from the initial view.
+        warm_start: start each frame from the frames before it; otherwise from the initial view, or of the up to four
+            that are found where none is given from the one that the frame scores best at.
         guide: frames along the clip at which distances are looked up, to choose one path in closed form that all frames
-            start from, one where nothing moves; 0 starts each frame from the ones before it alone.
+            start from, one where nothing moves; 0 starts each frame from the ones before it alone, as the engines cma
+            and adam, and a clip without warm_start, always do.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart. still is auto, but that the path keeps one focal length
             for all of the clip, whatever that costs; it needs path smooth.
         engine: of each frame: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A
-            loss without residuals, or renders read by networks, turn refine into cma. The path through what it found
-            is up to path and joint.
+            loss without residuals, renders read by networks, or a search whose slopes do not tell every move, turn
+            refine into cma, which a note tells. The path through what it found is up to path and joint.
         steps: of refinement at most, each time that a frame is refined: from other starts, or by another Jacobian.
         dampings: tried together in each step of refinement, 1 to 3.
         jacobians: computed afresh per frame at most, after the first frame's; 0 carries one along the clip, and
@@ -88,7 +90,7 @@ class RunConfig:
             far worse among them and can be mended; keep takes the scene as it is. The result always shows them.
         guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
-            are repaired too; 0 takes it as it was read. The scores always use what was read.
+            are repaired too, of three frames or more; 0 takes it as it was read. The scores always use what was read.
         path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact
             (every frame as it was found).
         joint: rounds in which a smooth path is moved as a whole to where it costs less, unless its loss is small.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from cltransfer.ablate import pool
 from cltransfer.ablate.trial import run_trial
+from cltransfer.registry import LOSSES
 
 TINY = "{preset: fast, frames: 2, search_side: 32, output_side: 48, steps: 1}"
 PLUGIN = """
@@ -48,8 +49,9 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def fatal(tmp_path: Path) -> Path:
-    """A plugin whose loss raises, or kills its process."""
+def fatal(tmp_path: Path) -> Iterator[Path]:
+    """A plugin whose loss raises, or kills its process; it is forgotten after the test."""
     path = tmp_path / "fatal.py"
     path.write_text(PLUGIN)
-    return path
+    yield path
+    LOSSES._classes.pop("fatal", None)

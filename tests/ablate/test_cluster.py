@@ -63,6 +63,27 @@ def test_every_trial_is_there_once_though_a_worker_was_killed(
     assert replace(here, seconds=0, commit="") == replace(there, seconds=0, commit="")
 
 
+def test_who_shares_a_worker_with_a_trial_that_kills_it_is_run_again(
+    sweep_file: Callable[..., Path], fatal: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import dask
+
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(cache))
+    from cltransfer.plugins import allow
+
+    allow([fatal])
+    rows = "{full: {}, kills: {losses: {fatal: {how: kill}}}}"
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, silence_logs=50
+        ) as cluster,
+    ):
+        words = ["engine.backend=dask", f"engine.address={cluster.scheduler_address}"]
+        found = ablate(read_sweep(str(sweep_file(rows)), words), Options(tmp_path / "out", plugins=(str(fatal),)))
+    assert {o.row: o.failed for o in found.outcomes} == {"full": "", "kills": "its process was killed (out of memory?)"}
+
+
 @pytest.fixture
 def cluster() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """Address and process of a scheduler with one worker, neither a child of the other."""

@@ -169,8 +169,9 @@ def test_a_plugin_that_was_edited_since_the_ablation_began_ends_it(
 
 def test_a_worker_of_other_code_or_with_other_networks_ends_the_ablation(tmp_path: Path) -> None:
     """By its key the outcome would be that of the command's."""
+    (tmp_path / "none.mp4").write_bytes(b"nothing to see")
     (tmp_path / "sweep.yaml").write_text("references: [none.mp4]\nscenes: ['builtin:courtyard']\nrows: {full: {}}\n")
-    (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml")), {}, str)
+    (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml")), {})
     assert "none.mp4" in run_trial(trial, Job(code=own_code())).failed
     with pytest.raises(ModelError, match="other code of cltransfer than the command"):
         run_trial(trial, Job(code="that of another commit"))
@@ -178,6 +179,25 @@ def test_a_worker_of_other_code_or_with_other_networks_ends_the_ablation(tmp_pat
         run_trial(replace(trial, files="with another network"), Job(code=own_code()))
     with pytest.raises(ModelError, match="not_installed"):
         run_trial(trial, Job(("not_installed",), code=own_code()))
+    (tmp_path / "none.mp4").write_bytes(b"edited since")
+    with pytest.raises(ModelError, match=r"none\.mp4: engine: is not what it was when the ablation began"):
+        run_trial(trial, Job(code=own_code()))
+    (tmp_path / "none.mp4").unlink()
+    with pytest.raises(ModelError, match=r"cannot be read here: .*none\.mp4: no such file \(scenes, references"):
+        run_trial(trial, Job(code=own_code()))
+
+
+def test_a_trial_of_other_code_or_packages_is_another(
+    keys: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = keys("builtin:courtyard")
+    with monkeypatch.context() as other:
+        other.setattr("cltransfer.ablate.trial.own_code", lambda: "of another commit")
+        assert not set(here) & set(keys("builtin:courtyard"))
+    with monkeypatch.context() as other:
+        other.setattr("cltransfer.ablate.trial.read_by", lambda: ["other packages"])
+        assert not set(here) & set(keys("builtin:courtyard"))
+    assert keys("builtin:courtyard") == here
 
 
 @pytest.mark.parametrize(("reference", "reads"), [("builtin:orbit", False), ("clip.mp4", True)])
