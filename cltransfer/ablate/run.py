@@ -23,6 +23,7 @@ from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
 from .outcome import Outcome
 from .pool import outcomes
+from .read import DRAWN
 from .sources import check_sources
 from .summary import CONFIDENCE, FEWEST, LEVEL, RowSummary, alike, summarise
 from .sweep import Sweep
@@ -170,7 +171,8 @@ def markdown(ablation: Ablation) -> list[str]:
         f"same metrics at {ablation.sweep.metrics.output_side} px, lower is better; (a/b): only a of b frames have a",
         "value, where the render alone lacks one it pays the penalty. Failed trials have no value and are counted.",
         _drawn(ablation.sweep),
-        "Seeds of a reference that is not drawn by them are averaged first, and count as one.",
+        "Seeds of a reference that is not drawn by them are averaged first, and count as one; of one that is, scenes.",
+        *_alike_by_seed(ablation.sweep),
         f"Measured at {', '.join(_commits(ablation))}.",
         "",
         *to_markdown(values_table(ablation.rows)),
@@ -211,6 +213,16 @@ def _head(sweep: Sweep) -> list[str]:
 def _drawn(sweep: Sweep) -> str:
     name = next(iter(sweep.metrics.renderer))
     return f"What is measured is drawn by {name} in every row, a scene of another geometry by the renderer of that."
+
+
+def _alike_by_seed(sweep: Sweep) -> list[str]:
+    """A warning where a seed draws several references, which is more than it has people."""
+    shots = sum(reference.startswith(DRAWN) for reference in sweep.file.references)
+    if shots < 2:
+        return []
+    return [
+        f"The {shots} drawn shots of one seed show the same person: intervals are those of as many independent ones."
+    ]
 
 
 def _commits(ablation: Ablation) -> list[str]:

@@ -54,7 +54,8 @@ class Measure:
     """One metric of one row.
 
     Args:
-        value: over the trials; of a reference that is not drawn by the seed, over the means of its seeds.
+        value: over the trials; of a reference that is not drawn by the seed, over the means of its seeds, of one that
+            is, over the means of its scenes.
         difference: to the first row, over the same of the cases on which both have a value; None in the first row.
         unit: of both.
         defined, frames: how many frames have a value, of how many.
@@ -207,13 +208,13 @@ def _values(kind: str, name: str, found: list[Outcome]) -> dict[Case, float]:
 
 
 def _observed(values: dict[Case, float]) -> list[float]:
-    """One value for each scene and reference, its mean over the seeds; a drawn reference is another one for each seed.
+    """One value for each scene and reference, its mean over the seeds; for each drawn reference its mean over scenes.
 
     Seeds of a fixed reference show how steady a search is, and nothing of other shots: a search without chance comes to
-    the same value for each of them.
+    the same value for each of them. A drawn one is another for each seed, and the same shot in every scene.
     """
-    found: dict[tuple[str, str, int | None], list[float]] = {}
+    found: dict[tuple[str, str | int], list[float]] = {}
     for case, value in values.items():
-        seed = case.seed if case.reference.startswith(DRAWN) else None
-        found.setdefault((case.scene, case.reference, seed), []).append(value)
+        other = case.seed if case.reference.startswith(DRAWN) else case.scene
+        found.setdefault((case.reference, other), []).append(value)
     return [fmean(of_one) for of_one in found.values()]

@@ -101,6 +101,18 @@ def test_seeds_of_a_fixed_reference_are_one_observation_and_those_that_draw_it_m
         assert measure.difference.certain == (count == 6)
 
 
+def test_a_drawn_reference_in_several_scenes_is_one_observation() -> None:
+    found = [
+        replace(o, case=replace(o.case, scene=scene))
+        for scene, more in (("a", 0.0), ("b", 0.2))
+        for seed in range(6)
+        for o in [outcome("full", seed, 0.1 * seed + more, reference="drawn:orbit")]
+    ]
+    (full,) = summarise(["full"], found)
+    assert (full.trials, full.metrics["shot_size"].value.count) == (12, 6)
+    assert full.metrics["shot_size"].value.mean == pytest.approx(0.35)
+
+
 def test_rows_that_came_to_the_same_in_every_value_are_found() -> None:
     found = [outcome(row, seed, 0.1 + seed) for seed in range(2) for row in ("full", "as full", "less", "dear")]
     found[-1] = replace(found[-1], evaluations=41)
