@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from .clips.image_folder import clip_hash
 from .clips.source import ClipSource
 from .config import to_yaml
 from .config.options import RunConfig
-from .models.content import reading
+from .models.content import files_content, read_by, reading
 from .pipeline.components import Components
 from .registry.plugin_code import code_of, own_code
 from .storage.kept_lines import keep, read_kept
@@ -72,8 +72,9 @@ class Kept:
         if folder is None:
             return cls(None, "", {})
         readers = [[step.name, reading(step.extractor), step.hidden] for step in parts.plan("image").steps]
-        losses = [code_of(loss) for loss in parts.losses.values()]
-        about = json.dumps([own_code(), losses, to_yaml(config), readers], default=str)
+        losses = [[code_of(loss), files_content(loss)] for loss in parts.losses.values()]
+        asked = to_yaml(replace(config, seed=0))  # which is that of the intervals
+        about = json.dumps([own_code(), read_by(), losses, asked, readers], default=str)
         lines = read_kept(folder / KEPT, KEPT_LIMIT, lambda line: (str(line.pop("key")), _row_of(line)), "score")
         return cls(folder / KEPT, about, dict(lines))
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.clips.clip import write_video
 from cltransfer.clips.open_clip import ASSUMED
-from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.pairs import OWN_BARS, open_pairs
 from cltransfer.clips.source import ClipSource
 from cltransfer.config import load_config, to_yaml
 from cltransfer.config.options import RunConfig
@@ -421,8 +421,18 @@ def test_other_bars_of_a_render_are_cropped_only_when_asked(tmp_path: Path) -> N
     both, _, notes = open_pairs(ClipSource.parse(reference), ClipSource.parse(render), None)
     assert (both.reference.size, both.render.size) == ((64, 36), (64, 48))
     assert notes[-1].startswith("its frames and those of the reference, 64x48 and 64x36, are not of one shape")
-    both = open_pairs(ClipSource.parse(reference), ClipSource.parse(f"{render}#letterbox=crop"), None)[0]
+    assert notes[-2] == OWN_BARS
+    both, _, notes = open_pairs(ClipSource.parse(reference), ClipSource.parse(f"{render}#letterbox=crop"), None)
     assert both.render.size == (64, 32)
+    assert OWN_BARS not in notes
+
+
+def test_bars_of_a_render_whose_reference_has_none_are_told(tmp_path: Path) -> None:
+    plain, render = barred(tmp_path / "reference.mkv", 0), barred(tmp_path / "render.mkv", 8)
+    sources = [ClipSource.parse(name) for name in (plain, render)]
+    told, plain_told = (open_pairs(sources[0], source, None)[2] for source in (sources[1], sources[0]))
+    assert OWN_BARS in told
+    assert plain_told == ()
 
 
 def test_clips_that_memory_has_no_room_for_are_refused_before_they_are_read(

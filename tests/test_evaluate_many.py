@@ -286,11 +286,16 @@ def test_what_was_scored_before_a_kill_is_not_scored_again(
     kept.write_bytes(kept.read_bytes()[:-20])  # killed while the second was written
     assert evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out") == first
     assert scored == ["a", "b", "b"]
+    evaluate_many(references, {"ours": ours}, replace(config, seed=5), folder=tmp_path / "out")
+    assert scored[3:] == []  # the seed is that of the intervals
+    with monkeypatch.context() as other:
+        other.setattr("cltransfer.evaluate_kept.read_by", lambda: ["other packages"])
+        evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")
     evaluate_many(references, {"ours": ours}, replace(config, frames=3), folder=tmp_path / "out")
-    assert scored[3:] == ["a", "b"]  # otherwise
+    assert scored[3:] == ["a", "b"] * 2  # otherwise
     (ours / "a.mkv").write_bytes((ours / "b.mkv").read_bytes())
     evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")
-    assert scored[5:] == ["a"]  # another clip
+    assert scored[7:] == ["a"]  # another clip
     kept.write_text("{}\n")
     with pytest.raises(InputError, match=r"scores\.jsonl: line 1: is no score"):
         evaluate_many(references, {"ours": ours}, config, folder=tmp_path / "out")

@@ -220,9 +220,10 @@ def _alike_by_seed(sweep: Sweep) -> list[str]:
     shots = sum(reference.startswith(DRAWN) for reference in sweep.file.references)
     if shots < 2:
         return []
-    return [
-        f"The {shots} drawn shots of one seed show the same person: intervals are those of as many independent ones."
-    ]
+    told = (
+        f"The {shots} drawn shots of a seed show one person: intervals and tests take them for independent, too sure."
+    )
+    return [told]
 
 
 def _commits(ablation: Ablation) -> list[str]:

@@ -20,6 +20,8 @@ from .thinned import evenly, nearest
 
 ALIKE = 0.01  # by which two frames' shapes, or what bars leave of them, may differ: a pixel of 100, and rounding
 
+OWN_BARS = "it has black bars that the reference has not, and they count as picture: #letterbox=crop leaves them out"
+
 Notes = tuple[str, ...]
 
 
@@ -67,6 +69,8 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
         if alike:
             render, bars = without_bars(render)
             drawn = (*bars, *drawn)
+        elif found.letterbox is None and find_letterbox(render.image) != (0, 0, *render.size):
+            drawn = (*drawn, OWN_BARS)
     notes = (*notes, *_other_shape(reference, render))
     return ClipPairs(reference, render, starts[0][first], starts[1][second]), (*gaps, *flags), (*drawn, *notes)
 
