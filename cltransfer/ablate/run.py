@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -30,6 +31,7 @@ from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
 from .trial import Job, trials
 
+_log = logging.getLogger("cltransfer")
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"
 MARK = "# made by: "  # how an ablation.yaml that was written here begins
 TABLES = ("table.csv", "table.md", "table.tex", "summary.json")
@@ -109,6 +111,7 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     """Run what is missing of a sweep that can be run, in a folder that is held."""
     asked = trials(sweep, draw_references(sweep, options.out), digest)
     made_by = " ".join(options.command.split()) or "cltransfer.ablate"
+    _tell_replaced(options.out, sweep)
     write_text(options.out / FILE, f"{MARK}{made_by}\n{sweep.to_yaml()}")
     known = read_ledger(options.out / LEDGER)
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
@@ -132,6 +135,16 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     ablation = Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), found, unkept, old)
     _write(options.out, ablation)
     return ablation
+
+
+def _tell_replaced(out: Path, sweep: Sweep) -> None:
+    """Tell where the tables of another sweep lie in the folder: they go, its trials are kept."""
+    if (out / TABLES[0]).is_file() and (out / FILE).is_file():
+        with (out / FILE).open("rb") as stream:
+            stream.readline(2**16)  # the command
+            same = stream.read(2**20) == sweep.to_yaml().encode()
+        if not same:
+            _log.warning("%s: the tables of another sweep are replaced, its trials kept (--out names another)", out)
 
 
 def _check_folder(out: Path) -> None:

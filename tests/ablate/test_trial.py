@@ -380,11 +380,13 @@ def test_what_failed_is_run_again_only_when_it_is_asked_for(
 
 
 def test_tables_of_the_sweep_before_are_gone_when_another_is_killed(
-    sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(run, "outcomes", lambda missing, *rest: map(outcome, missing))
     ablate(sweep("frames=2"), Options(tmp_path / "out"))
     assert "larger" in (tmp_path / "out" / "table.tex").read_text()
+    ablate(sweep("frames=2"), Options(tmp_path / "out"))
+    assert not caplog.messages
 
     def killed(*words: Any) -> Iterator[Outcome]:
         raise KeyboardInterrupt
@@ -393,6 +395,7 @@ def test_tables_of_the_sweep_before_are_gone_when_another_is_killed(
     with pytest.raises(KeyboardInterrupt):
         ablate(sweep("frames=3"), Options(tmp_path / "out"))
     assert not list((tmp_path / "out").glob("table.*"))  # ablation.yaml beside them is of the other sweep
+    assert [message.partition(": ")[2][:34] for message in caplog.messages] == ["the tables of another sweep are re"]
 
 
 def test_names_and_reasons_below_a_table_stay_text() -> None:
