@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = "from cltransfer import transfer, evaluate"
 MODULES = "import cltransfer.transfer, cltransfer.evaluate"
@@ -67,3 +69,12 @@ def test_what_a_loop_of_ones_own_needs_is_there_and_nothing_is_loaded_before() -
         "assert 'torch' not in sys.modules; print('there')",
     )
     assert (done.stdout, done.stderr) == ("there\n", "")
+
+
+def test_the_transfer_that_the_docs_show_leaves_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    snippet = page.partition("## A transfer\n\n```python\n")[2].partition("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(snippet, {})
+    assert (tmp_path / "run" / "report.html").is_file()
+    assert (tmp_path / "run" / "DONE").is_file()
