@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -9,6 +10,7 @@ from torch import Tensor
 
 from ..computer.arrays import plain
 
+ROUNDED = 0.02  # by which shapes of frames differ where one is a smaller copy of the other
 RIDGE = 1e-8  # added to the second moments, so that a layer one pixel wide still has a fit
 
 
@@ -21,18 +23,20 @@ class AffineFlow:
         moments: mean of (1, u, v) (1, u, v)^T over the layer's pixels, (B, K, 3, 3), positive definite.
         area: the layer's pixels that have a flow, each as far as it is trusted, as a part of the frame, (B, K) in
             [0, 1].
+        aspect: height of the frame over its width, which u and v are across.
     """
 
     coefficients: Tensor  # (B, K, 2, 3)
     moments: Tensor  # (B, K, 3, 3)
     area: Tensor  # (B, K)
+    aspect: float
 
 
 def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tensor | None = None) -> AffineFlow:
     """Least-squares affine field of each layer's flow, weighted by its confidence.
 
     It holds what a mean flow is blind to: push, zoom and roll have no mean but a gradient. Pixels without a
-    flow (NaN) are left out. The fit does not depend on the resolution, only on the frame's aspect.
+    flow (NaN) are left out. The fit does not depend on the resolution.
 
     Args:
         flow: (B, 2, H, W) [px of a frame ``width`` wide].
@@ -63,14 +67,16 @@ def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tens
     crossed = mean[..., 6:].unflatten(-1, (2, 3)) / width
     coefficients = torch.linalg.solve(moments, crossed.transpose(-1, -2)).transpose(-1, -2)
     area = count[..., 0] / (layers.shape[-1] * layers.shape[-2])
-    return AffineFlow(coefficients.masked_fill(empty, float("nan")), moments, area)
+    aspect = layers.shape[-2] / layers.shape[-1]
+    return AffineFlow(coefficients.masked_fill(empty, float("nan")), moments, area, aspect)
 
 
 def affine_flow_residuals(reference: AffineFlow, rendered: AffineFlow) -> Tensor:
     """Difference of two fields over the reference layer's pixels, as six numbers a layer.
 
     Their sum of squares is the mean squared endpoint error of the fields over those pixels, in closed form:
-    with d the difference of the coefficients and M = L L^T the moments, d^T M d = |L^T d|^2.
+    with d the difference of the coefficients and M = L L^T the moments, d^T M d = |L^T d|^2. A field of frames of
+    another shape is taken at equal heights in frame widths, where a push of the camera is the same in both.
 
     Args:
         reference: R = 1 or B frames.
@@ -79,5 +85,8 @@ def affine_flow_residuals(reference: AffineFlow, rendered: AffineFlow) -> Tensor
     Returns:
         (B, K, 6) [frame widths]; NaN where either side has no field.
     """
-    difference = rendered.coefficients - reference.coefficients  # (B, K, 2, 3)
+    field, taller = rendered.coefficients, reference.aspect / rendered.aspect
+    if abs(math.log(taller)) > ROUNDED:
+        field = field * field.new_tensor([1, 1, taller])
+    difference = field - reference.coefficients  # (B, K, 2, 3)
     return (difference @ torch.linalg.cholesky(reference.moments)).flatten(-2)

@@ -106,6 +106,18 @@ def test_different_sizes_compare_in_frame_widths_row_11() -> None:
     assert float(CameraMovement()(moving(PAN), moving(STILL, (128, 72)))) == pytest.approx(0.03, rel=1e-4)
 
 
+@pytest.mark.parametrize("size", [(30, 48), (48, 48), (80, 20)])
+def test_a_push_is_the_same_in_frames_of_another_shape(size: tuple[int, int]) -> None:
+    """A flow of 2 % of the way from the frame's middle, of each pixel; the field is over u, v across the frame."""
+    wide, other = (
+        moving([[0, 0.02, 0], [0, 0, 0.02 * height / width]], (width, height)) for width, height in ((64, 36), size)
+    )
+    assert float(CameraMovement()(wide, other)) < 1e-6
+    assert float(CameraMovement()(other, wide)) < 1e-6
+    pushed = moving([[0, 0.03, 0], [0, 0, 0.03 * size[1] / size[0]]], size)
+    assert float(CameraMovement()(wide, pushed)) > 1e-3
+
+
 def test_faithful_rescales_vectors_when_sizes_differ_row_11() -> None:
     loss = CameraMovement(mode="faithful")
     assert float(loss(moving(PAN), moving(PAN, (128, 72)))) == pytest.approx(0, abs=1e-5)
