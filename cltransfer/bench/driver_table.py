@@ -54,8 +54,9 @@ def found(clip: Clip) -> bool:
 
 
 def comparable(preset: str) -> bool:
-    """Whether totals of ``preset`` mean what those of the paper's setting do: they are of the same losses."""
-    return settings(preset, 0).losses.keys() == settings(PAPER, 0).losses.keys()
+    """Whether totals of ``preset`` mean what the paper's do: the losses are the same, their modes and weights too."""
+    ours, papers = (settings(name, 0).build("losses") for name in (preset, PAPER))
+    return bool(ours == papers)
 
 
 def met(preset: str, target: str, clips: Sequence[Clip]) -> list[Pair]:

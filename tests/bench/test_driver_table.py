@@ -7,7 +7,8 @@ import pytest
 
 from cltransfer.bench.driver import Clip
 from cltransfer.bench.driver_chart import write_driver_chart
-from cltransfer.bench.driver_table import HEADER, summary, write_driver
+from cltransfer.bench.driver_table import HEADER, comparable, summary, write_driver
+from cltransfer.bench.methods import ON_ROBUST_LOSSES
 
 NAN = float("nan")
 CLIP = Clip("fast", "cross", "pan", 1, 0.5, 0.6, 12.0, 2.0, NAN, NAN, NAN, 0.1, 0.2, 0.02, 0.01)
@@ -56,6 +57,16 @@ def test_a_preset_of_other_losses_is_held_against_the_paper_by_the_judge_alone()
     row = dict(zip(HEADER, summary([other, replace(CLIP, preset="paper", judged=1.2)])[0]))
     assert (row["at or below paper"], row["share of paper's mean"]) == ("", "")
     assert (row["judged at or below"], row["judged share"]) == ("1 of 1", "0.50")
+
+
+def test_totals_of_the_same_losses_in_another_mode_or_of_another_weight_are_not_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert [comparable(preset) for preset in ("balanced", "five_adam", "jaws_clean")] == [True, True, False]
+    for same in ((), (*ON_ROBUST_LOSSES, "losses.framing.weight=5")):  # as printed, and with a weight of its own
+        monkeypatch.setattr("cltransfer.bench.driver.ON_ROBUST_LOSSES", same)
+        assert not comparable("balanced")
+        assert comparable("paper")
 
 
 def test_more_presets_than_colours_are_drawn(tmp_path: Path) -> None:
