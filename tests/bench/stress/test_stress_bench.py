@@ -126,7 +126,7 @@ def test_an_unstressed_replay_succeeds_and_one_from_behind_never_does() -> None:
     assert calm["random_total"] == behind["random_total"]
 
 
-def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it() -> None:
+def test_a_search_beside_the_person_s_double_ends_far_below_random_views() -> None:
     found = run_stress(StressTrial("fast", "second_person", 3, *CLIP, 2))
     assert len(found["totals"]) == 2
     assert found["total"] < 0.5 * found["random_total"]
