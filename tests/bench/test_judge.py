@@ -67,6 +67,16 @@ def test_a_held_out_reading_sees_pixels_where_the_judge_sees_the_scene(reader):
     assert "flow_dis" in names[1]
 
 
+def test_a_reading_by_networks_sees_pixels_alone():
+    held = Reader.of("room-4", HELD_OUT["networks"], 96).parts
+    for shared in (None, frozenset({"keypoints", "subject", "orientation"})):  # reference first, then the render
+        plan = held.plan("scene", shared)
+        assert [step.name for step in plan.steps] == ["detect_yolox", "pose_blazepose"]  # no scene_joints and the like
+        assert plan.buffers == {"image"}
+        assert not plan.missing
+    assert list(held.losses) == ["shot_size", "framing", "camera_angle"]
+
+
 def test_the_printed_losses_are_the_same_five():
     printed = Reader.of("room-4", FAITHFUL)
     assert [loss.mode for loss in printed.parts.losses.values()] == ["faithful"] * 5
