@@ -19,6 +19,7 @@ from cltransfer.bench.section import table
 from cltransfer.camera import Camera
 from cltransfer.errors import UsageError
 from cltransfer.run.result import Result
+from cltransfer.shots import Setup
 from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 
@@ -62,6 +63,23 @@ def test_a_clip_tells_what_its_path_costs_and_smooths(
     assert (clip.shaken, clip.smooth, clip.true) == pytest.approx((0.3, 0.07, 0.04), rel=1e-6)
     result.kept.path = None
     assert _clip(run, cast(Result, result), true, subject).extra == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "degrees", "offset"),
+    [
+        ("push_in", 500, (6.6743, 10.2477), (0.0349, -0.0089)),
+        ("handheld", 507, (-36.3379, 3.8402), (0.0218, -0.0311)),
+        ("orbit", 519, (41.5537, 8.7452), (-0.1155, 0.0406)),
+    ],
+)
+def test_the_clips_that_were_published_are_drawn_as_they_were(
+    name: str, seed: int, degrees: tuple[float, float], offset: tuple[float, float]
+) -> None:
+    setup = drawn(name, seed)
+    assert (math.degrees(setup.azimuth), math.degrees(setup.elevation)) == pytest.approx(degrees, abs=1e-4)
+    assert setup.offset == pytest.approx(offset, abs=1e-4)
+    assert setup == Setup(setup.azimuth, setup.elevation, offset=setup.offset, seed=seed)  # all else is the shot's own
 
 
 def test_a_shot_that_is_none_is_one_line() -> None:

@@ -1,6 +1,7 @@
 """What a trial is: drawn without end, the same for every method, told apart by its key."""
 
 import hashlib
+import math
 from collections import Counter
 from dataclasses import asdict, replace
 
@@ -10,10 +11,12 @@ from cltransfer.bench.chart import CHART_TIERS
 from cltransfer.bench.measures import is_self
 from cltransfer.bench.methods import METHODS, config_of, config_text, renderer_override
 from cltransfer.bench.protocol import CROSS, FIRST_SEED, SELF, STARTS, TIERS, Trial, drawn_start
+from cltransfer.bench.trial import Clip
 from cltransfer.errors import UsageError
 from cltransfer.shots import SHOTS
 
 FIRST = ["LS", "CU", "LS", "MS", "LS", "CU"]  # where a pan in room-0 begins, by seeds 0 to 5
+TABLE1, CHART = list(TIERS["standard"].clips()), list(CHART_TIERS["standard"].clips([1000, 1001]))  # as published
 TRIAL = Trial("fast", "pan", "plaza-2000", "room-2001", 1000)
 
 
@@ -76,8 +79,43 @@ def test_the_clips_of_a_seed_do_not_depend_on_the_seeds_beside_it():
         (CHART_TIERS["full"], "3ccb9bb703eb2c60"),
     ],
 )
-def test_the_clips_that_were_published_stay_what_they_are(tier, digest):
+def test_the_clips_that_were_published_keep_their_names(tier, digest):
     assert hashlib.sha256(repr(list(tier.clips())).encode()).hexdigest()[:16] == digest
+
+
+@pytest.mark.parametrize(
+    ("clip", "name", "degrees", "offset", "rest"),
+    [  # azimuth and elevation; distance, coverage, aim and reach
+        (TABLE1[0], "MS", (45.5193, 4.1097), (-0.0098, 0.0447), (2.582, 1.08, 0.24, 0.4167)),
+        (TABLE1[13], "CU", (-32.0647, 5.8369), (0.0175, 0.0057), (1.5652, 1.8, 0.38, 0.2)),
+        (TABLE1[-1], "LS", (19.6748, 2.5701), (0.0859, 0.0245), (2.8, 0.62, 0.0, 1.0)),
+        (CHART[-1], "LS", (7.1003, 6.4851), (0.0618, -0.0287), (2.8, 0.62, 0.0, 1.0)),
+    ],
+)
+def test_the_clips_that_were_published_are_drawn_as_they_were(clip, name, degrees, offset, rest):
+    shot, teacher, _, seed = clip
+    start, setup = drawn_start(shot, teacher, seed)
+    assert (start, setup.seed) == (name, seed)
+    assert (math.degrees(setup.azimuth), math.degrees(setup.elevation)) == pytest.approx(degrees, abs=1e-4)
+    assert setup.offset == pytest.approx(offset, abs=1e-4)
+    assert (setup.distance, setup.coverage, setup.aim, setup.reach) == pytest.approx(rest, abs=1e-4)
+
+
+def test_the_cameras_of_a_published_clip_stay_where_they_were():
+    clip = Clip.drawn(Trial("fast", *TABLE1[9]))  # an orbit, from a stage into a room
+    ends = [
+        [*path.camera.center[i].tolist(), *path.camera.focal[i].flatten().tolist()]
+        for path in (clip.reference, clip.true)
+        for i in (0, -1)
+    ]
+    assert clip.reference.camera.size == (640, 360)
+    assert clip.reference.times.tolist() == pytest.approx([i / 12 for i in range(24)])
+    assert ends == [
+        pytest.approx([3.2753, -1.8174, 1.0624, 1015.0315], abs=1e-3),
+        pytest.approx([0.7268, -1.8174, 3.3517, 1015.0315], abs=1e-3),
+        pytest.approx([3.2643, 1.0541, 1.8015, 1015.0315], abs=1e-3),
+        pytest.approx([0.7356, 3.3257, 1.8015, 1015.0315], abs=1e-3),
+    ]
 
 
 def test_every_method_gets_the_same_clips():
