@@ -86,17 +86,27 @@ def test_a_negative_level_of_detail_is_refused() -> None:
         load_config(None, ["lod=-1"])
 
 
-def test_the_working_set_is_built_anew_along_a_long_move(monkeypatch: pytest.MonkeyPatch) -> None:
-    built = []
+def test_the_working_set_is_built_anew_along_a_long_move_and_kept_where_the_camera_stands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    built: list[int] = []
     build = WorkingSet.scene.func  # type: ignore[attr-defined]
 
     def counted(self: WorkingSet) -> Scene:
-        built.append(self)
+        built.append(self.frame)
         return build(self)
 
     replacement = cached_property(counted)
     replacement.__set_name__(WorkingSet, "scene")
     monkeypatch.setattr(WorkingSet, "scene", replacement)
-    budget = ["frames=3", "generations=4", "popsize=4", "search_side=64", "output_side=64", "extract.verify=false"]
-    transfer(Inputs("builtin:courtyard", "builtin:dolly_zoom"), load_config(None, [*budget, "lod=2"]))
-    assert len(built) > 1
+    small = ["preset=fast", "joint=0", "search_side=64", "output_side=64", "extract.verify=false", "floaters=keep"]
+    config = load_config(None, [*small, f"frames={len(SHARES) + 1}", "lod=2"])
+    shots = {}
+    for name in ("static", "dolly_zoom"):
+        transfer(Inputs("builtin:courtyard", f"builtin:{name}"), config)
+        shots[name] = built.copy()
+        built.clear()
+    finer = list(range(len(SHARES)))  # each of the first frames has its own, wherever it looks from
+    assert shots["static"] == finer
+    assert shots["dolly_zoom"][: len(finer)] == finer
+    assert len(shots["dolly_zoom"]) > len(finer)
