@@ -25,10 +25,10 @@ def _load() -> ModuleType:
 equations = _load()
 
 
-def random_features(seed: int) -> Features:
+def random_features(seed: int, size: tuple[int, int] = (24, 14)) -> Features:
     """Two frames of a small random world: any joint may be unseen or out of the frame, layers overlap by chance."""
     random = torch.Generator().manual_seed(seed)
-    width, height = (24, 14)
+    width, height = size
     joints = torch.rand(2, 14, 3, generator=random) * torch.tensor([1.4 * width, 1.4 * height, 1.0])
     joints[..., 2] = joints[..., 2].sqrt()  # midpoints take the smaller of two confidences
     label = torch.randint(0, 3, (2, height, width), generator=random)
@@ -57,14 +57,28 @@ def literal(name: str, reference: Features, rendered: Features, i: int) -> float
     return getattr(equations, name)(maps[0].tolist(), layers[0], maps[1].tolist(), layers[1])
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("name", ["shot_size", "framing", "filmic_space", "camera_movement", "camera_angle"])
-def test_faithful_mode_is_the_equation(name: str, seed: int) -> None:
-    reference, rendered = random_features(2 * seed), random_features(2 * seed + 1)
+def check(name: str, reference: Features, rendered: Features) -> None:
+    """Two frames of loss ``name``, against the loops."""
     got = LOSSES.build(name, {"mode": "faithful"})(reference, rendered)
     expected = torch.tensor([literal(name, reference, rendered, i) for i in range(2)], dtype=torch.float64)
     tolerance = 0.01 if name == "filmic_space" else 1e-5  # 256 bins against a grid of 1000
     torch.testing.assert_close(got.double(), expected, atol=tolerance, rtol=tolerance, equal_nan=True)
+
+
+@pytest.mark.parametrize("size", [(36, 21), (14, 24)])  # of the same shape as the other side's, and of another
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", ["shot_size", "framing", "filmic_space"])
+def test_faithful_mode_is_the_equation_where_frames_are_of_unlike_sizes(
+    name: str, seed: int, size: tuple[int, int]
+) -> None:
+    for sides in ((size, (24, 14)), ((24, 14), size)):
+        check(name, *(random_features(2 * seed + i, side) for i, side in enumerate(sides)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("name", ["shot_size", "framing", "filmic_space", "camera_movement", "camera_angle"])
+def test_faithful_mode_is_the_equation(name: str, seed: int) -> None:
+    check(name, random_features(2 * seed), random_features(2 * seed + 1))
 
 
 @pytest.mark.parametrize("emptied", [(0,), (2,), (0, 2)])
