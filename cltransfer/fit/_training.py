@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from pytorch_lightning.plugins.environments import LightningEnvironment
 from pytorch_lightning.utilities.exceptions import SIGTERMException
 from torch import Tensor
 from torch.utils.data import DataLoader
@@ -155,12 +156,13 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, fl
     )
     keep.FILE_EXTENSION = checkpoint.suffix
     stop = EarlyStopping("psnr", options.gain, options.patience, mode="max", check_on_train_epoch_end=False)
+    files = StateFiles({name: tuple(value.shape) for name, value in module.named_parameters()})
     with _quiet():
         trainer = pl.Trainer(
             accelerator="cpu",
             max_steps=options.steps,
             callbacks=[Teller(report, checkpoint.stem, options.steps), clock, stop, keep],
-            plugins=[StateFiles({name: tuple(value.shape) for name, value in module.named_parameters()})],
+            plugins=[files, LightningEnvironment()],  # under SLURM too: one process, which puts itself in no queue
             default_root_dir=checkpoint.parent,
             num_sanity_val_steps=0,
             logger=False,
