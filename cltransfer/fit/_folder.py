@@ -26,7 +26,10 @@ def check_folder(folder: Path) -> None:
 
 
 def begun(folder: Path, key: Mapping[str, Any], scene: str) -> list[Level]:
-    """Levels done in ``folder`` by the fit that ``key`` names; a new folder is made that fit's before anything is done.
+    """Levels done in ``folder`` by the fit that ``key`` names; nothing is written.
+
+    A folder in which another fit has left nothing but its fit.json, as one that ended before its first look does, is
+    as a new one.
 
     Args:
         folder: of the fit.
@@ -39,12 +42,13 @@ def begun(folder: Path, key: Mapping[str, Any], scene: str) -> list[Level]:
     """
     check_folder(folder)
     if not (folder / STATE).is_file():
-        write_state(folder, key, [])
         return []
     state = read_json(folder / STATE)
     try:
         if {name: state.get(name) for name in key} == key:
             return _with_scene(folder, [Level(**level) for level in state["levels"]], scene)
+        if state.get("levels") == [] and [path.name for path in folder.iterdir()] == [STATE]:
+            return []
     except (AttributeError, KeyError, TypeError):
         raise InputError(folder / STATE, "", "is not the state of a fit", "choose another folder") from None
     raise UsageError(folder, "--out", "holds a fit with other options or views", "choose another folder")

@@ -87,6 +87,7 @@ class GaussianSplatsFit:
         key = {"as": "gaussian_splats", "options": asdict(self), "views": views.digest}
         if done := begun(folder, key, SCENE):
             return done
+        write_state(folder, key, [])
         learn, held_out = views.split(self.hold_out)
         random = torch.Generator().manual_seed(self.seed)
         parameters = start(views.aabb, self.first, self.degree, random)

@@ -24,6 +24,7 @@ GRID = "grid.safetensors"
 START = 0.01  # optical thickness of a voxel before anything is known
 FAINT = 0.02  # optical thickness of a voxel below which it is taken for empty
 AUTO = "auto"
+ANOTHER = ", in another folder"  # where levels are done, which a fit with other options does not go on from
 
 
 @FITTERS.register("nerf_grid")
@@ -116,6 +117,9 @@ class NerfGridFit:
         for cells in self._sizes()[len(levels) :]:
             if levels and not levels[-1].kept:
                 break
+            self._check_memory(len(levels), cells, views, folder)
+            if not levels:
+                write_state(folder, key, [])
             level, grid = self._level(len(levels), cells, views, folder, report)
             gained = not levels or self.budget != AUTO or level.psnr >= levels[-1].psnr + self.gain
             levels.append(Level(**{**asdict(level), "kept": gained}))
@@ -134,14 +138,16 @@ class NerfGridFit:
             sizes.append(min(max(sizes[-1] + 1, round(sizes[-1] * self.growth)), last))
         return sizes
 
+    def _check_memory(self, number: int, cells: int, views: Views, folder: Path) -> None:
+        need = bytes_needed(cells, self.degree, views.image.numel() // 3)
+        what = f"{cells} cells and the rays of {len(views)} images"
+        require_free(need, folder, what, "take a smaller budget or side" + ANOTHER * (number > 0))
+
     def _level(self, number: int, cells: int, views: Views, folder: Path, report: Report) -> tuple[Level, NerfGrid]:
         """Train one level, from the grid of the one before where there is one."""
         from ._training import GridModule, train
 
         shape = grid_shape(views.aabb, cells)
-        need = bytes_needed(cells, self.degree, views.image.numel() // 3)
-        what = f"{cells} cells and the rays of {len(views)} images"
-        require_free(need, folder, what, "take a smaller budget or side")
         coarse = read_grid(folder / GRID) if number else None
         start = resampled(coarse, shape) if coarse else empty_grid(shape, self.degree, views.aabb)
         learn, held_out = views.split(self.hold_out)
@@ -151,8 +157,11 @@ class NerfGridFit:
         score = psnr(grid, held_out, self.renderer)
         filled = int(filled_cells(grid).sum())
         if not filled:
+            if not number:
+                _checkpoint(folder, number).unlink(missing_ok=True)  # other options may have the folder
             reason = f"nothing was learnt in {steps} steps: none of {filled_cells(grid).numel()} cells holds anything"
-            raise InputError(folder, GRID, reason, "a smaller sparse= or near=; do poses fit?")
+            hint = f"a smaller sparse= or near={ANOTHER * (number > 0)}; do poses fit?"
+            raise InputError(folder, GRID, reason, hint)
         return Level(filled_cells(grid).numel(), filled, score, steps, seconds, True), grid
 
 

@@ -210,6 +210,7 @@ def test_what_does_not_fit_in_memory_is_refused_before_it_is_begun(views, tmp_pa
     monkeypatch.setenv("CLTRANSFER_MEMORY", "1" if options["budget"] == 1000 else "100000")
     with pytest.raises(ResourceError, match=r"cells and the rays of 25 images need \d+ MB, .*smaller budget or side"):
         NerfGridFit(**options).fit(views, tmp_path / "grid", silent)
+    assert not (tmp_path / "grid").exists()
 
 
 def test_a_budget_is_reached_whatever_the_gain(views, tmp_path):
