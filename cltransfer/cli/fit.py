@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import Allow, Json, Quiet, show
+from .shared import Allow, Json, Quiet, show, tell
 
 
 def fit(
@@ -58,14 +58,17 @@ def fit(
 
     check_folder(out)
     from ..computer.threads import set_threads, thread_count
-    from ..fit._views import views_of
+    from ..fit._views import left_out, views_of
     from ..progress import progress
     from ..scenes.posed import read_posed
 
     set_threads(thread_count(), tensors=thread_count())
-    views = views_of(read_posed(posed), fitter.side)
+    images = read_posed(posed)
+    notes = left_out(images)
+    tell(notes, as_json)
+    views = views_of(images, fitter.side)
     with progress(quiet) as report:
         levels = fitter.fit(views, out, report)
     rows = [asdict(level) for level in levels]
     lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
-    show({"folder": str(out), "levels": rows}, "\n".join([*lines, str(out)]), as_json)
+    show({"folder": str(out), "levels": rows, "notes": notes}, "\n".join([*lines, str(out)]), as_json)

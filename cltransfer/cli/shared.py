@@ -66,7 +66,7 @@ def show(values: Any, text: str, as_json: bool) -> None:
 
 
 def tell(notes: list[str], as_json: bool) -> None:
-    """Print ``notes`` below a result; JSON stands alone."""
+    """Print ``notes`` beside a result; JSON stands alone."""
     for note in notes * (not as_json):
         print(f"note: {printable(note)}")
 

@@ -102,6 +102,12 @@ def views_of(posed: PosedImages, side: int) -> Views:
     return Views(camera, image, box)
 
 
+def left_out(posed: PosedImages) -> list[str]:
+    """What a fit to ``posed`` does without, a line each."""
+    count = len(posed.missing)
+    return [f"{count} of {len(posed)} images are not there, e.g. {posed.missing[0]}"] if count else []
+
+
 def _check_spread(path: Path, field: str, places: Tensor) -> None:
     """Refuse ``places`` (P, 3) that are all the same: there is no box about them."""
     spread = (places.amax(0) - places.amin(0)).max()

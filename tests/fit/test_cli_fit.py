@@ -35,10 +35,26 @@ def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
     options = ["first=2000", "most=2000", "steps=40", "look=20", "rays=256", "degree=0"]
     got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), "--json", "-q", *options])
     assert got.exit_code == 0, got.output
-    (level,) = json.loads(got.stdout)["levels"]
+    told = json.loads(got.stdout)
+    assert told["notes"] == []
+    (level,) = told["levels"]
     assert level["steps"] == 40
     assert level["psnr"] > 12
     assert isinstance(load_scene(tmp_path / "out" / "grid.safetensors").geometry, NerfGrid)
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_images_that_are_not_there_are_told(posed, tmp_path, as_json):
+    for name in ("003.png", "007.png"):
+        (posed / "images" / name).unlink()
+    words = ["fit", str(posed), "-o", str(tmp_path / "out"), "-q", "first=200", "most=200", "steps=2", "rays=64"]
+    got = CliRunner().invoke(app, [*words, "--json"] if as_json else words)
+    assert got.exit_code == 0, got.output
+    line = "2 of 25 images are not there, e.g. images/003.png"
+    if as_json:
+        assert json.loads(got.stdout)["notes"] == [line]
+    else:
+        assert got.stdout.startswith(f"note: {line}\n")
 
 
 def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
