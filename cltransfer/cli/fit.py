@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .shared import Allow, Json, Quiet, show, tell
+
+if TYPE_CHECKING:
+    from ..fit import Fitter
+    from ..fit._curve import Level
 
 
 def fit(
@@ -58,17 +62,25 @@ def fit(
 
     check_folder(out)
     from ..computer.threads import set_threads, thread_count
+    from ..storage.alone import alone
+
+    set_threads(thread_count(), tensors=thread_count())
+    with alone(out, "fits a scene"):
+        levels, notes = _fit_into(out, fitter, posed, as_json, quiet)
+    rows = [asdict(level) for level in levels]
+    lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
+    show({"folder": str(out), "levels": rows, "notes": notes}, "\n".join([*lines, str(out)]), as_json)
+
+
+def _fit_into(out: Path, fitter: Fitter, posed: Path, as_json: bool, quiet: bool) -> tuple[list[Level], list[str]]:
+    """Fit a scene to a set, and return what each level reached and what was done without."""
     from ..fit._views import left_out, views_of
     from ..progress import progress
     from ..scenes.posed import read_posed
 
-    set_threads(thread_count(), tensors=thread_count())
     images = read_posed(posed)
     notes = left_out(images)
     tell(notes, as_json)
     views = views_of(images, fitter.side)
     with progress(quiet) as report:
-        levels = fitter.fit(views, out, report)
-    rows = [asdict(level) for level in levels]
-    lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
-    show({"folder": str(out), "levels": rows, "notes": notes}, "\n".join([*lines, str(out)]), as_json)
+        return fitter.fit(views, out, report), notes

@@ -29,7 +29,7 @@ class Fitter(Protocol):
         ...
 
     def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
-        """Fit a scene, leave it in ``folder``, and return what each level of detail reached.
+        """Fit a scene, leave it in ``folder``, which is there, and return what each level of detail reached.
 
         Raises:
             UsageError: the folder holds a fit with other options or views, or something else.

@@ -9,10 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from cltransfer.cli.app import app
-from cltransfer.errors import UsageError
+from cltransfer.errors import InputError, ResourceError, UsageError
 from cltransfer.registry import FITTERS
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import NerfGrid
+from cltransfer.storage.alone import alone
 
 
 @pytest.fixture
@@ -68,6 +69,25 @@ def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_of_two_fits_in_one_folder_the_second_is_refused(posed, tmp_path):
+    words = ["fit", str(posed), "-o", str(tmp_path / "out"), "-q", "first=200", "most=200", "steps=2", "rays=64"]
+    with alone(tmp_path / "out", "fits a scene"):
+        got = CliRunner().invoke(app, words)
+        assert isinstance(got.exception, ResourceError)
+        assert "--out: another process fits a scene there (wait until it ends, or name" in str(got.exception)
+        assert not list((tmp_path / "out").iterdir())
+    assert CliRunner().invoke(app, words).exit_code == 0
+
+
+def test_a_set_that_cannot_be_fitted_leaves_no_folder(posed, tmp_path):
+    for file in (posed / "images").iterdir():
+        file.unlink()
+    got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), "-q"])
+    assert isinstance(got.exception, InputError)
+    assert "images: expected at least 3, got 0" in str(got.exception)
+    assert not (tmp_path / "out").exists()
+
+
 PLUGIN = """
 from dataclasses import dataclass
 from cltransfer.registry import FITTERS
@@ -82,7 +102,6 @@ class Mine:
         pass
 
     def fit(self, views, folder, report):
-        folder.mkdir()
         (folder / "scene.txt").write_text(f"{len(views.image)} views, {self.shade}")
         return []
 """
