@@ -25,6 +25,8 @@ SCENE = "splats.ply"
 RATES = {"means": 1.6e-4, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1.25e-4}
 """Of Adam, as Kerbl et al. 2023; that of the means in units of the box, and falling to a hundredth."""
 GROWS = 0.5  # share of the steps in which Gaussians are added and removed; the rest settles what is there
+WHOLE = 7000  # steps below which the next two are fewer, in proportion
+FIRST, RESET = 500, 3000  # steps before gsplat adds the first, and after each of which it makes all faint again
 
 
 @FITTERS.register("gaussian_splats")
@@ -37,7 +39,7 @@ class GaussianSplatsFit:
         degree: of the spherical harmonics, 0..3.
         side: of the images, the longer one at most [px].
         hold_out: every so many-th view is scored on and not learnt from, >= 2.
-        steps: of gradient descent.
+        steps: of gradient descent; in their first half every hundredth adds Gaussians, of 202 or more.
         near: nothing nearer to a camera is learnt, scene units, > 0.
         seed: of the start and of the order of the views.
 
@@ -111,7 +113,7 @@ class GaussianSplatsFit:
         scaled = {**RATES, "means": RATES["means"] * extent}
         optimizers = {name: torch.optim.Adam([parameters[name]], lr=rate, eps=1e-15) for name, rate in scaled.items()}
         fall = torch.optim.lr_scheduler.ExponentialLR(optimizers["means"], 0.01 ** (1 / self.steps))
-        strategy = DefaultStrategy(refine_stop_iter=round(GROWS * self.steps), verbose=False)
+        strategy = DefaultStrategy(**refinement(self.steps), verbose=False)
         strategy.check_sanity(parameters, optimizers)
         state = strategy.initialize_state(scene_scale=extent)
         w2c, K = views.camera.w2c.float().cuda(), views.camera.K.float().cuda()
@@ -141,6 +143,16 @@ class GaussianSplatsFit:
             fall.step()
             strategy.step_post_backward(parameters, optimizers, state, step, info, packed=False)
             report("splats", step + 1, self.steps)
+
+
+def refinement(steps: int) -> dict[str, int]:
+    """Steps between which gsplat adds Gaussians, and after how many it makes all faint again, as its options."""
+    share = min(1.0, steps / WHOLE)
+    return {
+        "refine_start_iter": round(FIRST * share),
+        "refine_stop_iter": round(GROWS * steps),
+        "reset_every": max(1, round(RESET * share)),
+    }
 
 
 def start(aabb: Tensor, count: int, degree: int, random: torch.Generator) -> dict[str, torch.nn.Parameter]:

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
+import types
 from dataclasses import replace
 
 import pytest
 import torch
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.fit.gaussian_splats import GaussianSplatsFit
+from cltransfer.fit.gaussian_splats import RATES, GaussianSplatsFit
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.ply import read_splats
 from cltransfer.scenes.splats import Splats
@@ -67,6 +69,45 @@ def test_a_set_in_small_units_is_scored_as_it_is_learnt_and_one_that_cannot_be_s
         quick.fit(small, tmp_path / "out", lambda *step: None)
     assert quick.renderer == GaussianSplats(near=0.1, near_fade=0.0)
     assert replace(quick, near=0.002).fit(small, tmp_path / "out", lambda *step: None)
+
+
+class Built(Exception):
+    """What a strategy was built with."""
+
+
+def strategy_of(fit, views, monkeypatch):
+    """Options of the strategy that ``fit`` descends by; gsplat itself is not asked."""
+
+    class Strategy:
+        def __init__(self, **options):
+            self.options = options
+
+        def check_sanity(self, parameters, optimizers):
+            raise Built(self.options)
+
+    gsplat = types.ModuleType("gsplat")
+    gsplat.DefaultStrategy, gsplat.rasterization = Strategy, None
+    monkeypatch.setitem(sys.modules, "gsplat", gsplat)
+    parameters = {name: torch.nn.Parameter(torch.zeros(1)) for name in RATES}
+    with pytest.raises(Built) as caught:
+        fit._descend(parameters, views, torch.Generator(), lambda *step: None)
+    return caught.value.args[0]
+
+
+@pytest.mark.parametrize(
+    ("steps", "first", "stop", "reset"),
+    [(202, 14, 101, 87), (1200, 86, 600, 514), (7000, 500, 3500, 3000), (30_000, 500, 15_000, 3000)],
+)
+def test_a_short_fit_adds_gaussians_too(views, monkeypatch, steps, first, stop, reset):
+    options = strategy_of(GaussianSplatsFit(steps=steps), views, monkeypatch)
+    assert options.pop("verbose") is False
+    assert options == {"refine_start_iter": first, "refine_stop_iter": stop, "reset_every": reset}
+    assert [step for step in range(steps) if first < step < stop and step % 100 == 0]  # as gsplat adds them
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_the_fewest_steps_leave_gsplat_something_to_divide_by(views, monkeypatch, steps):
+    assert strategy_of(GaussianSplatsFit(steps=steps), views, monkeypatch)["reset_every"] >= 1
 
 
 def test_options_out_of_range_are_named():
