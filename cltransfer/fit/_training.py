@@ -56,6 +56,7 @@ class GridModule(pl.LightningModule):
         rays = camera_rays(self.learn.camera)
         self.rays = Rays(rays.origin.float(), rays.direction.float())
         self.colors = self.learn.image.permute(0, 2, 3, 1).reshape(-1, 3)
+        self.counted = None if self.learn.counted is None else self.learn.counted.flatten().nonzero()[:, 0]
 
     def grid(self) -> NerfGrid:
         """The field as it is now; gradients flow to the parameters."""
@@ -70,7 +71,9 @@ class GridModule(pl.LightningModule):
     def training_step(self, batch: Tensor, batch_idx: int) -> Tensor:
         """Mean squared colour error of random pixels; what is drawn depends on the seed and the step alone."""
         random = torch.Generator().manual_seed((self.options.seed * 1_000_003 + self.global_step) % 2**63)
-        pixel = torch.randint(len(self.colors), (self.options.rays,), generator=random)
+        count = len(self.colors if self.counted is None else self.counted)
+        pixel = torch.randint(count, (self.options.rays,), generator=random)
+        pixel = pixel if self.counted is None else self.counted[pixel]
         rays = Rays(self.rays.origin[pixel], self.rays.direction[pixel])
         drawn = colors(self.grid(), rays, self.options.renderer.settings, self.filled, self.bricks)
         error = ((drawn - self.colors[pixel] / 255) ** 2).mean()

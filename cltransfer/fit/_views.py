@@ -34,6 +34,7 @@ class Views:
         camera: N cameras at the images' size.
         image: (N, 3, H, W) uint8 RGB.
         aabb: lower and upper corner, (2, 3) float64, scene units.
+        counted: pixels that are learnt from and scored on, (N, H, W) bool, one an image at least; None where all are.
 
     Raises:
         ValueError: the lengths or the sizes differ.
@@ -42,23 +43,29 @@ class Views:
     camera: Camera
     image: Tensor  # (N, 3, H, W)
     aabb: Tensor  # (2, 3)
+    counted: Tensor | None = None  # (N, H, W)
 
     def __post_init__(self) -> None:
         width, height = self.camera.size
         if tuple(self.image.shape) != (len(self.camera), 3, height, width):
             raise ValueError(f"image must be {(len(self.camera), 3, height, width)}, got {tuple(self.image.shape)}")
+        if self.counted is not None and self.counted.shape != self.image[:, 0].shape:
+            shapes = f"{tuple(self.image[:, 0].shape)}, got {tuple(self.counted.shape)}"
+            raise ValueError(f"counted must be {shapes}")
 
     def __len__(self) -> int:
         return len(self.camera)
 
     def __getitem__(self, index: Sequence[int]) -> Views:
-        return replace(self, camera=self.camera[index], image=self.image[list(index)])
+        counted = None if self.counted is None else self.counted[list(index)]
+        return replace(self, camera=self.camera[index], image=self.image[list(index)], counted=counted)
 
     @property
     def digest(self) -> str:
         """SHA-256 of all that a fit depends on."""
         digest = hashlib.sha256()
-        for part in (self.camera.w2c, self.camera.K, *self.image, self.aabb):  # an image at a time: all may be large
+        masks = () if self.counted is None else self.counted
+        for part in (self.camera.w2c, self.camera.K, *self.image, self.aabb, *masks):  # one by one: all may be large
             digest.update(part.contiguous().numpy())
         return digest.hexdigest()
 
@@ -86,20 +93,36 @@ def views_of(posed: PosedImages, side: int) -> Views:
     to each other as far as the farthest camera.
 
     Raises:
-        InputError: fewer than three images are there, one is damaged, cameras or points are all at one place, or a
-            camera is so far from the points that float32 does not tell where its rays meet them.
+        InputError: fewer than three images are there, one is damaged or masked as a whole, cameras or points are all
+            at one place, or a camera is so far from the points that float32 does not tell where its rays meet them.
     """
     if len(posed.present) < FEWEST:
         raise InputError(posed.path, "images", f"expected at least {FEWEST}, got {len(posed.present)}")
     camera, image = posed.images(posed.present, side)
+    counted = posed.counted(posed.present, side)
+    if counted is not None:
+        _check_masks(posed, counted)
+    return Views(camera, image, _box(posed, camera), counted)
+
+
+def _box(posed: PosedImages, camera: Camera) -> Tensor:
+    """Corners (2, 3) of the box in which the matter is that ``camera`` sees."""
     if posed.points is None or len(posed.points) == 0:
         _check_spread(posed.path, "cameras", camera.center)
         _check_focus(posed.path, camera)
-        return Views(camera, image, box_around_focus(camera))
+        return box_around_focus(camera)
     box = box_around(posed.points)
     _check_spread(posed.path, "points", box)
     _check_far(posed, camera.center, box)
-    return Views(camera, image, box)
+    return box
+
+
+def _check_masks(posed: PosedImages, counted: Tensor) -> None:
+    """Refuse an image, of those that are there, none of whose pixels is ``counted`` (N, H, W)."""
+    empty = (~counted.flatten(1).any(1)).nonzero()[:, 0].tolist()
+    if empty:
+        reason = f"{len(empty)} images are masked as a whole, e.g. {posed.names[posed.present[empty[0]]]}"
+        raise InputError(posed.path, "masks", reason, "leave them out of the set; black is what does not count")
 
 
 def left_out(posed: PosedImages) -> list[str]:
@@ -154,8 +177,18 @@ def box_around_focus(camera: Camera) -> Tensor:
 
 
 def psnr(geometry: Any, views: Views, renderer: Renderer) -> float:
-    """Mean over the views of the PSNR of each [dB], as ``renderer`` draws ``geometry``; an exact view counts 100."""
+    """Mean over the views of the PSNR of each [dB], as ``renderer`` draws ``geometry``; an exact view counts 100.
+
+    Pixels that do not count are left out.
+    """
     scene = Scene(geometry, None, torch.tensor([0.0, 0.0, 1.0]), "fit", "")
     drawn = renderer.render(scene, views.camera, frozenset({"image"})).require("image")
-    error = ((drawn - views.image / 255) ** 2).flatten(1).mean(1)
+    squares = (drawn - views.image / 255) ** 2
+    error = squares.flatten(1).mean(1) if views.counted is None else mean_over(squares, views.counted)
     return float((-10 * error.clamp(min=1e-10).log10()).mean())
+
+
+def mean_over(values: Tensor, counted: Tensor) -> Tensor:
+    """Mean (...) of values (..., 3, H, W) over the pixels that are ``counted`` (..., H, W)."""
+    kept = torch.where(counted, values.mean(-3), 0)
+    return kept.sum((-2, -1)) / counted.sum((-2, -1))

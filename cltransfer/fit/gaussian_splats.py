@@ -19,7 +19,7 @@ from ..scenes.splats import Splats
 from . import Report
 from ._curve import Level, write_curve
 from ._folder import begun, write_state
-from ._views import Views, psnr
+from ._views import Views, mean_over, psnr
 
 SCENE = "splats.ply"
 RATES = {"means": 1.6e-4, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1.25e-4}
@@ -135,14 +135,19 @@ class GaussianSplatsFit:
                 packed=False,
             )
             strategy.step_pre_backward(parameters, optimizers, state, step, info)
-            target = views.image[view].permute(1, 2, 0).cuda() / 255
-            (drawn[0] - target).abs().mean().backward()
+            difference(drawn[0], views, view).backward()
             for optimizer in optimizers.values():
                 optimizer.step()
                 optimizer.zero_grad(set_to_none=True)
             fall.step()
             strategy.step_post_backward(parameters, optimizers, state, step, info, packed=False)
             report("splats", step + 1, self.steps)
+
+
+def difference(drawn: Tensor, views: Views, index: int) -> Tensor:
+    """Mean absolute colour error of ``drawn`` (H, W, 3) from a view, over the pixels that count."""
+    errors = (drawn.permute(2, 0, 1) - views.image[index].to(drawn.device) / 255).abs()
+    return errors.mean() if views.counted is None else mean_over(errors, views.counted[index].to(drawn.device))
 
 
 def refinement(steps: int) -> dict[str, int]:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.fit.gaussian_splats import RATES, GaussianSplatsFit
+from cltransfer.fit.gaussian_splats import RATES, GaussianSplatsFit, difference
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes.ply import read_splats
 from cltransfer.scenes.splats import Splats
@@ -108,6 +108,18 @@ def test_a_short_fit_adds_gaussians_too(views, monkeypatch, steps, first, stop, 
 @pytest.mark.parametrize("steps", [1, 2, 3])
 def test_the_fewest_steps_leave_gsplat_something_to_divide_by(views, monkeypatch, steps):
     assert strategy_of(GaussianSplatsFit(steps=steps), views, monkeypatch)["reset_every"] >= 1
+
+
+def test_a_splat_is_pulled_by_no_pixel_that_does_not_count(views):
+    drawn = torch.zeros(48, 48, 3, requires_grad=True)
+    (whole,) = torch.autograd.grad(difference(drawn, views, 3), drawn)
+    torch.testing.assert_close(whole, -torch.ones(48, 48, 3).where(views.image[3].permute(1, 2, 0) > 0, 0) / 48**2 / 3)
+    counted = torch.zeros(25, 48, 48, dtype=torch.bool)
+    counted[3, 10:20] = True
+    (part,) = torch.autograd.grad(difference(drawn, replace(views, counted=counted), 3), drawn)
+    torch.testing.assert_close(part[10:20], whole[10:20] * 4.8)
+    assert not part[:10].any()
+    assert not part[20:].any()
 
 
 def test_options_out_of_range_are_named():

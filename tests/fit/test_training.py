@@ -1,11 +1,13 @@
-"""A level is trained by one process, wherever it runs."""
+"""A level is trained by one process, wherever it runs, from the pixels that count."""
 
 from __future__ import annotations
 
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from cltransfer.fit._views import Views
 from cltransfer.fit.nerf_grid import NerfGridFit
@@ -38,3 +40,18 @@ def test_a_job_of_slurm_trains_alone_and_puts_itself_in_no_queue(
     assert (tmp_path / "level_0.safetensors").is_file()
     (level,) = OPTIONS.fit(views, tmp_path, lambda *step: None)
     assert level.steps == 9
+
+
+def test_nothing_is_learnt_from_pixels_that_do_not_count(views: Views, tmp_path: Path) -> None:
+    counted = torch.ones(25, 48, 48, dtype=torch.bool)
+    counted[:, 20:30] = False
+    grids = []
+    for shade in (0, 255):
+        image = views.image.clone()
+        image[:, :, 20:30] = shade
+        masked = replace(views, image=image, counted=counted)
+        OPTIONS.fit(masked, tmp_path / str(shade), lambda *step: None)
+        grids.append((tmp_path / str(shade) / "grid.safetensors").read_bytes())
+    assert grids[0] == grids[1]
+    OPTIONS.fit(replace(masked, counted=None), tmp_path / "all", lambda *step: None)
+    assert (tmp_path / "all" / "grid.safetensors").read_bytes() != grids[0]

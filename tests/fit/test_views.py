@@ -48,6 +48,23 @@ def test_the_digest_is_of_all_bytes_and_copies_one_image_at_most(views):
         assert peak < 2 * seen.image[0].numel()
 
 
+def test_pixels_that_do_not_count_are_scored_nowhere(views):
+    counted = torch.ones(25, 48, 48, dtype=torch.bool)
+    counted[:, :, 30:] = False
+    image = views.image.clone()
+    image[:, :, :, 30:] = 255
+    nothing = NerfGrid(torch.zeros(2, 2, 2), torch.zeros(2, 2, 2, 1, 3), torch.zeros(2, 2, 2), views.aabb)
+    masked = dataclasses.replace(views, image=image, counted=counted)
+    power = ((views.image[..., :30] / 255) ** 2).flatten(1).mean(1)
+    assert psnr(nothing, masked, NerfGridRenderer()) == pytest.approx(float((-10 * power.log10()).mean()), abs=1e-4)
+    learn, held_out = masked.split(8)
+    assert (len(learn.counted), len(held_out.counted)) == (21, 4)
+    assert masked.digest != dataclasses.replace(masked, counted=None).digest
+    assert masked.digest != dataclasses.replace(masked, counted=~counted).digest
+    with pytest.raises(ValueError, match=r"counted must be \(25, 48, 48\), got \(25, 48, 40\)"):
+        dataclasses.replace(views, counted=counted[..., :40])
+
+
 def test_images_must_be_as_large_as_their_cameras_say(views):
     with pytest.raises(ValueError, match=r"image must be \(25, 3, 48, 48\)"):
         Views(views.camera, views.image[:, :, :40], views.aabb)

@@ -5,15 +5,18 @@ Images are read when asked for, and only from the set's own folder.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
 from ...camera import Camera
-from ...clips.decoding import decode
+from ...clips.decoding import Frame, decode
+from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError, UsageError
 from .lens import Lens, image_at, straighten
@@ -35,6 +38,7 @@ class PosedImages:
         points: reconstructed points in the world, (P, 3) float64, where the set has them.
         colors: their RGB, (P, 3) uint8.
         exif: whether the cameras are of images turned as their EXIF says; COLMAP's are of the pixels as stored.
+        masks: N image files that are black where a pixel of the photograph does not count, None where all do; or none.
 
     Raises:
         ValueError: the lengths differ.
@@ -48,11 +52,14 @@ class PosedImages:
     points: Tensor | None = None  # (P, 3)
     colors: Tensor | None = None  # (P, 3)
     exif: bool = False
+    masks: tuple[Path | None, ...] = ()
 
     def __post_init__(self) -> None:
         lengths = {len(self.camera), len(self.lenses), len(self.names), len(self.files)}
         if len(lengths) != 1:
             raise ValueError(f"camera, lenses, names and files must have one length, got {sorted(lengths)}")
+        if len(self.masks) not in (0, len(self.names)):
+            raise ValueError(f"masks must be none or {len(self.names)}, got {len(self.masks)}")
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -74,27 +81,59 @@ class PosedImages:
             InputError: an image is missing, damaged, or of another shape than its camera.
             ResourceError: they take more memory than is free.
         """
-        scale = min(1.0, side / max(self.camera.size))
-        size = tuple(max(1, round(length * scale)) for length in self.camera.size)
+        size = self._size(side)
         taken = 3 * size[0] * size[1] * (2 * len(index) + 1)  # the images, and all once more while they are stacked
         require_free(taken, self.path, f"{len(index)} images of {size[0]}x{size[1]}", "take a smaller side")
-        images = [self._image(i, (size[0], size[1])) for i in index]
-        return self.camera[list(index)].at_size((size[0], size[1])), torch.stack(images)
+        images = [self._image(i, size) for i in index]
+        return self.camera[list(index)].at_size(size), torch.stack(images)
+
+    def counted(self, index: Sequence[int], side: int) -> Tensor | None:
+        """Pixels of :meth:`images` of which all counts, (B, H, W) bool; None where the set leaves nothing out of them.
+
+        Raises:
+            InputError: a mask is missing, damaged, or of another shape than its camera.
+        """
+        masks, size = [(i, self.masks[i]) for i in index if self.masks], self._size(side)
+        if not any(mask for _, mask in masks):
+            return None
+        whole = np.full(size[::-1], 255, np.uint8)
+        pixels = [self._straight(i, mask, size, _mask) if mask else whole for i, mask in masks]
+        return torch.from_numpy(np.stack(pixels) == 255)
+
+    def _size(self, side: int) -> tuple[int, int]:
+        """Of the images (W, H) whose longer side is at most ``side``."""
+        scale = min(1.0, side / max(self.camera.size))
+        width, height = (max(1, round(length * scale)) for length in self.camera.size)
+        return width, height
 
     def _image(self, index: int, size: tuple[int, int]) -> Tensor:
         file = self.files[index]
         if file is None:
             raise InputError(self.path, self.names[index], "the image is missing")
+        return torch.from_numpy(self._straight(index, file, size, _photograph)).permute(2, 0, 1).contiguous()
+
+    def _straight(
+        self, index: int, file: Path, size: tuple[int, int], pixels: Callable[[Frame, tuple[int, int]], Array]
+    ) -> Array:
+        """What the pinhole of ``index`` would have seen of ``file``, at ``size``, read by ``pixels``."""
         lens = self.lenses[index]
         frame, (width, height) = next(decode(file, self.exif)), lens.size
         if abs(frame.size[1] * width - frame.size[0] * height) > SIZE_SLACK * max(width, height):
             raise InputError(file, "size", f"expected the shape of {width}x{height}, got {frame.size}")
         if lens.size == self.camera.size:
-            image = straighten(frame.rgb(size, over_black=True), lens, self.camera.K[index].numpy())
-        else:
-            least = min(width, frame.size[0]), min(height, frame.size[1])  # what a set says of its lens can be anything
-            image = image_at(frame.rgb(least, over_black=True), lens, size)
-        return torch.from_numpy(image).permute(2, 0, 1).contiguous()
+            return straighten(pixels(frame, size), lens, self.camera.K[index].numpy())
+        least = min(width, frame.size[0]), min(height, frame.size[1])  # what a set says of its lens can be anything
+        return image_at(pixels(frame, least), lens, size)
+
+
+def _photograph(frame: Frame, size: tuple[int, int]) -> Array:
+    return frame.rgb(size, over_black=True)
+
+
+def _mask(frame: Frame, size: tuple[int, int]) -> Array:
+    """255 (H, W) where nothing of a pixel is black, however little above black the mask is: some are of 0 and 1."""
+    white: Array = np.where(frame.rgb(frame.size, over_black=True).any(-1), 255, 0).astype(np.uint8)
+    return cv2.resize(white, size, interpolation=cv2.INTER_AREA)
 
 
 def read_posed(path: str | Path) -> PosedImages:

@@ -38,12 +38,14 @@ class View:
         file: where it is, None where there is no such file.
         w2c: (4, 4), OpenCV axes.
         lens: it was taken with.
+        mask: image that is black where a pixel does not count, None where all do.
     """
 
     name: str
     file: Path | None
     w2c: Array
     lens: Lens
+    mask: Path | None = None
 
 
 def posed_images(
@@ -72,6 +74,7 @@ def posed_images(
         tuple(view.file for view in views),
         None if points is None else torch.from_numpy(points),
         None if colors is None else torch.from_numpy(colors),
+        masks=tuple(view.mask for view in views),
     )
 
 

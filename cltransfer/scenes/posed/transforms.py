@@ -44,7 +44,15 @@ def _view(path: Path, data: Mapping[str, Any], frame: Any, index: int) -> View:
     file = find_image(path.parent, name, path)
     pose = numbers(path, f"{where}.transform_matrix", frame.get("transform_matrix"), (4, 4))
     c2w = rigid(path, f"{where}.transform_matrix", pose[:3, :3], pose[:3, 3]) @ OPENGL
-    return View(name, file, inverse(c2w), _lens(path, {**data, **frame}, where, file))
+    return View(name, file, inverse(c2w), _lens(path, {**data, **frame}, where, file), _mask(path, frame, where))
+
+
+def _mask(path: Path, frame: Mapping[str, Any], where: str) -> Path | None:
+    """File of the frame's mask; one that is not there is told when it is read."""
+    name = frame.get("mask_path")
+    if name is not None and not isinstance(name, str):
+        raise InputError(path, f"{where}.mask_path", f"expected the name of an image, got {name!r:.80}")
+    return (find_image(path.parent, name, path) or path.parent / name) if name else None
 
 
 def _lens(path: Path, values: Mapping[str, Any], where: str, file: Path | None) -> Lens:
