@@ -114,6 +114,8 @@ class NerfGridFit:
         views.check_near(self.near)
         key = {"as": "nerf_grid", "options": asdict(self), "views": views.digest}
         levels = begun(folder, key, GRID)
+        for number in range(len(levels)):
+            _checkpoint(folder, number).unlink(missing_ok=True)  # where a fit was killed just before it
         for cells in self._sizes()[len(levels) :]:
             if levels and not levels[-1].kept:
                 break
@@ -123,10 +125,10 @@ class NerfGridFit:
             level, grid = self._level(len(levels), cells, views, folder, report)
             gained = not levels or self.budget != AUTO or level.psnr >= levels[-1].psnr + self.gain
             levels.append(Level(**{**asdict(level), "kept": gained}))
+            write_curve(folder, levels)
             if gained:
                 write_grid(folder / GRID, grid)
-            write_state(folder, key, levels)
-            write_curve(folder, levels)
+            write_state(folder, key, levels)  # last: by it a level is done
             _checkpoint(folder, len(levels) - 1).unlink(missing_ok=True)
         return levels
 

@@ -9,12 +9,14 @@ from pathlib import Path
 import pytest
 
 from cltransfer.errors import InputError, ResourceError, UsageError
+from cltransfer.fit import nerf_grid
 from cltransfer.fit._curve import Level
 from cltransfer.fit._folder import begun, write_state
 from cltransfer.fit._views import Views
 from cltransfer.fit.nerf_grid import NerfGridFit
 
 QUICK = NerfGridFit(first=200, most=200, steps=6, look=3, rays=64, degree=0)
+NAMES = ["curve.csv", "curve.svg", "fit.json", "grid.safetensors"]
 KEY, OTHER = {"as": "nerf_grid", "options": {"seed": 0}}, {"as": "gaussian_splats", "options": {"seed": 0}}
 LEVEL = Level(cells=8, filled=8, psnr=20.0, steps=1, seconds=1.0, kept=True)
 
@@ -55,6 +57,26 @@ def test_after_a_fit_that_learnt_nothing_the_same_folder_takes_other_options(vie
     assert [path.name for path in tmp_path.iterdir()] == ["fit.json"]
     QUICK.fit(views, tmp_path, silent)
     assert json.loads((tmp_path / "fit.json").read_text())["options"]["sparse"] == QUICK.sparse
+
+
+@pytest.mark.parametrize("step", ["write_curve", "write_grid", "write_state"])
+def test_a_fit_that_was_killed_while_it_wrote_leaves_all_when_it_is_repeated(
+    views: Views, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    write = getattr(nerf_grid, step)
+
+    def killed(folder: Path, *words: object) -> None:
+        write(folder, *words)
+        if step != "write_state" or words[1]:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(nerf_grid, step, killed)
+        with pytest.raises(KeyboardInterrupt):
+            QUICK.fit(views, tmp_path, silent)
+    (level,) = QUICK.fit(views, tmp_path, silent)
+    assert level.steps == 6
+    assert sorted(path.name for path in tmp_path.iterdir()) == NAMES
 
 
 def test_where_levels_are_done_a_smaller_budget_is_for_another_folder(

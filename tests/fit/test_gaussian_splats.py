@@ -61,6 +61,18 @@ def test_a_folder_is_one_fits(quick, views, tmp_path):
         replace(quick, seed=1).fit(views, tmp_path / "out", lambda *step: None)
 
 
+def test_a_fit_is_not_done_before_its_curve_is_there(quick, views, tmp_path, monkeypatch):
+    def interrupt(folder, levels):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("cltransfer.fit.gaussian_splats.write_curve", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            quick.fit(views, tmp_path, lambda *step: None)
+    assert quick.fit(views, tmp_path, lambda *step: None)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["curve.csv", "curve.svg", "fit.json", "splats.ply"]
+
+
 def test_a_set_in_small_units_is_scored_as_it_is_learnt_and_one_that_cannot_be_seen_is_refused(quick, views, tmp_path):
     camera = replace(views.camera, w2c=views.camera.w2c.clone())
     camera.w2c[:, :3, 3] *= 0.01
