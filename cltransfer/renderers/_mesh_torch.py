@@ -140,7 +140,7 @@ def _image(mesh: Mesh, corners: Tensor, camera: Camera, seen: Tensor, headlight:
     weights = weights / weights.sum(-1, keepdim=True)
     edges = corners[face, 1:] - corners[face, :1]
     normal = torch.linalg.cross(edges[:, 0], edges[:, 1])
-    facing = torch.nn.functional.cosine_similarity(normal, rays).abs()
+    facing = (normal * rays).sum(-1).abs() / (normal.norm(dim=-1) * rays.norm(dim=-1))  # of faces however small
     light = torch.where(mesh.shaded[face], 1 - headlight + headlight * facing, 1)
     color = light[:, None] * (weights[..., None] * mesh.colors[mesh.faces[face].long()]).sum(1)
     for k, (texture, wraps) in enumerate(mesh.wrapped):

@@ -315,6 +315,19 @@ def test_the_headlight_follows_the_cosine_and_spares_painted_faces():
     assert float(image[0, 0, 4, 4]) == pytest.approx(0.8)
 
 
+@pytest.mark.parametrize("side", [1e-5, 1e-9])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_small_faces_are_lit_as_large_ones(backend, side):
+    leaning = quad([[-2.0, -2, 2], [2.0, -2, 2], [2.0, 2, 6], [-2.0, 2, 6]])
+    small, camera = replace(leaning, vertices=leaning.vertices * side / 4), forward_camera((9, 9), 9.0)
+    large, tiny = (
+        Renderer(backend=backend, near=near).render(scene_of(mesh), camera, frozenset({"image"})).image
+        for mesh, near in ((leaning, 1.0), (small, side / 4))
+    )
+    assert large.max() > 0.5
+    torch.testing.assert_close(tiny, large, atol=1e-5, rtol=0)
+
+
 def test_threads_do_not_change_the_result():
     scene, cameras = scene_of(furnished_room(1, seed=3)), room_cameras(5, (40, 24))
     one, three = (Renderer(threads=n).render(scene, cameras, ALL) for n in (1, 3))
