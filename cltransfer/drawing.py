@@ -116,6 +116,8 @@ def _check_frames(who: str, drawn: Features, cameras: Camera, buffers: frozenset
         shape, got = (len(cameras), *([3] * (name == "image")), size[1], size[0]), tuple(value.shape)
         if got != shape:
             raise ModelError("", who, f"expected {name} of shape {shape}, got {got}", hint)
+        if value.device.type != "cpu":
+            raise ModelError("", who, f"expected {name} on the CPU, got {value.device}", f"return {name}.cpu()")
         if not value.is_floating_point():
             reason = f"expected {name} in floating point, got {value.dtype}"
             raise ModelError("", who, reason, f"return {name}.float()")

@@ -31,6 +31,8 @@ class Renderer(Protocol):
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         """Features of B cameras at ``cameras.size`` with ``buffers`` and no more, plus camera and person.
 
+        They are on the CPU, where cameras and scenes are, whatever device has drawn them.
+
         Raises:
             UsageError: the scene holds a geometry this renderer does not draw.
         """

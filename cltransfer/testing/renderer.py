@@ -54,6 +54,7 @@ class RendererCase(ComponentCase):
         assert features.size == (48, 27)
         for buffer in self.component.provides:
             assert features.require(buffer).shape == ((2, 3, 27, 48) if buffer == "image" else (2, 27, 48))
+            assert features.require(buffer).device.type == "cpu", f"return {buffer}.cpu()"
 
     def test_batch_equals_single(self) -> None:
         together = self.render(3, frozenset(self.component.provides))
