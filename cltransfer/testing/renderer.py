@@ -37,12 +37,19 @@ class RendererCase(ComponentCase):
         ring = angle.cos() * aside + angle.sin() * torch.linalg.cross(up, aside) + 0.3 * up
         return Camera.look_at(middle + 3 * radius * ring, middle[None], up, math.radians(50), (48, 27))
 
+    def _check_set(self) -> None:
+        lacking = [name for name in ("scene", "points") if not hasattr(self, name)]
+        how = "scene, as builtin_scene('plaza'), and points, world points (P, 3) on its surfaces"
+        assert not lacking, f"the case has no {' and no '.join(lacking)}: set {how}"
+
     def render(self, batch: int, buffers: frozenset[str]) -> Features:
         """``batch`` frames of the scene."""
+        self._check_set()
         features: Features = self.component.render(self.scene, self.cameras(batch), buffers)
         return features
 
     def test_renders_the_buffers_asked_for_and_no_more(self) -> None:
+        self._check_set()
         beside = {"camera"} if self.scene.subject is None else {"camera", "person"}
         for buffer in self.component.provides:
             got = self.render(1, frozenset({buffer})).names()

@@ -135,6 +135,25 @@ def test_a_renderer_that_the_program_refuses_does_not_keep_to_the_contract() -> 
         Forgetful().test_renders_the_buffers_asked_for_and_no_more()
 
 
+class Bare(RendererCase):
+    component: ClassVar[Any] = GaussianSplats()
+
+
+@pytest.mark.parametrize("test", [name for name in vars(RendererCase) if name.startswith("test_")])
+def test_a_renderer_s_case_without_a_scene_says_what_to_set(test: str) -> None:
+    line = r"^the case has no scene and no points: set scene, as builtin_scene\('plaza'\), and points, world points"
+    with pytest.raises(AssertionError, match=line):
+        getattr(Bare(), test)()
+
+
+def test_a_renderer_s_case_without_points_says_so() -> None:
+    class Pointless(Bare):
+        scene = Forgetful.scene
+
+    with pytest.raises(AssertionError, match=r"^the case has no points: set scene"):
+        Pointless().test_depth_is_where_the_scene_is()
+
+
 @dataclass(frozen=True)
 class Splats:
     """Draws splats, and tells of a few buffers in a tuple."""
