@@ -33,6 +33,7 @@ _HOME = {
     "EXTRACTORS": "registry",
     "RENDERERS": "registry",
     "SEARCHES": "registry",
+    "FITTERS": "registry",
 }
 
 __all__ = ["__version__", *_HOME]

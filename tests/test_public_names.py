@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+import cltransfer
+from cltransfer import registry
+
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = "from cltransfer import transfer, evaluate"
 MODULES = "import cltransfer.transfer, cltransfer.evaluate"
@@ -60,6 +63,15 @@ def test_transfer_and_evaluate_are_the_functions() -> None:
     """In a process for each order, that none of the project was imported in."""
     done = python(f"{ORDERS=}", EACH)
     assert (done.stdout, done.stderr) == ("".join(f"{order} 0\n" for order in ORDERS), "")
+
+
+def test_every_registry_is_among_the_names_and_in_the_tutorial() -> None:
+    page = (ROOT / "plugins" / "README.md").read_text(encoding="utf-8")
+    names = {name for name, value in vars(registry).items() if isinstance(value, registry.Registry)}
+    assert len(names) == 5
+    assert names <= set(cltransfer.__all__)
+    assert [name for name in names if f"`{name}`" not in page and f"@{name}." not in page] == []
+    assert cltransfer.FITTERS is registry.FITTERS
 
 
 def test_what_a_loop_of_ones_own_needs_is_there_and_nothing_is_loaded_before() -> None:

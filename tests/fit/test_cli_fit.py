@@ -90,7 +90,7 @@ def test_a_set_that_cannot_be_fitted_leaves_no_folder(posed, tmp_path):
 
 PLUGIN = """
 from dataclasses import dataclass
-from cltransfer.registry import FITTERS
+from cltransfer import FITTERS
 
 @FITTERS.register("mine")
 @dataclass(frozen=True)
