@@ -18,9 +18,9 @@ from ..computer.memory import VARIABLE as MEMORY
 from ..computer.memory import free_bytes, require_free
 from ..computer.threads import thread_count
 from ..errors import ModelError, UsageError
-from .catalogue import entry_of_file, pinned_file
+from .catalogue import catalogue, entry_of_file, pinned_file
 from .interface import Port, Shape, differs, joined, ports
-from .onnx_text import uses_text
+from .onnx_unbounded import is_sparse, uses_text
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -136,8 +136,8 @@ class Network:
         """The loaded network.
 
         Raises:
-            ModelError: the file is missing, foreign, reaches for other files, uses text, or has other inputs or
-                outputs.
+            ModelError: the file is missing, foreign, reaches for other files, uses text or sparse tensors, or has other
+                inputs or outputs.
             ResourceError: there is no memory to load it.
         """
         return self._loaded[0]
@@ -145,11 +145,12 @@ class Network:
     @cached_property
     def _loaded(self) -> tuple[InferenceSession, dict[str, Port], dict[str, Port]]:
         """The session, and where it has the inputs and outputs."""
-        session = _opened(self.path, self._read())
+        session = _opened(self.path, *self._read())
         given = ports(self.path, "input", self.inputs, session.get_inputs(), self.by_shape)
         return session, given, ports(self.path, "output", self.outputs, session.get_outputs(), self.by_shape)
 
-    def _read(self) -> bytes:
+    def _read(self) -> tuple[bytes, bool]:
+        """What the file holds, and whether the catalogue knows that."""
         if not self.path.is_file():
             raise ModelError(self.path, "model", "no such file")
         if self.path.stat().st_size > BYTE_LIMIT:
@@ -167,16 +168,22 @@ class Network:
             raise ModelError(self.path, "sha256", reason, hint)
         if _EXTERNAL in data:
             raise ModelError(self.path, "external data", "weights in another file are refused", "store them inside")
-        try:
-            text = uses_text(data)
-        except ValueError as error:
-            raise ModelError(
-                self.path, "model", f"expected an ONNX network, it is no protobuf message: {error}"
-            ) from None
-        if text:
-            reason = "tensors of text are refused, nothing bounds the memory that they take"
-            raise ModelError(self.path, "text", reason, "export the network without its labels, of numbers alone")
-        return data
+        _refuse_unbounded(self.path, data)
+        return data, digest in {entry.sha256 for entry in catalogue("model").values()}
+
+
+def _refuse_unbounded(path: Path, data: bytes) -> None:
+    try:
+        text, sparse = uses_text(data), is_sparse(data)
+    except ValueError as error:
+        reason = f"expected an ONNX network, it is no protobuf message: {error}"
+        raise ModelError(path, "model", reason) from None
+    unbounded = "are refused, nothing bounds the memory that they take"
+    if text:
+        hint = "export the network without its labels, of numbers alone"
+        raise ModelError(path, "text", f"tensors of text {unbounded}", hint)
+    if sparse:
+        raise ModelError(path, "sparse", f"sparse tensors {unbounded}", "export the network with dense weights")
 
 
 def runs_on() -> list[str]:
@@ -188,7 +195,12 @@ def runs_on() -> list[str]:
     return list(_opened("onnxruntime", IDENTITY).get_providers())
 
 
-def _opened(where: str | Path, data: bytes) -> InferenceSession:
+def _opened(where: str | Path, data: bytes, known: bool = False) -> InferenceSession:
+    """A session of ``data``.
+
+    What follows from constants alone is worked out in advance where the network is ``known``: it is not counted to
+    the arena then, and a few bytes may ask for any size.
+    """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -199,9 +211,9 @@ def _opened(where: str | Path, data: bytes) -> InferenceSession:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning slows torch down
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.use_env_allocators", "1")  # those of memory_bound
-    wanted = providers()
+    wanted, off = providers(), [] if known else ["ConstantFolding"]
     try:
-        session = onnxruntime.InferenceSession(data, options, providers=wanted)
+        session = onnxruntime.InferenceSession(data, options, providers=wanted, disabled_optimizers=off)
     except Exception as error:  # onnxruntime's errors have no narrower common class
         raise _failure(where, "model", error) from None
     if session.get_providers()[0] != wanted[0]:  # onnxruntime falls back by itself and says so only in its log

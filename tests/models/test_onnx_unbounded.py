@@ -3,7 +3,7 @@ import pytest
 from onnx import TensorProto, TypeProto, helper
 from onnx.onnx_ml_pb2 import ModelProto
 
-from cltransfer.models.onnx_text import FIELDS, TYPE_FIELDS, uses_text
+from cltransfer.models.onnx_unbounded import FIELDS, TYPE_FIELDS, is_sparse, uses_text
 
 TEXT, FLOAT = TensorProto.STRING, TensorProto.FLOAT
 LABEL = helper.make_tensor("label", TEXT, [1], [b"cat"])
@@ -90,6 +90,32 @@ def test_every_way_by_which_text_comes_into_a_network_is_seen(data):
 )
 def test_settings_in_words_and_numbers_that_happen_to_be_that_of_text_are_no_text(data):
     assert not uses_text(data)
+
+
+NUMBERS = onnx.SparseTensorProto(
+    values=helper.make_tensor("v", FLOAT, [1], [1.0]), indices=helper.make_tensor("i", TensorProto.INT64, [1], [0]),
+    dims=[3],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "data",
+    {
+        "weight": model(node(), sparse_initializer=[NUMBERS]),
+        "constant": model(node("Constant", sparse_value=NUMBERS)),
+        "constants": model(node("own", several=[NUMBERS, NUMBERS])),
+        "branch": model(node("If", then_branch=branch(node("Constant", sparse_value=NUMBERS)))),
+        "function": model(node(), functions=[function("f", node("Constant", sparse_value=NUMBERS))]),
+    }.items(),
+    ids=lambda case: case[0],
+)
+def test_every_way_by_which_a_sparse_tensor_comes_into_a_network_is_seen(data):
+    assert is_sparse(data[1])
+    assert not uses_text(data[1])
+
+
+def test_what_is_dense_is_not_taken_for_sparse():
+    assert not is_sparse(model(node("Constant", value=LABEL), initializer=[helper.make_tensor("w", FLOAT, [1], [0.0])]))
 
 
 def test_a_type_is_the_last_32_bits_of_its_number_as_protobuf_reads_it():

@@ -1,7 +1,8 @@
-"""Whether an ONNX file uses text, whose memory no arena bounds: told by its protobuf fields, before it is loaded.
+"""Whether an ONNX file uses what no arena bounds, text or sparse tensors: told by its fields, before it is loaded.
 
-Text comes into a network by a tensor or a value that is declared as text, by an attribute that says "string" in its
-name (of a constant, of labels) or holds the type (of a cast); every other operator on text needs some to begin with.
+Sparse tensors are made dense outside of the arena while a network is loaded. Text comes into a network by a tensor or a
+value that is declared as text, by an attribute that says "string" in its name (of a constant, of labels) or holds the
+type (of a cast); every other operator on text needs some to begin with.
 """
 
 from __future__ import annotations
@@ -61,6 +62,18 @@ def uses_text(data: bytes) -> bool:
     while more := set().union(*(stand_for.get(name, set()) for name in types)) - types:
         types = types | more
     return not types.isdisjoint(are_string)
+
+
+def is_sparse(data: bytes) -> bool:
+    """Whether a network has a sparse tensor, as a weight or as a constant.
+
+    Args:
+        data: its file.
+
+    Raises:
+        ValueError: it is no protobuf message.
+    """
+    return any(message == "sparse" for message, _ in _messages("model", memoryview(data)))
 
 
 def _messages(message: str, content: memoryview, depth: int = 0) -> Iterator[tuple[str, memoryview]]:
