@@ -114,7 +114,7 @@ def models_align(
     allow_plugin: Allow = None,
     as_json: Json = False,
 ) -> None:
-    """Read a depth network's scale and shift off SCENE, and print the override that treats a clip the same way.
+    """Read a depth network's scale and shift off SCENE, and print the overrides that treat a clip the same way.
 
     cltransfer models align scene.ply 'extractors.depth_onnx={model: depth_anything_v2_small.onnx, kind: disparity,
     multiple: 14, align: shift}'
@@ -130,7 +130,7 @@ def models_align(
     found = align_config(scene, settings, views, up_of(up), subject)
     a, b = found.affine
     lines = [
-        f"'extractors.depth_onnx.affine=[{a:.6g}, {b:.6g}]'",
+        f"'extractors.depth_onnx.align={found.align}' 'extractors.depth_onnx.affine=[{a:.6g}, {b:.6g}]'",
         f"inverse depth is off by {100 * found.error[0]:.1f} % as it is, by {100 * found.error[1]:.1f} % so;",
         f"the shift varies by {100 * found.spread:.1f} % of the largest disparity from view to view",
     ]

@@ -46,7 +46,7 @@ class DepthOnnx:
         align: what is done about a disparity's unknown shift, which changes the depth ratio of two layers. ``raw``
             takes it for none; ``shift`` and ``metric`` take 1 / depth = a d + b, ``shift`` with d in the frame's
             largest, for a network that scales each frame by itself.
-        affine: a and b, for shift and metric; null has a transfer read them off its own scene.
+        affine: a and b, for shift and metric alone; null has a transfer read them off its own scene.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image",)
@@ -71,6 +71,10 @@ class DepthOnnx:
             raise ValueError(f"kind must be disparity or depth, got {self.kind!r}")
         if self.align not in ("raw", "shift", "metric") or (self.align != "raw" and self.kind != "disparity"):
             raise ValueError(f"align must be raw, or shift or metric of a disparity, got {self.align!r} of {self.kind}")
+        if self.affine is not None and self.align == "raw":
+            hint = "set the align that it was read for, which `cltransfer models align` prints beside it"
+            hint = hint if self.kind == "disparity" else "what is depth has no shift"
+            raise ValueError(f"affine is for align shift or metric of a disparity, got raw of {self.kind}: {hint}")
         if self.affine is not None and not self.affine[0] > 0:
             raise ValueError(f"affine must rise with the disparity, got {self.affine}")
         if self.multiple < 0:

@@ -159,5 +159,9 @@ def test_an_affine_takes_the_shift_out_of_a_disparity(planted):
 def test_an_alignment_of_what_has_no_shift_is_refused():
     with pytest.raises(ValueError, match="align must be raw, or shift or metric of a disparity, got 'shift' of depth"):
         DepthOnnx(model="net.onnx", kind="depth", align="shift")
+    with pytest.raises(ValueError, match="affine is for align shift or metric of a disparity, got raw of disparity"):
+        DepthOnnx(model="net.onnx", kind="disparity", affine=(1.0, 0.1))
+    with pytest.raises(ValueError, match="got raw of depth: what is depth has no shift"):
+        DepthOnnx(model="net.onnx", kind="depth", affine=(1.0, 0.1))
     with pytest.raises(ValueError, match="affine must rise with the disparity"):
         DepthOnnx(model="net.onnx", kind="disparity", align="metric", affine=(0.0, 1.0))
