@@ -33,6 +33,7 @@ class Clip:
         path: where it was read from.
         source_size: (W, H) [px] of the file as shown: upright and with square pixels.
         start: when the first of them is shown in the file [s].
+        notes: what a reader should know of how they come out, as of interlaced ones.
     """
 
     image: Tensor  # (N, 3, H, W)
@@ -40,6 +41,7 @@ class Clip:
     path: Path
     source_size: tuple[int, int]
     start: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -89,9 +91,9 @@ def clip_of(part: ClipPart, kept: Tensor, max_side: int = 960) -> Clip:
         InputError: they are damaged or too many.
         ResourceError: they do not fit in memory.
     """
-    image, source_size = part.images(kept.tolist(), max_side)
+    image, source_size, notes = part.images(kept.tolist(), max_side)
     times = part.times[kept]
-    return Clip(image, times - times[0], part.path, source_size, float(times[0]))
+    return Clip(image, times - times[0], part.path, source_size, float(times[0]), notes)
 
 
 def timed_frames(path: Path, fps: float | None = None) -> Iterator[tuple[float, Frame]]:

@@ -29,6 +29,7 @@ from .png_chunks import PNG, drawn_chunks
 PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
 UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
+HDR = {16: "PQ", 18: "HLG"}  # transfer functions, as FFmpeg counts them
 HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
@@ -61,6 +62,7 @@ class Frame:
         time: presentation time in the file [s].
         turns: quarter turns to the left that bring it upright.
         mirrored: whether its rows are shown in reverse order before it is turned.
+        notes: what a reader should know of how it comes out.
     """
 
     raw: av.VideoFrame
@@ -68,6 +70,7 @@ class Frame:
     time: float
     turns: int
     mirrored: bool
+    notes: tuple[str, ...] = ()
 
     def rgb(self, size: tuple[int, int], over_black: bool = False) -> np.ndarray:
         """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller.
@@ -227,7 +230,14 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, ex
     size = (max(1, round(raw.width * _aspect(path, stream))), raw.height)
     upright = size if turns % 2 == 0 else size[::-1]
     _check_size(path, field, upright)
-    return Frame(raw, upright, raw.time, turns, mirrored)
+    return Frame(raw, upright, raw.time, turns, mirrored, tuple(_notes(raw, stream)))
+
+
+def _notes(raw: av.VideoFrame, stream: VideoStream) -> Iterator[str]:
+    if raw.interlaced_frame and stream.codec_context.name != "png":  # whose rows are of one moment in any order
+        yield "interlaced: two moments in each frame (deinterlace it first, as by ffmpeg -vf bwdif)"
+    if (transfer := HDR.get(stream.codec_context.color_trc)) is not None:
+        yield f"HDR ({transfer}): read as if it were SDR, washed out (convert it first)"
 
 
 def _aspect(path: Path, stream: VideoStream) -> float:

@@ -37,7 +37,7 @@ def open_part(where: ClipSource, part: ClipPart, kept: Tensor) -> tuple[Clip, tu
     """The frames of ``part`` that are ``kept``, (K,) int64, as ``where`` asks for them; see :func:`open_clip`."""
     clip = clip_of(part, kept)
     gaps = check_one_shot(where) if where.cuts != "keep" else ()
-    flags = (*gaps, *([ASSUMED] if rate_assumed(where) else []), *_sparse(clip))
+    flags = (*gaps, *([ASSUMED] if rate_assumed(where) else []), *_sparse(clip), *clip.notes)
     if where.letterbox == "keep":
         return clip, flags
     shown, bars = without_bars(clip)

@@ -48,8 +48,8 @@ class ClipPart:
         if count > FRAME_LIMIT:
             raise InputError(self.path, "frames", f"expected at most {FRAME_LIMIT} to keep, got {count}", HINT)
 
-    def images(self, kept: Sequence[int], max_side: int) -> tuple[Tensor, tuple[int, int]]:
-        """RGB of those that are ``kept``, (K, 3, H, W) uint8, and the size (W, H) they came in.
+    def images(self, kept: Sequence[int], max_side: int) -> tuple[Tensor, tuple[int, int], tuple[str, ...]]:
+        """RGB of those that are ``kept``, (K, 3, H, W) uint8, the size (W, H) they came in, and notes on them.
 
         Args:
             kept: which, increasing.
@@ -130,9 +130,12 @@ def images_of(files: list[Path]) -> Iterator[Frame]:
         yield frame
 
 
-def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tuple[Tensor, tuple[int, int]]:
-    """All ``frames`` at one size, (N, 3, H, W) uint8, and the size (W, H) they came in."""
+def _stack(
+    path: Path, frames: Iterator[Frame], count: int, max_side: int
+) -> tuple[Tensor, tuple[int, int], tuple[str, ...]]:
+    """All ``frames`` at one size, (N, 3, H, W) uint8, the size (W, H) they came in, and their notes, each once."""
     first = next(frames)
+    notes = dict.fromkeys(first.notes)
     scale = min(1.0, max_side / max(first.size))
     size = (max(1, round(first.size[0] * scale)), max(1, round(first.size[1] * scale)))
     need = 3 * count * size[0] * size[1]
@@ -144,4 +147,5 @@ def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tu
     image[0] = torch.from_numpy(first.rgb(size)).permute(2, 0, 1)
     for index, frame in enumerate(frames, start=1):
         image[index] = torch.from_numpy(frame.rgb(size)).permute(2, 0, 1)
-    return image, first.size
+        notes |= dict.fromkeys(frame.notes)
+    return image, first.size, tuple(notes)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -16,6 +17,9 @@ from PIL import Image
 
 from cltransfer.clips.clip import read_clip
 from cltransfer.clips.image_folder import clip_hash
+from cltransfer.clips.open_clip import open_clip
+from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError
 
 EARLY = """
@@ -151,3 +155,76 @@ def test_a_video_that_does_not_tell_its_colours_has_those_of_its_height(
             container.mux(packet)
     seen = read_clip(tmp_path / "a.mp4").image[0, :, height // 2, 160].tolist()
     assert seen == pytest.approx([200, 40, 40], abs=3)
+
+
+def plain_frame(number: int) -> av.VideoFrame:
+    frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="rgb24")
+    frame.pts, frame.time_base = number, Fraction(1, 24)
+    return frame
+
+
+def written(path: Path, interlaced: bool = False, transfer: int = 1) -> ClipSource:
+    """A video of H.264, as it says of itself."""
+    with av.open(str(path), "w") as container:
+        options = {"x264-params": "tff=1"} if interlaced else {}
+        stream = container.add_stream("libx264", rate=24, options=options)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.color_trc = transfer
+        for i in range(4):
+            container.mux(stream.encode(plain_frame(i)))
+        container.mux(stream.encode())
+    return ClipSource(path)
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        (
+            {"interlaced": True},
+            ("interlaced: two moments in each frame (deinterlace it first, as by ffmpeg -vf bwdif)",),
+        ),
+        ({"transfer": 16}, ("HDR (PQ): read as if it were SDR, washed out (convert it first)",)),
+        ({"transfer": 18}, ("HDR (HLG): read as if it were SDR, washed out (convert it first)",)),
+        ({}, ()),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv"])
+def test_a_video_that_is_interlaced_or_hdr_is_told_once_and_read_all_the_same(
+    tmp_path: Path, said: dict[str, int], told: tuple[str, ...], name: str
+) -> None:
+    where = written(tmp_path / name, **said)
+    clip, flags = open_clip(where)
+    assert len(clip) == 4
+    assert flags == told
+    plain = written(tmp_path / "plain.mp4")
+    assert open_pairs(where, plain, None)[1:] == (told, ())
+    assert open_pairs(plain, where, None)[1:] == ((), told)
+
+
+def test_a_png_whose_rows_come_in_another_order_is_not_told_to_be_interlaced(tmp_path: Path) -> None:
+    codec: Any = av.CodecContext.create("png", "w")
+    codec.width, codec.height, codec.pix_fmt, codec.time_base = 64, 48, "rgb24", Fraction(1, 24)
+    codec.options = {"flags": "+ildct"}
+    data = b"".join(bytes(packet) for packet in codec.encode(plain_frame(0)))
+    assert data[28] == 1  # Adam7
+    (tmp_path / "0.png").write_bytes(data)
+    assert read_clip(tmp_path).notes == ()
+
+
+def test_a_video_of_which_no_frame_that_is_kept_is_interlaced_is_not_told_to_be(tmp_path: Path) -> None:
+    """A film of four frames, and as many of television behind it."""
+    with av.open(str(tmp_path / "a.mkv"), "w") as container:
+        stream = container.add_stream("mpeg2video", rate=24)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for first, flags in ((0, ""), (4, "+ildct+ilme")):
+            codec: Any = av.CodecContext.create("mpeg2video", "w")
+            codec.width, codec.height, codec.pix_fmt, codec.time_base = 64, 48, "yuv420p", Fraction(1, 24)
+            codec.options = {"flags": flags} if flags else {}
+            frames = [plain_frame(first + i).reformat(format="yuv420p") for i in range(4)]
+            for frame in (*frames, None):
+                for packet in codec.encode(frame):
+                    packet.stream = stream
+                    container.mux(packet)
+    film, told = open_clip(ClipSource(tmp_path / "a.mkv", (0.0, 0.1)))
+    assert (len(film), told) == (3, ())
+    assert open_clip(ClipSource(tmp_path / "a.mkv"))[1][0].startswith("interlaced: ")
