@@ -20,7 +20,7 @@ from ..pipeline.components import Components
 from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
 from ..pipeline.scores import Scores, score
-from ..reading.depth_alignment import align_parts, needs_scene
+from ..reading.depth_alignment import align_parts, load_network, needs_scene
 from ..reading.frames import render_features
 from ..reading.reference import Reading, Reference, beside, read_reference
 from ..run.readback import render_frames
@@ -86,6 +86,7 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
     family: Family = "scene" if metrics.extract.inner == "geometric" else "image"
     scene, drawn_by = result.scene, renderer_of(result.scene, parts.renderer)
     if needs_scene(parts, reference, family):
+        load_network(parts)
         scene = lifted_scene(scene, drawn_by, parts.extractors)
         aligned, _ = align_parts(replace(parts, renderer=drawn_by), scene)
         parts = replace(aligned, renderer=parts.renderer)

@@ -154,10 +154,20 @@ def align_config(
         got = "no depth_onnx" if extractor is None else "align raw"
         raise UsageError("", "extractors.depth_onnx", f"expected align shift or metric, got {got}")
     loaded = load_scene(scene, up)
+    load_network(parts)
     if subject is not None:
         loaded = load_person(loaded, subject)
     lifted = lifted_scene(loaded, renderer_of(loaded, parts.renderer), parts.extractors)
     return align_parts(parts, lifted, views)[1]
+
+
+def load_network(parts: Components) -> None:
+    """Load the ``depth_onnx`` of ``parts`` now, so that a missing one is told before a scene is lifted for it.
+
+    Raises:
+        ModelError: the network is missing or refused.
+    """
+    _ = parts.extractors[DEPTH].network.session
 
 
 def align_parts(parts: Components, scene: Scene, views: int = VIEWS) -> tuple[Components, DepthAlignment]:

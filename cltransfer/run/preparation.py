@@ -29,7 +29,7 @@ from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
 from ..pipeline.scores import frame_totals
 from ..progress import Progress
-from ..reading.depth_alignment import DepthAlignment, align_parts, needs_scene
+from ..reading.depth_alignment import DepthAlignment, align_parts, load_network, needs_scene
 from ..reading.reference import Reading, Reference, read_reference
 from ..reading.tracks import cleaned, turned_back
 from ..registry.plugin_code import own_code
@@ -105,6 +105,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     lift = partial(lifted_scene, renderer=parts.renderer, extractors=parts.extractors, person=_person(inputs, scene))
     alignment = None
     if needs_scene(parts, inputs.reference, family):
+        load_network(parts)
         scene = lift(scene)  # what the reference's depth means is read off it
         parts, alignment = align_parts(parts, scene)
         clock.lap("depth alignment")

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from cltransfer.cli.app import app
 from cltransfer.config import load_config
-from cltransfer.errors import InputError, UsageError
+from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.extractors._disparity import aligned, fit_affine
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
@@ -169,6 +169,17 @@ def test_the_verb_takes_a_config_with_a_plugin(blue, fresh):
     told = fresh(*words, "--allow-plugin", PLUGIN)
     assert (told.code, told.err) == (0, "")
     assert json.loads(told.out)["align"] == "shift"
+
+
+def test_a_depth_network_that_is_missing_is_told_before_a_person_is_lifted_for_it(tmp_path):
+    """Nor are the networks here that people are lifted by."""
+    write_splats(tmp_path / "stage.ply", load_scene("builtin:plaza").geometry)
+    scene = str(tmp_path / "stage.ply")
+    config = load_config(overrides=["extractors.depth_onnx={model: gone.onnx, kind: disparity, align: shift}"])
+    with pytest.raises(ModelError, match=r"gone\.onnx"):
+        align_config(scene, config, 4)
+    with pytest.raises(ModelError, match=r"gone\.onnx"):
+        transfer(Inputs(scene, str(tmp_path / "clip.mp4")), config)
 
 
 def test_a_transfer_reads_the_shift_off_its_scene_and_keeps_it_in_the_run(blue, tmp_path):
