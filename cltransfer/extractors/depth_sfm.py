@@ -21,8 +21,9 @@ class DepthSfm:
     """Depth of what stands still, by structure from motion, up to one scale for the whole clip.
 
     Where the camera stands still, turns or zooms only, there is no depth, and the reason says so before anything is
-    reconstructed. The subject is not relied on for the cameras; it has a depth as far as it stood still. Needs the
-    extra ``sfm``.
+    reconstructed. The subject is not relied on for the cameras; it has a depth as far as it stood still. Frames that no
+    camera was found for are taken to lie evenly between their neighbours: an extractor is not told when they are shown.
+    Needs the extra ``sfm``.
 
     Args:
         reach: how far from a point its depth is taken to hold [frame widths].

@@ -30,8 +30,8 @@ class Reconstruction:
     Args:
         trajectory: a camera for every frame. The world is the axes of the first one, its unit the median depth of all
             points; neither scale nor up is known.
-        placed: frames whose camera was found, (N,) bool; the others lie between their neighbours, or stand with the
-            nearest at either end.
+        placed: frames whose camera was found, (N,) bool; the others lie between their neighbours, by their times, or
+            stand with the nearest at either end.
         points: what stands still, as the placed frames see it.
     """
 
@@ -53,7 +53,7 @@ def reconstruct_path(
     Args:
         frames: N frames in order, (H, W, 3) uint8 RGB.
         subject: the person's pixels, (N, H, W) bool: it may move, so the cameras do not rely on it. None masks nothing.
-        times: of the frames, (N,) [s].
+        times: of the frames, (N,) [s], increasing.
         name: of the clip, for errors.
         lens: focal length [longer sides of the frame] where it is known; None finds it. A camera that moves without
             turning does not tell its lens: depths are then right up to scale, and the path is right for a lens unknown.
@@ -77,7 +77,7 @@ def reconstruct_path(
     evidence = weigh(corners, matches, size[0])
     require_parallax(name, evidence)
     placed = place_frames(Clues(name, size, corners, evidence), seconds, lens)
-    camera = _between(placed, count)
+    camera = _between(placed, times)
     points = find_points(camera, corners, matches)
     if len(points.depth) == 0:
         raise NoPathError(name, "camera path", "no point is seen alike by three frames")
@@ -91,16 +91,17 @@ def reconstruct_path(
     return Reconstruction(Trajectory(_from_first(camera, unit), times.double()), found, kept)
 
 
-def _between(placed: Placed, count: int) -> Camera:
-    """A camera for each of ``count`` frames, from those that were placed."""
+def _between(placed: Placed, times: Tensor) -> Camera:
+    """A camera for each of N frames at ``times`` (N,) [s], from those that were placed."""
     c2w = placed.camera.c2w.numpy()
-    at = np.arange(count).clip(placed.frames[0], placed.frames[-1])
-    full = np.tile(np.eye(4), (count, 1, 1))
-    full[:, :3, :3] = Slerp(placed.frames, Rotation.from_matrix(c2w[:, :3, :3]))(at).as_matrix()
+    known = times.double().numpy()[placed.frames]
+    at = times.double().numpy().clip(known[0], known[-1])
+    full = np.tile(np.eye(4), (len(at), 1, 1))
+    full[:, :3, :3] = Slerp(known, Rotation.from_matrix(c2w[:, :3, :3]))(at).as_matrix()
     for axis in range(3):
-        full[:, axis, 3] = np.interp(at, placed.frames, c2w[:, axis, 3])
+        full[:, axis, 3] = np.interp(at, known, c2w[:, axis, 3])
     w2c = torch.from_numpy(full).inverse()
-    focal = torch.from_numpy(np.exp(np.interp(at, placed.frames, placed.camera.focal.log().numpy())))
+    focal = torch.from_numpy(np.exp(np.interp(at, known, placed.camera.focal.log().numpy())))
     return Camera(w2c, intrinsics(focal, placed.camera.size), placed.camera.size)
 
 

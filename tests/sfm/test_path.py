@@ -12,8 +12,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from cltransfer import shots
+from cltransfer.camera import Camera, intrinsics
 from cltransfer.sfm import NoPathError, OutOfTimeError, mapping
-from cltransfer.sfm.path import reconstruct_path
+from cltransfer.sfm.mapping import Placed
+from cltransfer.sfm.path import _between, reconstruct_path
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +30,19 @@ def test_every_frame_gets_a_camera_at_its_time(orbit):
     assert torch.equal(found.trajectory.times, true.times)
     assert found.trajectory.camera.size == true.camera.size
     torch.testing.assert_close(found.trajectory.camera.w2c[0], torch.eye(4, dtype=torch.float64))
+
+
+def test_a_frame_that_was_not_placed_stands_where_a_steady_camera_was_when_it_was_shown():
+    """Two of six frames that are shown unevenly, of a camera that moves, turns and zooms evenly in time."""
+    times = torch.tensor([0.0, 0.1, 0.5, 0.6, 0.9, 1.0], dtype=torch.float64)
+    c2w = torch.eye(4, dtype=torch.float64).repeat(6, 1, 1)
+    c2w[:, :3, :3] = torch.from_numpy(Rotation.from_rotvec(np.outer(times, [0.2, 0.9, 0.1])).as_matrix())
+    c2w[:, :3, 3] = times[:, None] * torch.tensor([3.0, -1.0, 2.0], dtype=torch.float64)
+    true = Camera(c2w.inverse(), intrinsics(300 * 1.5**times, (480, 270)), (480, 270))
+    frames = np.array([0, 2, 3, 5])
+    found = _between(Placed(frames, true[torch.from_numpy(frames)]), times)
+    torch.testing.assert_close(found.w2c, true.w2c, atol=1e-12, rtol=0)
+    torch.testing.assert_close(found.focal, true.focal)
 
 
 def test_the_path_is_right_up_to_scale(orbit):
