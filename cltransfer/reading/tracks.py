@@ -34,7 +34,7 @@ def cleaned(features: Features, frames: float, at: Tensor | None = None, times: 
     Args:
         features: N frames in order.
         frames: standard deviation of the Gaussian along the clip [frames]; 0 leaves everything as it was read.
-        at: places of the frames, see :func:`~.places.places`; None are evenly spaced.
+        at: places of the frames, see :func:`~cltransfer.along_clip.places`; None are evenly spaced.
         times: of the frames, (N,) [s]; None has a body turn as little between any two.
     """
     at = counted(len(features), at)
