@@ -26,6 +26,7 @@ NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside 
 
 
 _CODE: dict[str, str] = {}  # digest of what was imported, by module
+_SILENT: set[str] = set()  # modules that registered nothing, as what only helps a plugin does not
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,9 @@ def import_settled(names: Sequence[str]) -> list[str]:
     files: dict[Path, Source] = {}
     for source in found:
         files.setdefault(source.path.resolve(), source)
-    return by_name + [_import_file(source) for source in files.values()]
+    imported = [_import_file(source) for source in files.values()]
+    _SILENT.update(source.module for source in files.values() if not _registers(source.module))
+    return by_name + imported
 
 
 def _point(name: str) -> EntryPoint:
@@ -202,15 +205,20 @@ def _line_of(source: Source, error: BaseException) -> str:
 
 
 def _known(source: Source) -> bool:
-    """Whether it was imported, as it is now, and what it registered is there still."""
+    """Whether it was imported, as it is now, and what it registered is there still, if it registered anything."""
     if source.module.startswith(f"{source.package}."):  # its package was looked at before
         return source.module in sys.modules
-    registered = any(registry.holds(source.module) for registry in REGISTRIES)
-    return registered and _CODE.get(source.module) == source.code()
+    there = _registers(source.module) or source.module in _SILENT
+    return there and _CODE.get(source.module) == source.code()
+
+
+def _registers(module: str) -> bool:
+    return any(registry.holds(module) for registry in REGISTRIES)
 
 
 def _forget(module: str) -> None:
     """Take ``module`` and what lies in it out of what is imported, and of what is registered."""
+    _SILENT.discard(module)
     for registry in REGISTRIES:
         registry.forget(module)
     for name in [name for name in sys.modules if f"{name}.".startswith(f"{module}.")]:

@@ -151,6 +151,28 @@ def test_the_same_file_is_imported_once_a_process_and_again_when_it_was_edited(t
     assert LOSSES.get("mine") is not mine
 
 
+def test_a_file_that_registers_nothing_runs_once_too_until_it_is_edited(tmp_path: Path, own_loss: str) -> None:
+    """It lies beside a plugin in a folder that is no package."""
+    folder, runs = tmp_path / "plugins", tmp_path / "runs"
+    folder.mkdir()
+    (folder / "mine.py").write_text(own_loss)
+    count = f"with open({str(runs)!r}, 'a') as stream:\n    stream.write('1')\n"
+    (folder / "numbers.py").write_text(count)
+    for _ in range(3):
+        assert allow([folder]) == [str(folder / "mine.py"), str(folder / "numbers.py")]
+    assert runs.read_text() == "1"
+    (folder / "numbers.py").write_text(f"{count}# edited\n")
+    allow([folder])
+    assert runs.read_text() == "11"
+    (folder / "numbers.py").write_text(f"{count}{own_loss.replace('mine', 'other')}")
+    allow([folder])
+    assert "other" in LOSSES.names()
+    LOSSES.forget(LOSSES.get("other").__module__)
+    allow([folder])
+    assert "other" in LOSSES.names()
+    LOSSES.forget(LOSSES.get("other").__module__)
+
+
 def test_a_file_that_was_imported_is_allowed_too(
     tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
