@@ -5,8 +5,7 @@ trimesh reads meshes, not skins; so the pose is written into the vertices before
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,35 +15,15 @@ from kornia.geometry.conversions import quaternion_to_rotation_matrix
 from ...computer.array_type import Array
 from ...errors import InputError
 from .gltf_animation import REST, channels
+from .gltf_figure import Skeleton, parents_of, skeleton_of, skins_of_figure
 from .gltf_file import Gltf
 from .gltf_morph import morphed
 
 POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed, of the figure with the skeleton
 
 
-@dataclass(frozen=True, eq=False)
-class Skeleton:
-    """Joints of a posed figure.
-
-    Args:
-        names: of the joints.
-        parents: the joint above each, -1 for none.
-        points: where the joints are, (J, 3), scene units.
-        vertices: of all its skinned meshes, posed, (V, 3).
-        strongest: the joint that moves each vertex most, (V,).
-        mirrored: whether the figure is seen as in a mirror, so that its left arm is a right one.
-    """
-
-    names: tuple[str, ...]
-    parents: tuple[int, ...]
-    points: Array  # (J, 3)
-    vertices: Array  # (V, 3)
-    strongest: Array  # (V,)
-    mirrored: bool = False
-
-
 def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, Skeleton | None]:
-    """The document at ``time`` [s] of an animation, its first one if none is named; and the first skin's skeleton.
+    """The document at ``time`` [s] of an animation, its first one if none is named; and the first figure's skeleton.
 
     Times before the start and after the end hold the first and last pose.
 
@@ -59,14 +38,15 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
     frozen = _with_matrices(gltf, local)
     parts: dict[int, list[tuple[Array, Array]]] = {}
     skins = [gltf.tree["nodes"][node]["skin"] for node in skinned]
-    figure = _figure(gltf, skins)
+    figure = skins_of_figure(gltf, skins)
     for node, skin in zip(skinned, skins):
         frozen, moved = _freeze(frozen, gltf, node, world, POSED if skin in figure else "another figure")
         parts.setdefault(skin, []).extend(moved)
     if not parts:
         return frozen, None
-    skin, moved = next(iter(parts.items()))
-    return frozen, _skeleton(gltf, skin, world, moved)
+    matrices = np.concatenate([_joint_matrices(gltf, gltf.entry("skins", skin), world) for skin in figure])
+    mirrored = bool(np.median(np.linalg.det(matrices[:, :3, :3])) < 0)
+    return frozen, skeleton_of(gltf, world, {skin: parts[skin] for skin in figure}, mirrored)
 
 
 def _shown(gltf: Gltf) -> list[int]:
@@ -79,35 +59,6 @@ def _shown(gltf: Gltf) -> list[int]:
             found.add(node)
             left += gltf.entry("nodes", node).get("children", [])
     return sorted(found)
-
-
-def _figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
-    """Those of ``skins`` that hang from a joint that the first one hangs from: a figure, its clothes and its hair."""
-    above = _parents(gltf)
-    joints = {skin: gltf.entry("skins", skin)["joints"] for skin in skins}
-    known = {joint for one in joints.values() for joint in one}
-
-    def outermost(node: int, outer: int | None) -> int | None:
-        return node if outer is None and node in known else outer
-
-    top = _downwards(above, known, outermost)
-    tops = {skin: {top[joint] for joint in one} for skin, one in joints.items()}
-    return {skin for skin in tops if tops[skin] & tops[skins[0]]}
-
-
-def _downwards(
-    above: Mapping[int, int], nodes: Iterable[int], pick: Callable[[int, int | None], int | None]
-) -> dict[int, int | None]:
-    """What ``pick`` makes of each of ``nodes`` and of what it made of the node above, None above a root."""
-    made: dict[int, int | None] = {}
-    for node in nodes:
-        way = [node]
-        while way[-1] in above and way[-1] not in made:
-            way.append(above[way[-1]])
-        for one in reversed(way):
-            if one not in made:
-                made[one] = pick(one, made[above[one]] if one in above else None)
-    return made
 
 
 def _local(gltf: Gltf, animated: dict[tuple[int, str], Array]) -> list[Array]:
@@ -126,14 +77,9 @@ def _local(gltf: Gltf, animated: dict[tuple[int, str], Array]) -> list[Array]:
     return matrices
 
 
-def _parents(gltf: Gltf) -> dict[int, int]:
-    nodes = gltf.tree.get("nodes", [])
-    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-
-
 def _world(gltf: Gltf, local: list[Array]) -> list[Array]:
     """Each node's transform to the world, (4, 4)."""
-    parents = _parents(gltf)
+    parents = parents_of(gltf)
     world: dict[int, Array] = {}
     for node in range(len(local)):
         way = [node]
@@ -220,16 +166,3 @@ def _skinned(gltf: Gltf, attributes: dict[str, int], matrices: Array) -> tuple[A
     blended = np.einsum("vk,vkij->vij", share, matrices[joints])
     vertices = np.einsum("vij,vj->vi", blended[:, :3, :3], rest) + blended[:, :3, 3]
     return vertices, np.take_along_axis(joints, weights.argmax(1)[:, None], axis=1)[:, 0]
-
-
-def _skeleton(gltf: Gltf, skin: int, world: list[Array], parts: list[tuple[Array, Array]]) -> Skeleton:
-    joints, above = gltf.entry("skins", skin)["joints"], _parents(gltf)
-    place = {node: i for i, node in enumerate(joints)}
-    nearest = _downwards(above, joints, lambda node, up: place.get(node, up))  # at a node or above it
-    ups = [nearest[above[node]] if node in above else None for node in joints]
-    parents = [-1 if up is None else up for up in ups]
-    names = tuple(str(gltf.tree["nodes"][node].get("name", node)) for node in joints)
-    points = np.stack([world[node][:3, 3] for node in joints])
-    vertices, strongest = (np.concatenate(column) for column in zip(*parts))
-    turned = np.linalg.det(_joint_matrices(gltf, gltf.entry("skins", skin), world)[:, :3, :3])
-    return Skeleton(names, tuple(parents), points, vertices, strongest, bool(np.median(turned) < 0))

@@ -18,10 +18,11 @@ from ...subject import Subject
 from ..ply_header import HEADER_LIMIT
 from ..steps import check_steps
 from .asset_files import Beside, read_limited
+from .gltf_figure import Skeleton
 from .gltf_file import read_gltf
 from .gltf_images import shown_images
 from .gltf_modes import without_fans
-from .gltf_skin import POSED, Skeleton, posed
+from .gltf_skin import POSED, posed
 from .gltf_tree import lean
 from .mesh import Mesh
 from .mesh_need import check_obj, check_ply

@@ -15,7 +15,7 @@ import torch
 from ...computer.array_type import Array
 from ...skeleton import JOINTS, standing_height
 from ...subject import Subject
-from .gltf_skin import Skeleton
+from .gltf_figure import Skeleton
 
 _LIMBS = {  # joint -> words that mean it, the surest first
     "shoulder": ("upperarm", "uparm", "arm"),

@@ -190,7 +190,7 @@ def test_of_two_figures_only_the_first_is_named_with_what_hangs_on_its_joints(ba
     frozen, rig = posed(read_gltf(write_glb(tmp_path / "two.glb", *grown(tree, blob)), Beside(tmp_path)), 0.0)
     names = [node["name"] for node in frozen.tree["nodes"] if "mesh" in node]
     assert names == [f"{POSED} 3", f"{POSED} 8", "another figure 9"]
-    assert rig.names == ("low", "high")
+    assert rig.names == ("low", "high", "lock")
 
 
 def test_a_chain_of_many_joints_takes_no_more_than_as_many_short_ones(bar, write_glb, tmp_path, within):

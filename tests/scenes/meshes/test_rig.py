@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.scenes.meshes.gltf_skin import Skeleton
+from cltransfer.scenes.meshes.gltf_figure import Skeleton
 from cltransfer.scenes.meshes.moment import Moment
 from cltransfer.scenes.meshes.read_mesh import read_mesh
 from cltransfer.scenes.meshes.rig import subject_of_rig
