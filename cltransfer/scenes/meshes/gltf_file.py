@@ -6,6 +6,7 @@ import base64
 import binascii
 import json
 import struct
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -178,7 +179,7 @@ def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
 
 
 def _check_limits(path: Path, tree: dict[str, Any]) -> None:
-    for kind in ("nodes", "meshes", "accessors", "bufferViews", "buffers", "images", "materials"):
+    for kind in ("nodes", "meshes", "accessors", "bufferViews", "buffers", "images", "materials", "skins"):
         entries = tree.get(kind, [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise InputError(path, kind, "expected a list of objects")
@@ -190,6 +191,17 @@ def _check_limits(path: Path, tree: dict[str, Any]) -> None:
         count = about.get("count", 0)
         if not isinstance(count, int) or not 0 < count <= COUNT_LIMIT:
             raise InputError(path, f"accessors[{index}]", f"expected 1 to {COUNT_LIMIT} rows, got {count!r}")
+    for index, about in enumerate(tree.get("skins", [])):
+        _check_joints(path, f"skins[{index}].joints", about.get("joints", []), len(tree.get("nodes", [])))
+
+
+def _check_joints(path: Path, field: str, joints: Any, nodes: int) -> None:
+    if not isinstance(joints, list) or len(joints) > nodes:
+        got = len(joints) if isinstance(joints, list) else type(joints).__name__
+        raise InputError(path, field, f"expected a list of at most {nodes} nodes, as many as there are, got {got}")
+    for joint, times in Counter(joints).most_common(1):
+        if times > 1:
+            raise InputError(path, field, f"expected each node once, {joint!r:.40} is there {times} times")
 
 
 def _with_scene(tree: dict[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ trimesh reads meshes, not skins; so the pose is written into the vertices before
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from .gltf_file import Gltf
 from .gltf_morph import morphed
 
 POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed, of the figure with the skeleton
+OTHER = "another figure"
 
 
 def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, Skeleton | None]:
@@ -34,19 +36,16 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
     animated = channels(gltf, time, animation)
     gltf, local = morphed(gltf, animated), _local(gltf, animated)
     world = _world(gltf, local)
-    skinned = [i for i in _shown(gltf) if {"skin", "mesh"} <= gltf.tree["nodes"][i].keys()]
-    frozen = _with_matrices(gltf, local)
-    parts: dict[int, list[tuple[Array, Array]]] = {}
-    skins = [gltf.tree["nodes"][node]["skin"] for node in skinned]
-    figure = skins_of_figure(gltf, skins)
-    for node, skin in zip(skinned, skins):
-        frozen, moved = _freeze(frozen, gltf, node, world, POSED if skin in figure else "another figure")
-        parts.setdefault(skin, []).extend(moved)
-    if not parts:
+    skins = {i: node["skin"] for i in _shown(gltf) if {"skin", "mesh"} <= (node := gltf.tree["nodes"][i]).keys()}
+    matrices = {skin: _joint_matrices(gltf, gltf.entry("skins", skin), world) for skin in dict.fromkeys(skins.values())}
+    figure = skins_of_figure(gltf, [*matrices])
+    names = {node: f"{POSED if skin in figure else OTHER} {node}" for node, skin in skins.items()}
+    frozen, parts = _frozen(_with_matrices(gltf, local), gltf, names, matrices)
+    own = {skin: moved for skin, moved in parts.items() if skin in figure}
+    if not own:
         return frozen, None
-    matrices = np.concatenate([_joint_matrices(gltf, gltf.entry("skins", skin), world) for skin in figure])
-    mirrored = bool(np.median(np.linalg.det(matrices[:, :3, :3])) < 0)
-    return frozen, skeleton_of(gltf, world, {skin: parts[skin] for skin in figure}, mirrored)
+    turned = np.concatenate([np.linalg.det(matrices[skin][:, :3, :3]) for skin in own])
+    return frozen, skeleton_of(gltf, world, own, bool(np.median(turned) < 0))
 
 
 def _shown(gltf: Gltf) -> list[int]:
@@ -107,32 +106,38 @@ def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
     return replace(gltf, tree={**tree, "nodes": nodes})
 
 
-def _freeze(
-    frozen: Gltf, source: Gltf, node: int, world: list[Array], name: str
-) -> tuple[Gltf, list[tuple[Array, Array]]]:
-    """``frozen`` with the skinned mesh of ``node`` posed in the world; vertices and strongest joint of its parts.
+def _frozen(
+    still: Gltf, source: Gltf, names: Mapping[int, str], matrices: Mapping[int, Array]
+) -> tuple[Gltf, dict[int, list[tuple[Array, Array]]]]:
+    """``still`` with the skinned meshes of some nodes posed in the world; vertices and strongest joint of their parts.
 
-    ``name`` begins the name of its new node.
+    Args:
+        still: the document without skins.
+        source: the document.
+        names: of the new nodes, by the node whose mesh they have.
+        matrices: of the joints of each skin, which the parts are told by too.
     """
-    about = source.tree["nodes"][node]
-    mesh = source.entry("meshes", about["mesh"])
-    matrices = _joint_matrices(source, source.entry("skins", about["skin"]), world)
-    views, accessors = ([*frozen.tree.get(kind, [])] for kind in ("bufferViews", "accessors"))
-    buffers, parts, primitives = [*frozen.buffers], [], []
-    for primitive in mesh["primitives"]:
-        vertices, strongest = _skinned(source, primitive["attributes"], matrices)
-        kept = {k: v for k, v in primitive["attributes"].items() if k.startswith(("TEXCOORD", "COLOR"))}
-        primitives.append({**primitive, "attributes": {**kept, "POSITION": len(accessors)}, "targets": []})
-        accessors.append({"bufferView": len(views), "componentType": 5126, "count": len(vertices), "type": "VEC3"})
-        buffers.append(vertices.astype("<f4").tobytes())
-        views.append({"buffer": len(buffers) - 1, "byteLength": len(buffers[-1])})
-        parts.append((vertices, strongest))
-    nodes = [*frozen.tree["nodes"], {"name": f"{name} {node}", "mesh": len(frozen.tree["meshes"])}]
-    nodes[node] = {key: value for key, value in nodes[node].items() if key not in ("mesh", "skin")}
-    scenes = [{**scene, "nodes": [*scene.get("nodes", []), len(nodes) - 1]} for scene in frozen.tree.get("scenes", [])]
-    meshes = [*frozen.tree["meshes"], {**mesh, "primitives": primitives}]
-    new = {"nodes": nodes, "scenes": scenes, "meshes": meshes, "accessors": accessors, "bufferViews": views}
-    return replace(frozen, tree={**frozen.tree, **new}, buffers=tuple(buffers)), parts
+    kinds = ("nodes", "meshes", "accessors", "bufferViews")
+    nodes, meshes, accessors, views = ([*still.tree.get(kind, [])] for kind in kinds)
+    buffers, first, parts = [*still.buffers], len(nodes), dict[int, list[tuple[Array, Array]]]()
+    for node, name in names.items():
+        about, primitives = source.tree["nodes"][node], []
+        mesh, skin = source.entry("meshes", about["mesh"]), about["skin"]
+        for primitive in mesh["primitives"]:
+            vertices, strongest = _skinned(source, primitive["attributes"], matrices[skin])
+            kept = {k: v for k, v in primitive["attributes"].items() if k.startswith(("TEXCOORD", "COLOR"))}
+            primitives.append({**primitive, "attributes": {**kept, "POSITION": len(accessors)}, "targets": []})
+            accessors.append({"bufferView": len(views), "componentType": 5126, "count": len(vertices), "type": "VEC3"})
+            buffers.append(vertices.astype("<f4").tobytes())
+            views.append({"buffer": len(buffers) - 1, "byteLength": len(buffers[-1])})
+            parts.setdefault(skin, []).append((vertices, strongest))
+        nodes.append({"name": name, "mesh": len(meshes)})
+        nodes[node] = {key: value for key, value in nodes[node].items() if key not in ("mesh", "skin")}
+        meshes.append({**mesh, "primitives": primitives})
+    placed = range(first, len(nodes))
+    scenes = [{**scene, "nodes": [*scene.get("nodes", []), *placed]} for scene in still.tree.get("scenes", [])]
+    lists = zip((*kinds, "scenes"), (nodes, meshes, accessors, views, scenes))
+    return replace(still, tree={**still.tree, **dict(lists)}, buffers=tuple(buffers)), parts
 
 
 def _joint_matrices(gltf: Gltf, skin: dict[str, Any], world: list[Array]) -> Array:

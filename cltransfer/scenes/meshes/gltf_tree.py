@@ -27,6 +27,7 @@ _NOTHING = {"componentType": 5121, "type": "SCALAR", "count": 1}  # an array tha
 _COPIES = 4  # of the buffers, from the file to trimesh's arrays
 _PART_BYTES, _VERTEX_BYTES, _FACE_BYTES = 15_000, 200, 100  # of what is built, at the peak
 _SKIN_BYTES = 1600  # of a vertex while its mesh is posed
+_JOINT_BYTES = 5000  # of a joint, most of them the words of its name
 
 
 def check_need(path: Path, tree: dict[str, Any]) -> None:
@@ -44,6 +45,7 @@ def check_need(path: Path, tree: dict[str, Any]) -> None:
         if built[name] > limit:
             raise InputError(path, "nodes", f"expected at most {limit} {name} in all, got {built[name]}")
     need = _PART_BYTES * built["parts"] + _VERTEX_BYTES * built["vertices"] + _FACE_BYTES * built["faces"]
+    need += _JOINT_BYTES * sum(len(skin.get("joints", [])) for skin in tree.get("skins", []))
     need += _SKIN_BYTES * built["posed"] + _COPIES * sizes["buffers"] + sizes["bufferViews"] + sizes["accessors"]
     require_free(need, path, f"meshes of {built['vertices']} vertices", "thin the file")
 

@@ -7,6 +7,8 @@ the limb; where a limb's joints share one word they are taken in order from the 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
@@ -27,8 +29,26 @@ _LIMBS = {  # joint -> words that mean it, the surest first
 }
 _HELPERS = {"ik", "pole", "target", "ctrl", "control"}  # what poses a limb, and is none
 _CHAINS = {("shoulder", "elbow", "wrist"): "arm", ("hip", "knee", "ankle"): "leg"}
+_EXACT = {"upper", "up", "lower", "fore", "hand", "twist", "roll", "thigh", "shin", "foot", "toe"}  # parts of a limb
 _SIDE = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _MINIMUM = 10  # joints that must be found
+_LETTERS = 100  # at the end of a name that are looked at
+
+
+@dataclass(frozen=True, eq=False)
+class _Named:
+    """The joints of a rig from the root outwards, and the words of each one's name, looked up once for all."""
+
+    rig: Skeleton
+    order: list[int]
+    words: list[list[str]]
+
+    @classmethod
+    def of(cls, rig: Skeleton) -> _Named:
+        return cls(rig, _outwards(rig), [_words(name[-_LETTERS:]) for name in rig.names])
+
+    def first(self, word: str) -> int | None:
+        return next((joint for joint in self.order if word in self.words[joint]), None)
 
 
 def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
@@ -40,8 +60,9 @@ def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
         rig: posed skeleton, scene units.
         up: unit vector upwards, (3,).
     """
-    found = {name: joint for name in JOINTS[:12] if (joint := _limb_joint(rig, *name.split("_"))) is not None}
-    neck, head = _first(rig, "neck"), _first(rig, "head")
+    named = _Named.of(rig)
+    found = _limb_joints(named)
+    neck, head = named.first("neck"), named.first("head")
     if not {f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "hip")} <= found.keys():
         return None
     joints = np.full((14, 3), np.nan)
@@ -53,7 +74,7 @@ def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
     joints[JOINTS.index("neck")] = shoulders.mean(0) if neck is None else rig.points[neck]
     skull = head if head is not None else _last_below(rig, neck)
     if skull is not None:
-        joints[JOINTS.index("head_top")] = _head_top(rig, skull, shoulders.mean(0))
+        joints[JOINTS.index("head_top")] = _head_top(named, skull, shoulders.mean(0))
     known = np.isfinite(joints[:, 0])
     left = shoulders[0] - shoulders[1] + hips[0] - hips[1]
     facing = np.cross(left, up)
@@ -79,32 +100,33 @@ def _side(words: list[str]) -> str | None:
     return next((_SIDE[word] for word in words if word in _SIDE), None)
 
 
-def _limb_joint(rig: Skeleton, side: str, part: str) -> int | None:
-    """The joint called ``side`` and ``part``, or the one in its place of a numbered limb; a helper where no bone is."""
-    joints = _outwards(rig)
-    bones = [joint for joint in joints if not _HELPERS & set(_words(rig.names[joint]))]
-    found = (_named_joint(rig, among, side, part) for among in (bones, joints))
-    return next((joint for joint in found if joint is not None), None)
+def _limb_joints(named: _Named) -> dict[str, int]:
+    """Joints by the names of JOINTS: called so, or in the place of a numbered limb; a helper where no bone is."""
+    found = dict[str, int]()
+    for side in ("left", "right"):
+        joints = [joint for joint in named.order if _side(named.words[joint]) == side]
+        bones = [joint for joint in joints if not _HELPERS.intersection(named.words[joint])]
+        for chain, limb in _CHAINS.items():
+            for among in (joints, bones):  # what is found among the latter stands
+                found |= {f"{side}_{part}": joint for part, joint in _limb(named, among, chain, limb)}
+    return found
 
 
-def _named_joint(rig: Skeleton, among: list[int], side: str, part: str) -> int | None:
-    for chain, limb in _CHAINS.items():
-        numbered = [j for j in among if _stem(rig.names[j], limb) and _side(_words(rig.names[j])) == side]
-        if part in chain and len(numbered) >= len(chain):
-            return numbered[chain.index(part)]
-    for word in _LIMBS[part]:
-        for joint in among:
-            words = _words(rig.names[joint])
-            if _side(words) == side and _says(words, word):
-                return joint
-    return None
+def _limb(named: _Named, among: list[int], chain: tuple[str, ...], limb: str) -> Iterator[tuple[str, int]]:
+    numbered = [joint for joint in among if _is_stem(named.words[joint], limb)]
+    if len(numbered) >= len(chain):
+        yield from zip(chain, numbered)
+        return
+    for part in chain:
+        called = ((word, joint) for word in _LIMBS[part] for joint in among)
+        joint = next((joint for word, joint in called if _says(named.words[joint], word)), None)
+        if joint is not None:
+            yield part, joint
 
 
-def _stem(name: str, limb: str) -> bool:
-    """Whether ``name`` says the limb and nothing more exact, as in arm_joint_L_2."""
-    words = [word for word in _words(name) if word not in _SIDE]
-    exact = {"upper", "up", "lower", "fore", "hand", "twist", "roll", "thigh", "shin", "foot", "toe"}
-    return limb in words and not exact & set(words)
+def _is_stem(words: list[str], limb: str) -> bool:
+    """Whether a name says the limb and nothing more exact, as in arm_joint_L_2."""
+    return limb in words and not _EXACT.intersection(words)
 
 
 def _says(words: list[str], word: str) -> bool:
@@ -125,10 +147,6 @@ def _outwards(rig: Skeleton) -> list[int]:
     return sorted(range(len(rig.names)), key=depth.__getitem__)
 
 
-def _first(rig: Skeleton, word: str) -> int | None:
-    return next((joint for joint in _outwards(rig) if word in _words(rig.names[joint])), None)
-
-
 def _last_below(rig: Skeleton, joint: int | None) -> int | None:
     """The outermost joint of the same chain."""
     below: dict[int, int] = {}
@@ -139,10 +157,10 @@ def _last_below(rig: Skeleton, joint: int | None) -> int | None:
     return joint
 
 
-def _head_top(rig: Skeleton, head: int, chest: Array) -> Array:
+def _head_top(named: _Named, head: int, chest: Array) -> Array:
     """On the line from the chest through the head joint, as far as the head reaches, (3,)."""
-    members = {head}
-    for joint in _outwards(rig):
+    rig, members = named.rig, {head}
+    for joint in named.order:
         if rig.parents[joint] in members:
             members.add(joint)
     base = rig.points[head]

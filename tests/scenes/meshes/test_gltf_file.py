@@ -74,6 +74,21 @@ def test_many_instances_of_a_node_are_not_taken_for_one(bar, write_glb, tmp_path
         read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
 
 
+@pytest.mark.parametrize(
+    ("joints", "reason"),
+    [
+        ([0, 1, 0], "expected each node once, 0 is there 2 times"),
+        ([0] * 9, "expected a list of at most 4 nodes, as many as there are, got 9"),
+        ({"0": 1}, "expected a list of at most 4 nodes, as many as there are, got dict"),
+    ],
+)
+def test_a_skin_names_no_joint_twice(bar, write_glb, tmp_path, joints, reason):
+    tree, blob = bar()
+    tree["skins"].append({"joints": joints})
+    with pytest.raises(InputError, match=rf"bar.glb: skins\[1\].joints: {reason}"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
 def test_a_name_that_is_too_long_for_a_file_is_refused_in_one_line(bar, write_gltf, tmp_path):
     path = write_gltf(tmp_path / "bar.gltf", *bar(), "a" * 5000)
     with pytest.raises(InputError, match=r"bar.gltf: uri: no such file 'a{80}'"):

@@ -207,6 +207,21 @@ def test_a_chain_of_many_joints_takes_no_more_than_as_many_short_ones(bar, write
     assert rig.parents == (-1, *range(more // 2 + 1))
 
 
+def test_a_skin_of_many_meshes_is_worked_out_once(bar, write_glb, tmp_path, within):
+    tree, blob = bar()
+    first, joints, meshes = len(tree["nodes"]), 2000, 2500
+    tree["nodes"] += [{} for _ in range(joints)]
+    tree["nodes"][2]["children"] = [*range(first, first + joints)]
+    tree["skins"] = [{"joints": [1, 2, *range(first, first + joints)]}]
+    tree["scenes"][0]["nodes"] += range(len(tree["nodes"]), len(tree["nodes"]) + meshes)
+    tree["nodes"] += [{"mesh": 0, "skin": 0} for _ in range(meshes)]
+    gltf = read_gltf(write_glb(tmp_path / "many.glb", tree, blob), Beside(tmp_path))
+    start = process_time()
+    _, rig = posed(gltf, 0.0)
+    assert within(process_time() - start, 1.5)
+    assert rig.vertices.shape == (4 * (meshes + 1), 3)
+
+
 def grown(tree, blob):
     """With 32 more bytes of nothing."""
     tree["buffers"][0]["byteLength"] = len(blob) + 32

@@ -73,6 +73,18 @@ def test_what_many_share_is_counted_as_often_as_it_is_built(bar, write_glb, tmp_
         read_mesh(write_glb(path, many(tree, **counts), blob))
 
 
+def test_joints_are_held_against_the_memory(bar, write_glb, tmp_path, monkeypatch):
+    tree, blob = bar()
+    tree["nodes"] += [{}] * 996
+    tree["skins"] *= 10
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 3 * 2**20)
+    assert len(read_mesh(path).mesh) == 2
+    tree["skins"] += [{"joints": [*range(1000)]}]
+    with pytest.raises(ResourceError, match="memory: meshes of 4 vertices need 5 MB"):
+        read_mesh(write_glb(path, tree, blob))
+
+
 def test_a_skinned_mesh_counts_for_each_of_its_nodes_even_where_none_is_placed(bar, monkeypatch, tmp_path):
     tree, _ = bar()
     tree["nodes"] += [tree["nodes"][3]] * 9

@@ -87,6 +87,18 @@ def test_a_chain_of_many_joints_takes_no_more_than_as_many_short_ones(within):
     assert subject.joints[JOINTS.index("head_top")].tolist() == pytest.approx([0, 0, 1.8])
 
 
+def test_of_many_joints_each_name_is_looked_at_once(within):
+    rig, more = body(STYLES["unreal"]), 30_000
+    names = (*rig.names, *(f"ribbon_{i}_l" for i in range(more)))
+    many = replace(
+        rig, names=names, parents=(*rig.parents, *[0] * more), points=np.concatenate([rig.points, np.ones((more, 3))])
+    )
+    start = time.process_time()
+    subject = subject_of_rig(many, UP)
+    assert within(time.process_time() - start, 1.5)
+    torch.testing.assert_close(subject.joints, subject_of_rig(rig, UP).joints)
+
+
 def test_what_helps_to_pose_a_hand_is_no_hand():
     rig = body(STYLES["unreal"])
     helpers = ("ik_hand_gun", "ik_hand_l", "ik_hand_r", "ik_foot_l", "ik_foot_r", "pole_target_hand_l", "ctrl_hand_r")
