@@ -84,7 +84,7 @@ def _known(splats: Splats) -> Array:
 
 
 def _cached(splats: Splats) -> Path:
-    told = hashlib.sha256(f"{NEIGHBOURS} {REACH} {MEMBERS}".encode())
+    told = hashlib.sha256(f"places {NEIGHBOURS} {REACH} {MEMBERS}".encode())
     for part in (splats.means, splats.scales):
         told.update(f" {part.dtype} ".encode())
         told.update(part.detach().cpu().contiguous().numpy().tobytes())
@@ -95,16 +95,41 @@ def _members(splats: Splats) -> Array:
     """Of how many Gaussians the thing consists that each one belongs to, (N,)."""
     means = splats.means.detach().cpu().double().numpy()
     width = splats.scales.detach().cpu().double().numpy().max(1, initial=0)
+    if len(means) <= NEIGHBOURS:
+        return np.full(len(means), MEMBERS)
+    first, place = _places(means)
+    widest = np.zeros(len(first))
+    np.maximum.at(widest, place, width)
+    means, width = means[first], widest  # the others are let go
+    thing = _things(means, width)[place]
+    return np.bincount(thing)[thing]
+
+
+def _places(means: Array) -> tuple[Array, Array]:
+    """The first Gaussian of each place (P,), and at which of these places each one is (N,): in touch with all there.
+
+    A tree cannot part points that coincide, and would look through all of them for each of them.
+    """
+    order = np.lexsort(means.T)
+    apart = np.ones(len(means), bool)
+    apart[1:] = (means[order[1:]] != means[order[:-1]]).any(1)
+    first = np.empty(len(means), np.int64)  # at the place of each
+    first[order] = order[apart][np.cumsum(apart) - 1]
+    is_first = first == np.arange(len(means))
+    return np.flatnonzero(is_first), (np.cumsum(is_first, dtype=np.int32) - 1)[first]
+
+
+def _things(means: Array, width: Array) -> Array:
+    """To which thing each of ``means`` (P, 3) belongs, no two of which coincide, (P,)."""
     count = len(means)
-    if count <= NEIGHBOURS:
-        return np.full(count, MEMBERS)
     tree, touching = KDTree(means), list[Array]()
+    nearest = range(1, min(count, NEIGHBOURS + 1) + 1)
     for start in range(0, count, BLOCK):  # all at once takes more memory
-        distance, other = tree.query(means[start : start + BLOCK], k=NEIGHBOURS + 1, workers=thread_count())
+        distance, other = tree.query(means[start : start + BLOCK], k=nearest, workers=thread_count())
         own = np.arange(start, start + len(other))[:, None]
         touch = (distance <= REACH * (width[own] + width[other])) & (other != own)
         touching.append(np.stack([np.broadcast_to(own, other.shape)[touch], other[touch]]).astype(np.int32))
     pairs = np.concatenate(touching, axis=1)
     links = coo_array((np.ones(pairs.shape[1], bool), (pairs[0], pairs[1])), shape=(count, count))
     _, thing = connected_components(links, directed=False)
-    return np.bincount(thing)[thing]
+    return np.asarray(thing)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -62,6 +64,24 @@ def test_a_few_in_touch_float_and_many_do_not(room: Splats) -> None:
 
     assert found(MEMBERS - 1) == MEMBERS - 1
     assert found(MEMBERS) == 0
+
+
+def test_many_at_one_place_take_no_longer_than_apart(room: Splats, within: Callable[[float, float], bool]) -> None:
+    heap = blobs(room.means.mean(0).expand(40_000, 3) + 9, 0.005, room.sh.shape[1])
+    heap = joined(subset(room, torch.arange(1000)), heap)
+    start = process_time()
+    assert not floaters(heap)[1000:].any()
+    assert within(process_time() - start, 1.0)
+
+
+def test_what_coincides_is_in_touch_with_all_that_one_of_it_touches(room: Splats) -> None:
+    places = torch.arange(4).repeat_interleave(10)[:, None] * torch.tensor([0.0, 0.0, 0.002])
+    heaps = blobs(room.means.mean(0) + 5 + places, 0.005, room.sh.shape[1])
+    heaps = replace(heaps, scales=torch.where(torch.arange(40)[:, None] % 10 == 0, heaps.scales, 1e-5))
+    assert not floaters(joined(room, heaps))[len(room) :].any()
+    assert floaters(joined(room, subset(heaps, torch.arange(30))))[len(room) :].all()
+    alone = floaters(replace(heaps, means=heaps.means[:1].expand(40, 3)))
+    assert not alone.any()
 
 
 def test_the_unit_of_the_scene_changes_nothing(room: Splats) -> None:
