@@ -17,13 +17,14 @@ from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
 from .asset_files import Beside, read_limited
+from .glow import STRENGTH, UNLIT, with_glow
 from .gltf_places import GLOSSY, TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
 
 NODE_LIMIT = 100_000
 ZERO_BYTES = 8  # of a number that a sparse array does not store
 DATA = "data:"
-EXTENSIONS = {"KHR_materials_unlit", "EXT_texture_webp", TRANSFORM, GLOSSY}  # that are read
+EXTENSIONS = {UNLIT, STRENGTH, "EXT_texture_webp", TRANSFORM, GLOSSY}  # that are read
 
 INSTANCES = "EXT_mesh_gpu_instancing"  # which a file may name as one that can be done without: a forest of one tree
 
@@ -146,7 +147,7 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
     if not tree.get("meshes"):
         raise InputError(path, "meshes", "holds no mesh")
     _check_limits(path, tree)
-    tree = with_shown_places(path, _with_scene(tree))
+    tree = with_shown_places(path, with_glow(path, _with_scene(tree)))
     check_need(path, tree)
     buffers = tuple(_buffer(path, i, about, binary, files) for i, about in enumerate(tree.get("buffers", [])))
     for about in tree.get("images", []):

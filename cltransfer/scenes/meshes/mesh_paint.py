@@ -15,6 +15,7 @@ from torch import Tensor
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
+from .glow import UNLIT
 from .gltf_file import Gltf
 from .gltf_places import GLOSSY, shown_texture, transform_of, wraps_of
 from .mesh import GREY, REPEATED, Mesh, Wrap
@@ -81,7 +82,7 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
 
 def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
     return Look(
-        lit="KHR_materials_unlit" not in about.get("extensions", {}),
+        lit=UNLIT not in about.get("extensions", {}),
         textured=bool(shown_texture(about)),
         transform=transform_of(gltf.path, about),
         wraps=wraps_of(gltf.path, gltf.tree, about),

@@ -14,6 +14,7 @@ import numpy as np
 from ...computer.array_type import Array
 from ...errors import InputError
 from .asset_files import Beside, read_limited
+from .glow import GLOWS, library_with_glow, named, tell_library_light
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
 from .textures import FORMATS, image_of
@@ -67,8 +68,10 @@ class ObjFiles(Beside):
         if name == JOINED and self._joined:
             return self._joined
         data = super().get(name).removeprefix(BOM)
-        self.libraries = self.libraries or [self.given[0]]
-        return data
+        if self.libraries:
+            return data
+        self.libraries = [self.given[0]]  # what is asked for first
+        return library_with_glow(_decoded(data)).encode()
 
     __getitem__ = get
 
@@ -78,9 +81,13 @@ class ObjFiles(Beside):
 
 
 def _text(library: Path) -> str:
+    return library_with_glow(_decoded(read_limited(library, LIBRARY_LIMIT).removeprefix(BOM)))
+
+
+def _decoded(data: bytes) -> str:
     from trimesh.util import decode_text
 
-    return str(decode_text(read_limited(library, LIBRARY_LIMIT).removeprefix(BOM)))
+    return str(decode_text(data))
 
 
 def _without_options(name: str) -> str:
@@ -110,7 +117,7 @@ def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
     """What the materials of an OBJ say that trimesh does not pass on, by their names.
 
     Less than half opaque by ``d`` is not drawn, as in a glTF; ``-o``, ``-s`` and ``-clamp on`` place the image. Bumps,
-    turbulence and ``map_d`` are passed over; the last is told, see :func:`tell_passed_over`.
+    turbulence, ``map_d`` and most lights are passed over; the last two are told, see :func:`tell_passed_over`.
 
     Args:
         visuals: those of trimesh.
@@ -120,11 +127,12 @@ def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
 
 
 def _look(material: Any) -> Look:
-    image, opacity = image_of(material), _opacity(getattr(material, "kwargs", {}))
+    about = getattr(material, "kwargs", {})
+    image, opacity, lit = image_of(material), _opacity(about), False if GLOWS in about else None
     options = "" if image is None else _options(str(image.info.get("file_path", "")))
     wraps = CLAMPED if _CLAMPED.search(options) else REPEATED
     cutoff = HALF * (opacity < HALF)
-    return Look(None, textured=False, transform=_transform(options), wraps=wraps, opacity=opacity, cutoff=cutoff)
+    return Look(lit, textured=False, transform=_transform(options), wraps=wraps, opacity=opacity, cutoff=cutoff)
 
 
 def _opacity(about: Mapping[str, Any]) -> float:
@@ -168,7 +176,7 @@ def check_images(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
 
 
 def tell_passed_over(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
-    """Tell which materials are drawn whole though an image, ``map_d``, says where they are not.
+    """Tell which materials are drawn whole though an image, ``map_d``, says where they are not, or without their light.
 
     Args:
         libraries: the .mtl files that say so.
@@ -177,8 +185,9 @@ def tell_passed_over(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
     shown = {material.name for one in visuals if (material := getattr(one, "material", None)) is not None}
     for library in libraries:
         if cut := [name for name in _images(library, "map_d") if name in shown]:
-            names = f"{cut[0][:40]!r}{f' and {len(cut) - 1} more' * (len(cut) > 1)}"
-            _log.warning("%s: map_d of material %s: images of opacity are not read, all of it is drawn", library, names)
+            told = "%s: map_d of material %s: images of opacity are not read, all of it is drawn"
+            _log.warning(told, library, named(cut))
+        tell_library_light(library, _text(library), shown)
 
 
 def _images(library: Path, kind: str = "map_kd") -> dict[str, str]:
