@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,14 +35,9 @@ class Skeleton:
 
 def skins_of_figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
     """Those of ``skins`` that hang from a joint that the first one hangs from, or another of them does."""
-    above = parents_of(gltf)
     joints = {skin: gltf.entry("skins", skin)["joints"] for skin in skins}
     known = {joint for one in joints.values() for joint in one}
-
-    def outermost(node: int, outer: int | None) -> int | None:
-        return node if outer is None and node in known else outer
-
-    top = _downwards(above, known, outermost)
+    top = _outermost(gltf, known, known)
     tops = {skin: {top[joint] for joint in one} for skin, one in joints.items()}
     below: dict[int | None, list[int]] = defaultdict(list)
     for skin, one in tops.items():
@@ -54,6 +49,13 @@ def skins_of_figure(gltf: Gltf, skins: Sequence[int]) -> set[int]:
         found.add(skin)
         left += [other for node in tops[skin] for other in below.pop(node, [])]
     return found
+
+
+def held_by(gltf: Gltf, skins: Iterable[int], nodes: Sequence[int]) -> list[int]:
+    """Those of ``nodes`` that are a joint of ``skins`` or hang from one: a hat, glasses, what a hand holds."""
+    joints = {joint for skin in skins for joint in gltf.entry("skins", skin)["joints"]}
+    top = _outermost(gltf, nodes, joints)
+    return [node for node in nodes if top[node] is not None]
 
 
 def skeleton_of(
@@ -86,6 +88,15 @@ def parents_of(gltf: Gltf) -> dict[int, int]:
     """The node above each that hangs from one."""
     nodes = gltf.tree.get("nodes", [])
     return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+
+
+def _outermost(gltf: Gltf, nodes: Iterable[int], known: Set[int]) -> dict[int, int | None]:
+    """The outermost of ``known`` that each of ``nodes`` is or hangs from, None where there is none."""
+
+    def outermost(node: int, outer: int | None) -> int | None:
+        return node if outer is None and node in known else outer
+
+    return _downwards(parents_of(gltf), nodes, outermost)
 
 
 def _downwards(

@@ -16,11 +16,11 @@ from kornia.geometry.conversions import quaternion_to_rotation_matrix
 from ...computer.array_type import Array
 from ...errors import InputError
 from .gltf_animation import REST, channels
-from .gltf_figure import Skeleton, parents_of, skeleton_of, skins_of_figure
+from .gltf_figure import Skeleton, held_by, parents_of, skeleton_of, skins_of_figure
 from .gltf_file import Gltf
 from .gltf_morph import morphed
 
-POSED = "cltransfer posed"  # start of the names of nodes whose vertices are posed, of the figure with the skeleton
+POSED = "cltransfer posed"  # start of the names of nodes with a mesh of the figure with the skeleton
 OTHER = "another figure"
 
 
@@ -36,11 +36,14 @@ def posed(gltf: Gltf, time: float, animation: str | None = None) -> tuple[Gltf, 
     animated = channels(gltf, time, animation)
     gltf, local = morphed(gltf, animated), _local(gltf, animated)
     world = _world(gltf, local)
-    skins = {i: node["skin"] for i in _shown(gltf) if {"skin", "mesh"} <= (node := gltf.tree["nodes"][i]).keys()}
+    drawn = [i for i in _shown(gltf) if "mesh" in gltf.tree["nodes"][i]]
+    skins = {i: node["skin"] for i in drawn if "skin" in (node := gltf.tree["nodes"][i])}
     matrices = {skin: _joint_matrices(gltf, gltf.entry("skins", skin), world) for skin in dict.fromkeys(skins.values())}
     figure = skins_of_figure(gltf, [*matrices])
     names = {node: f"{POSED if skin in figure else OTHER} {node}" for node, skin in skins.items()}
-    frozen, parts = _frozen(_with_matrices(gltf, local), gltf, names, matrices)
+    held = held_by(gltf, figure, [i for i in drawn if i not in skins])
+    still = _with_matrices(gltf, local, {node: f"{POSED} {node}" for node in held})
+    frozen, parts = _frozen(still, gltf, names, matrices)
     own = {skin: moved for skin, moved in parts.items() if skin in figure}
     if not own:
         return frozen, None
@@ -93,15 +96,16 @@ def _world(gltf: Gltf, local: list[Array]) -> list[Array]:
     return [world[i] for i in range(len(local))]
 
 
-def _with_matrices(gltf: Gltf, local: list[Array]) -> Gltf:
-    """The same document with the pose of every node written down, no animation and no camera.
+def _with_matrices(gltf: Gltf, local: list[Array], names: Mapping[int, str]) -> Gltf:
+    """The same document with the pose of every node written down, no animation and no camera, and some other names.
 
     trimesh puts no node that has a camera into its scene, and so nothing that hangs from one.
     """
     nodes = []
-    for node, matrix in zip(gltf.tree.get("nodes", []), local):
+    for i, (node, matrix) in enumerate(zip(gltf.tree.get("nodes", []), local)):
         kept = {key: value for key, value in node.items() if key not in (*REST, "camera", "skin")}
-        nodes.append({**kept, "matrix": matrix.T.ravel().tolist()})
+        named = {"name": names[i]} if i in names else {}
+        nodes.append({**kept, **named, "matrix": matrix.T.ravel().tolist()})
     tree = {key: value for key, value in gltf.tree.items() if key not in ("animations", "skins")}
     return replace(gltf, tree={**tree, "nodes": nodes})
 

@@ -45,7 +45,8 @@ class MeshFile:
     """What a mesh file holds.
 
     Args:
-        mesh: its triangles in the file's world; the faces of a recognised figure are labelled.
+        mesh: its triangles in the file's world; the faces of a recognised figure, and of what its
+            joints hold, are labelled.
         subject: the person its skeleton names, None where there is none.
         files: every file that was opened.
     """
@@ -182,7 +183,7 @@ def _own_colours(geometry: Any) -> Any:
 def _part(
     path: Path, looks: Mapping[str, Look], textures: Textures, node: str, transform: Array, geometry: Any
 ) -> Mesh:
-    """One geometry in the world; a posed one is labelled."""
+    """One geometry in the world; one of the posed figure is labelled."""
     vertices = torch.from_numpy(np.asarray(geometry.vertices, np.float64))
     if vertices.shape[1:] != (3,):
         reason = f"expected three numbers of each, got {vertices[:1].numel()}"

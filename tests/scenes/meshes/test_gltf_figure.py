@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,9 @@ Meshes = list[tuple[dict[str, list[tuple[float, float, float]]], int]]  # and th
 
 
 @pytest.fixture
-def man(builder: Any, write_glb: Callable[..., Path], tmp_path: Path) -> Callable[[Meshes, list[list[str]]], Path]:
-    def write(meshes: Meshes, skins: list[list[str]]) -> Path:
+def man(builder: Any, write_glb: Callable[..., Path], tmp_path: Path) -> Callable[..., Path]:
+    def write(meshes: Meshes, skins: list[list[str]], held: Sequence[str] = ()) -> Path:
+        """``held`` names joints, or none, from which a node hangs with one of two triangles."""
         b = builder()
         tree: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "meshes": [], "skins": []}
         tree["nodes"] = [{"name": name, "translation": list(offset(name))} for name in NAMES]
@@ -50,6 +51,13 @@ def man(builder: Any, write_glb: Callable[..., Path], tmp_path: Path) -> Callabl
             tree["nodes"].append({"mesh": len(tree["meshes"]), "skin": skin})
             tree["meshes"].append({"primitives": [{"attributes": attributes}]})
         tree["scenes"] = [{"nodes": [0, *range(len(NAMES), len(tree["nodes"]))]}]
+        for name in held:
+            first = len(tree["nodes"])
+            tree["nodes"] += [{"children": [first + 1]}, {"name": "thing", "mesh": len(tree["meshes"])}]
+            triangle = {"attributes": {"POSITION": b.add([(0, 0.4, 0), (0.1, 0.4, 0), (0, 0.5, 0)])}}
+            tree["meshes"].append({"primitives": [triangle, triangle]})
+            beside = tree["nodes"][NAMES.index(name)].setdefault("children", []) if name else tree["scenes"][0]["nodes"]
+            beside.append(first)
         tree.update(bufferViews=b.views, accessors=b.accessors, buffers=[{"byteLength": len(b.blob)}])
         return write_glb(tmp_path / "man.glb", tree, b.blob)
 
@@ -98,3 +106,21 @@ def test_skins_that_hang_together_by_another_are_one_figure(man: Callable[..., P
     assert rig is not None
     assert rig.names == ("RightFoot", "LeftHand")
     assert len(rig.vertices) == 12
+
+
+def test_what_hangs_from_a_joint_is_of_the_person_and_what_stands_beside_is_not(man: Callable[..., Path]) -> None:
+    held = ["head", "", "LeftHand"]
+    found = read_mesh(man([(BODY, 0), (HEAD, 0)], [NAMES], held))
+    assert found.subject is not None
+    assert found.subject.joints[JOINTS.index("head_top"), 1] == pytest.approx(1.85)  # a hat is no head
+    labels = dict(zip(map(tuple, found.mesh.means.mul(100).round().int().tolist()), found.mesh.label.tolist()))
+    assert labels[3, 201, 0] == 1  # above the head
+    assert labels[53, 143, 0] == 1  # in the hand
+    assert labels[3, 43, 0] == 0
+    assert sorted(found.mesh.label.tolist()) == [0, 0, *[1] * 6]
+
+
+def test_what_no_person_holds_is_of_nobody(man: Callable[..., Path]) -> None:
+    found = read_mesh(man([(HEAD, 0)], [["head"]], ["head"]))
+    assert found.subject is None
+    assert found.mesh.label.tolist() == [0, 0, 0]
