@@ -74,7 +74,7 @@ def sh_of_color(color: Array) -> Array:
 
 
 def drawable(path: Path, columns: Columns) -> Splats:
-    """Splats of the rows that can be drawn; too many others are an error."""
+    """Splats of the rows that can be drawn; how many others there are is told, and too many are an error."""
     scales = np.exp(columns["log_scales"])
     length = np.linalg.norm(columns["quats"], axis=1, keepdims=True)
     bad = {
@@ -90,6 +90,10 @@ def drawable(path: Path, columns: Columns) -> Splats:
         name, rows = next((name, rows) for name, rows in bad.items() if rows.any())
         reason = f"not finite or out of range in Gaussian {int(rows.argmax())}; {dropped} of {len(keep)} are unusable"
         raise InputError(path, f"property {name}", reason)
+    if dropped:
+        what = ", ".join(name for name, rows in bad.items() if rows.any())
+        told = "%s: %d of %d Gaussians are left out, not finite or out of range: %s"
+        _log.warning(told, path, dropped, len(keep), what)
     quats = columns["quats"] / np.where(keep[:, None], length, 1)
     arrays = {
         "means": columns["means"],

@@ -50,12 +50,14 @@ def test_where_all_fits_nothing_is_said(tmp_path, monkeypatch, caplog):
     assert caplog.messages == []
 
 
-def test_a_gaussian_of_which_the_colour_would_overflow_is_left_out_and_counted(tmp_path):
+def test_a_gaussian_of_which_the_colour_would_overflow_is_left_out_and_told(tmp_path, caplog):
     room = synthetic_room(500)
     room.sh[7, 1:] = 3e38
     write_splats(tmp_path / "room.ply", room)
     got = read_splats(tmp_path / "room.ply")
     assert (got.dropped, len(got)) == (1, 499)
+    told = "1 of 500 Gaussians are left out, not finite or out of range: f_dc, f_rest"
+    assert caplog.messages == [f"{tmp_path / 'room.ply'}: {told}"]
 
 
 def test_what_does_not_fit_at_all_is_refused_before_it_is_read(tmp_path, monkeypatch):

@@ -39,14 +39,16 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 UP = (0.0, 1.0, 0.0)  # of glTF by its standard, of most OBJ and PLY by habit
 LOST = 0.01  # share of vertices that may be not finite
 
+_log = logging.getLogger("cltransfer")
+
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
     """What a mesh file holds.
 
     Args:
-        mesh: its triangles in the file's world; the faces of a recognised figure, and of what its
-            joints hold, are labelled.
+        mesh: its triangles in the file's world; the faces of a recognised figure, and of what its joints hold, are
+            labelled.
         subject: the person its skeleton names, None where there is none.
         files: every file that was opened.
     """
@@ -197,7 +199,7 @@ def _part(
 
 
 def _finite(path: Path, mesh: Mesh) -> Mesh:
-    """Without the faces of vertices that are not finite; too many of those refuse the file."""
+    """Without the faces of vertices that are not finite, which is told; too many of those refuse the file."""
     good = torch.isfinite(mesh.vertices).all(1)
     if bool(good.all()):
         return mesh
@@ -205,5 +207,8 @@ def _finite(path: Path, mesh: Mesh) -> Mesh:
     if lost > LOST:
         raise InputError(path, "vertices", f"{lost:.0%} are not finite")
     keep = good[mesh.faces.long()].all(1)
-    dropped = mesh.dropped + int((~keep).sum())
-    return replace(mesh.of_faces(keep), vertices=mesh.vertices.nan_to_num(0.0, 0.0, 0.0), dropped=dropped)
+    left_out = int((~keep).sum())
+    _log.warning("%s: %d of %d vertices are not finite: %d faces of theirs are left out",
+                 path, int((~good).sum()), len(good), left_out)  # fmt: skip
+    vertices = mesh.vertices.nan_to_num(0.0, 0.0, 0.0)
+    return replace(mesh.of_faces(keep), vertices=vertices, dropped=mesh.dropped + left_out)

@@ -243,13 +243,15 @@ def test_an_obj_whose_texture_is_elsewhere_is_refused(tmp_path, texture):
         read_mesh(tmp_path / "in" / "stage.obj")
 
 
-def test_a_few_broken_vertices_cost_their_faces_and_many_the_file(tmp_path):
+def test_a_few_broken_vertices_cost_their_faces_and_many_the_file(tmp_path, caplog):
     rows = [f"{i % 20} {i // 20} 0" for i in range(200)]
     rows[7] = "nan 0 0"
     faces = "".join(f"3 {i} {i + 1} {i + 20}\n" for i in range(100))
     write_ply(tmp_path / "scan.ply", "\n".join(rows) + "\n", faces, 100, 200)
     mesh = read_mesh(tmp_path / "scan.ply").mesh
     assert (len(mesh), mesh.dropped) == (98, 2)
+    told = "1 of 200 vertices are not finite: 2 faces of theirs are left out"
+    assert caplog.messages == [f"{tmp_path / 'scan.ply'}: {told}"]
     assert bool(mesh.vertices.isfinite().all())
     rows[8:12] = ["nan nan nan"] * 4
     write_ply(tmp_path / "scan.ply", "\n".join(rows) + "\n", faces, 100, 200)
