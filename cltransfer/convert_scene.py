@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,8 @@ from .subject import Subject
 from .trajectory import FORMAT, Trajectory
 
 Representation = Literal["gaussian_splats", "nerf_grid"]
+
+_log = logging.getLogger("cltransfer")
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,8 @@ def bake_to_folder(
 ) -> Mapping[str, Any]:
     """Bake the mesh ``source`` into ``out``: the scene, and its person's subject.json and labels where known.
 
+    A person who is marked but has no skeleton is told of: nothing baked keeps the mark.
+
     Args:
         source: a mesh, or a composition of meshes.
         out: folder.
@@ -175,6 +180,8 @@ def bake_to_folder(
         write_grid(file, grid)
     if scene.subject is not None:
         _write_person(out, scene.subject, label)
+    elif bool(mesh.label.any()):  # labels are read beside a subject.json only
+        _log.warning("%s: marks a person without a skeleton, whom what is baked does not: lift %s", source, file)
     return {"file": str(file), "count": count, "up": scene.up.tolist(), "subject": scene.subject is not None}
 
 

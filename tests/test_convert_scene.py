@@ -310,6 +310,20 @@ def test_a_mesh_is_baked_into_a_folder(tmp_path: Path, representation: str, deta
         bake_to_folder(found["file"], tmp_path / "again", representation, detail)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("representation", "detail"), [("gaussian_splats", 500), ("nerf_grid", 8)])
+def test_that_a_person_without_a_skeleton_is_no_longer_marked_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, representation: Any, detail: int
+) -> None:
+    trimesh.creation.box().export(tmp_path / "box.obj")
+    for label, count in (("scene", 0), ("subject", 1)):
+        (tmp_path / "box.yaml").write_text(f"parts:\n  - {{file: box.obj, label: {label}}}\n")
+        found = bake_to_folder(str(tmp_path / "box.yaml"), tmp_path / "baked", representation, detail)
+        assert len(caplog.messages) == count
+    told = f"marks a person without a skeleton, whom what is baked does not: lift {found['file']}"
+    assert caplog.messages == [f"{tmp_path / 'box.yaml'}: {told}"]
+    assert len(list((tmp_path / "baked").iterdir())) == 1
+
+
 @pytest.mark.skipif(not MAN.is_file(), reason=f"the textured man is not here: {MAN}")
 @pytest.mark.parametrize(("representation", "detail"), [("gaussian_splats", 5_000), ("nerf_grid", 48)])
 def test_the_person_of_a_skeleton_goes_along_with_its_labels(tmp_path: Path, representation: str, detail: int) -> None:
