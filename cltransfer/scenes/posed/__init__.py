@@ -142,7 +142,8 @@ def read_posed(path: str | Path) -> PosedImages:
     Args:
         path: a folder or file of COLMAP (a folder with ``sparse/0``, or the model's own folder, text or binary),
             nerfstudio or instant-ngp (transforms.json), the INRIA trainer (cameras.json), LLFF (poses_bounds.npy), or
-            EasyMocap (intri.yml and extri.yml).
+            EasyMocap (intri.yml and extri.yml). Of a folder with COLMAP's model and what LLFF made of it the former is
+            read, of which more is left; the file may be named.
 
     Raises:
         InputError: it is none of these, is damaged, names a file outside its folder, has a lens that cannot be

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,13 @@ from .lens import Lens
 
 # number of parameters of each lens model we know the formula of, by COLMAP's name
 FOCALS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
-MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
+OWN_FOLDERS = ("sparse/0", "sparse")  # of a model of the images in the folder itself
+MODEL_FOLDERS = (*OWN_FOLDERS, "colmap/sparse/0", ".")
 
 
-def find_model(folder: Path) -> Path | None:
-    """The folder of the sparse model in ``folder``, None where there is none."""
-    for name in MODEL_FOLDERS:
+def find_model(folder: Path, names: Sequence[str] = MODEL_FOLDERS) -> Path | None:
+    """The folder of the sparse model in one of ``names`` of ``folder``, None where there is none."""
+    for name in names:
         if any((folder / name / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt")):
             return folder / name
     return None

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from ...errors import InputError
 from . import PosedImages
-from .colmap import find_model, read_colmap
+from .colmap import OWN_FOLDERS, find_model, read_colmap
 from .easymocap import read_easymocap
 from .inria import read_inria
 from .llff import read_llff
 from .transforms import read_transforms
 
-SET_FILES = ("transforms.json", "cameras.json", "poses_bounds.npy", "intri.yml")
+LLFF = "poses_bounds.npy"  # made of a model of COLMAP, without its points, second focal length and distortion
+SET_FILES = ("transforms.json", "cameras.json", LLFF, "intri.yml")
 KNOWN = f"{', '.join(SET_FILES)}, or sparse/0"
 
 
@@ -34,9 +35,10 @@ def read(path: Path) -> PosedImages:
 
 
 def _read_folder(folder: Path) -> PosedImages:
+    whole = find_model(folder, OWN_FOLDERS)
     for name in SET_FILES:
         if (folder / name).is_file():
-            return read(folder / name)
+            return read_colmap(whole) if whole is not None and name == LLFF else read(folder / name)
     model = find_model(folder)
     if model is None:
         raise InputError(folder, "", "is no posed image set", f"expected {KNOWN}")

@@ -168,6 +168,21 @@ def test_blank_lines_of_colmap_end_nothing(tmp_path: Path) -> None:
     assert set(read_posed(tmp_path).names) == set(NAMES)
 
 
+def test_of_a_model_and_what_llff_made_of_it_the_model_is_read(tmp_path: Path) -> None:
+    write_llff(tmp_path)
+    write_colmap_text(tmp_path / "model")
+    (tmp_path / "model" / "sparse").rename(tmp_path / "sparse")
+    cameras = tmp_path / "sparse" / "0" / "cameras.txt"
+    cameras.write_text(f"1 OPENCV {SIZE[0]} {SIZE[1]} {FOCAL} {1.1 * FOCAL} 32 24 0.01 0 0 0\n")
+    posed = read_posed(tmp_path)
+    assert posed.points is not None
+    assert posed.lenses[0].focal == (FOCAL, 1.1 * FOCAL)
+    assert posed.lenses[0].bends
+    assert posed.missing == ()
+    named = read_posed(tmp_path / "poses_bounds.npy")
+    assert (named.points, named.lenses[0].focal, named.lenses[0].bends) == (None, (FOCAL, FOCAL), False)
+
+
 @pytest.mark.parametrize("write", WRITERS)
 def test_each_image_belongs_to_its_camera(tmp_path: Path, write: Callable[[Path], None]) -> None:
     write(tmp_path)
