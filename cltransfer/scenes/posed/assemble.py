@@ -26,6 +26,7 @@ POINT_LIMIT = 20_000_000
 SIDE_LIMIT = 65_536  # [px]
 POINT_BYTES = 60  # of a reconstructed point with its colour, while it is read
 ROTATION_SLACK = 1e-3
+UNBENT = "its image would fold or vanish: are these k1, k2, p1, p2 and k3 of OpenCV's model?"
 VIDEOS = (".mp4", ".mkv", ".mov")
 
 
@@ -120,14 +121,18 @@ def lens_of(
     """A lens of ``size`` (W, H) with ``values`` fx, fy, cx, cy [px], checked.
 
     Raises:
-        InputError: a value is not finite or out of range.
+        InputError: a value is not finite or out of range, or such a lens cannot be straightened.
     """
     if not all(1 <= length <= SIDE_LIMIT and length == int(length) for length in size):
         raise InputError(where, field, f"expected a width and a height of 1 to {SIDE_LIMIT} px, got {tuple(size)}")
     if not all(math.isfinite(v) for v in (*values, *distortion)) or min(values[:2]) <= 0:
         raise InputError(where, field, f"expected finite intrinsics and a positive focal length, got {tuple(values)}")
     bend = tuple(distortion) if any(distortion) else ()
-    return Lens((int(size[0]), int(size[1])), (values[0], values[1]), (values[2], values[3]), bend)
+    lens = Lens((int(size[0]), int(size[1])), (values[0], values[1]), (values[2], values[3]), bend)
+    if not lens.can_be_straightened:
+        told = ", ".join(f"{value:g}" for value in bend)
+        raise InputError(where, field, f"a lens with the distortion {told} cannot be straightened", UNBENT)
+    return lens
 
 
 def size_of_image(where: Path, name: str, file: Path | None, exif: bool = False) -> tuple[int, int]:

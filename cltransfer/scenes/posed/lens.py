@@ -9,6 +9,8 @@ import numpy as np
 
 from ...computer.array_type import Array
 
+FARTHEST = 10  # times that straightening may change a focal length
+STEPS = 257  # from the middle of a straightened image to its corner, at which a lens is looked at
 HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
@@ -45,6 +47,26 @@ class Lens:
             return self.matrix
         K, _ = cv2.getOptimalNewCameraMatrix(_centred(self.matrix), self._coefficients, self.size, alpha=0)
         return _cornered(K)
+
+    @property
+    def can_be_straightened(self) -> bool:
+        """Whether its straightened image has about its focal length, and shows nothing twice."""
+        if not self.bends:
+            return True
+        K = self.straight_matrix()
+        with np.errstate(all="ignore"):  # what is beyond all numbers is refused
+            change = np.diag(K)[:2] / self.focal
+            corners = np.array([[0, 0, 1, 1], [0, 1, 0, 1]]).T * self.size
+            farthest = np.linalg.norm((corners - K[:2, 2]) / np.diag(K)[:2], axis=1).max()
+            outwards = np.diff(self._bent(np.linspace(0, farthest, STEPS)))
+        sensible = (change >= 1 / FARTHEST) & (change <= FARTHEST)
+        return bool(sensible.all() and (outwards > 0).all())
+
+    def _bent(self, radius: Array) -> Array:
+        """How far from the middle a lens puts what is at ``radius`` in front of it, both in focal lengths."""
+        k1, k2, _, _, k3, k4, k5, k6 = np.pad(self._coefficients, (0, 8))[:8]
+        r2 = radius**2
+        return np.asarray(radius * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))))
 
     @property
     def _coefficients(self) -> Array:

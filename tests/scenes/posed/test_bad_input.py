@@ -48,6 +48,8 @@ def write(root: Path, **changes: Any) -> Path:
         ({"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE cannot be straightened"),
         ({"k4": 0.1}, "fisheye cannot be straightened"),
         ({"fl_x": -1.0}, "expected finite intrinsics"),
+        ({"p1": 5.0, "p2": 5.0}, r"frames\[0\]: a lens with the distortion 0, 0, 5, 5, 0 cannot be straightened"),
+        ({"k1": 1e300}, r"the distortion 1e\+300, 0, 0, 0, 0 cannot be straightened .its image would fold or vanish"),
         ({"fl_x": "five"}, r"frames\[0\].fl_x: expected a number, got 'five'"),
         ({"w": 10**9}, "expected a width and a height"),
         ({"ply_file_path": "../points.ply"}, "leads out of the folder"),

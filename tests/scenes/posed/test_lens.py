@@ -51,3 +51,35 @@ def test_a_straight_lens_changes_nothing() -> None:
     image = np.arange(144, dtype=np.uint8).reshape(6, 8, 3)
     assert straighten(image, lens, lens.matrix) is image
     assert np.array_equal(lens.straight_matrix(), lens.matrix)
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        (0, 0, 5, 5),
+        (1e300,),
+        (-1e8,),
+        (-0.6,),
+        (50,),
+        (1e300,) * 4,
+        (0, 0, 0, 0, 0, -5),
+        (0, 0, 0.5, 0.5),
+    ],
+)
+def test_a_lens_that_folds_its_image_or_leaves_none_of_it_cannot_be_straightened(distortion: tuple[float, ...]) -> None:
+    assert not Lens((1600, 1200), (1000.0, 1000.0), (800.0, 600.0), distortion).can_be_straightened
+    assert not Lens((1, 1), (1e-300, 1e-300), (0.5, 0.5), distortion).can_be_straightened
+
+
+@pytest.mark.parametrize(
+    ("focal", "distortion"),
+    [
+        (1000.0, ()),
+        (1000.0, (-0.25, 0.06, 0.001, -0.002)),
+        (700.0, (-0.27, 0.11, 0, 0, -0.03)),  # of an action camera
+        (1000.0, (0.2, -0.1)),
+        (1000.0, (0.1, 0.01, 0, 0, 0.01, 0.2, 0.02, 0.01)),
+    ],
+)
+def test_lenses_as_they_are_can_be_straightened(focal: float, distortion: tuple[float, ...]) -> None:
+    assert Lens((1600, 900), (focal, focal), (800.0, 450.0), distortion).can_be_straightened
