@@ -50,8 +50,10 @@ def _rows(path: Path) -> Array:
         raise InputError(path, "", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
     try:
         rows = np.lib.format.open_memmap(path, mode="r")  # by map: a shape larger than the file is refused
-    except (ValueError, OSError, OverflowError, TokenError) as error:
-        raise InputError(path, "", f"not a NumPy file: {' '.join(str(error).split())}") from None
+    except (ValueError, OSError, OverflowError, TokenError, MemoryError, RecursionError) as error:
+        # of nothing but a header that is nested too deep: no array is made
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, "", f"not a NumPy file: {reason}") from None
     if rows.ndim != 2 or rows.shape[1] != ROW or rows.dtype.kind != "f":
         raise InputError(path, "shape", f"expected (N, {ROW}) numbers, got {rows.shape} {rows.dtype}")
     return np.array(rows, np.float64)

@@ -259,6 +259,12 @@ def archive(root: Path) -> None:
         np.savez(stream, a=np.zeros((2, ROW)))
 
 
+def nested(root: Path) -> None:
+    """A header of more signs in a row than Python's parser takes."""
+    header = b"-" * 9000 + b"1\n"
+    (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header)
+
+
 def headed(root: Path, shape: tuple[int, int]) -> None:
     """A file whose header promises ``shape`` of what it does not hold."""
     with (root / "poses_bounds.npy").open("wb") as stream:
@@ -275,6 +281,7 @@ def headed(root: Path, shape: tuple[int, int]) -> None:
         (lambda root: (root / "poses_bounds.npy").write_bytes(b""), "not a NumPy file"),
         (lambda root: (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY\1\0\4\0{'(\n"), "not a NumPy file"),
         (archive, "not a NumPy file"),
+        (nested, r"poses_bounds.npy: not a NumPy file: \S"),
         (lambda root: headed(root, (10**30, ROW)), "not a NumPy file"),
         (lambda root: headed(root, (-1, ROW)), "not a NumPy file|shape"),
         (lambda root: save(root, np.full((1, 17), np.nan)), "row 0: expected"),
