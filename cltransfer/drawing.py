@@ -121,6 +121,8 @@ def _check_frames(who: str, drawn: Features, cameras: Camera, buffers: frozenset
         if not value.is_floating_point():
             reason = f"expected {name} in floating point, got {value.dtype}"
             raise ModelError("", who, reason, f"return {name}.float()")
+        if name == "image" and not bool(value.isfinite().all()):
+            raise ModelError("", who, "expected an image of finite numbers, got NaN or infinity", "0 is black")
 
 
 def _counted(count: int, size: tuple[int, int]) -> str:

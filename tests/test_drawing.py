@@ -138,12 +138,13 @@ NOT_ALL = r"\(draw every camera, at cameras.size, and return camera=cameras\)$"
             r"expected image, .* image must be RGB in \[0, 1\], got torch.uint8;",
         ),
         ({"depth": torch.zeros(2, 18, 32).int()}, r"expected depth in floating point, .* \(return depth.float\(\)\)$"),
+        ({"image": torch.full((2, 3, 18, 32), torch.nan)}, r"expected an image of finite numbers, got NaN or infinity"),
         (
             {"depth": torch.zeros(2, 18, 32, device="meta")},
             r"expected depth on the CPU, got meta \(return depth.cpu\(\)\)$",
         ),
     ],
-    ids=["size", "size of the cameras", "one camera of two", "no camera", "bytes", "integers", "elsewhere"],
+    ids=["size", "size of the cameras", "one camera of two", "no camera", "bytes", "integers", "nowhere", "elsewhere"],
 )
 def test_what_is_no_frame_of_the_cameras_is_refused_under_the_name_that_a_config_has(
     change: dict[str, Any], line: str, monkeypatch: pytest.MonkeyPatch

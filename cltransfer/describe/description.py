@@ -128,7 +128,7 @@ def describe_features(
     orientation = features.require("orientation").double()
     deep = features.has("depth") and features.has("layers")
     staging = staging_class(features) if deep else torch.full((count,), -1)
-    no_depth = "" if deep else missing.get("depth", "no depth")
+    no_depth = "" if deep else {**missing, **features.reasons}.get("depth", "no depth")
     tracks = (
         Track("scale", SCALES, shot_scale(features), "too few joints"),
         Track("height", HEIGHTS, height_class(orientation), "the person's orientation is unknown"),

@@ -60,7 +60,7 @@ def describe(
     reference = read_reference(source, parts, reading, progress)
     lacking = [name for name in NEEDS if not reference.features.has(name)]
     if lacking:
-        reason = reference.missing.get(lacking[0], "not read")
+        reason = {**reference.missing, **reference.features.reasons}.get(lacking[0], "not read")
         raise InputError(source, lacking[0], reason, HINT)
     motion = flow_motion(reference.features, reference.times)
     read = reference.features

@@ -79,6 +79,8 @@ class DepthOnnx:
             raise ValueError(f"affine must rise with the disparity, got {self.affine}")
         if self.multiple < 0:
             raise ValueError(f"multiple must be at least 0, got {self.multiple}")
+        if not 0 <= min(self.mean) <= max(self.mean) <= 1:
+            raise ValueError(f"mean is of pixels in [0, 1], got {self.mean}: divide it and std by 255")
         if min(self.width, self.height) < 1 or min(self.std) <= 0 or not 0 < self.floor < 1:
             raise ValueError("width, height and std must be positive and floor in (0, 1)")
 

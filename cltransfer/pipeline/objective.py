@@ -238,7 +238,7 @@ class Objective:
 
 
 def values(loss: Any, features: tuple[Features, Features], count: int, who: str) -> Tensor:
-    """Raw values of a loss, (``count``,) float64 in [0, inf), NaN where undefined.
+    """Raw values of a loss, (``count``,) float64 of 0 or more; one that is not finite is undefined.
 
     Raises:
         ModelError: it fails, or gives anything else.

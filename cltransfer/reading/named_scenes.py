@@ -69,6 +69,7 @@ def recall(digest: str) -> str:
         InputError: it was never seen here.
     """
     note = cache_dir() / "scenes" / f"{digest}.json"
-    if not digest.isalnum() or not note.is_file():
+    known = read_json(note) if digest.isalnum() and note.is_file() else None
+    if not isinstance(known, dict) or not isinstance(known.get("path"), str):
         raise InputError("", "scene", "this computer has not seen the scene of this run", "name it: --scene FILE")
-    return str(read_json(note)["path"])
+    return str(known["path"])

@@ -34,6 +34,12 @@ def described(features: Features) -> Description:
     return describe_features("sample", features, TIMES, flow_motion(features, TIMES), {"depth": "no depth network"})
 
 
+def test_staging_that_is_not_told_says_why_by_what_the_clip_itself_told() -> None:
+    features = replace(sample_features(0, 6), depth=None, reasons={"depth": "depth_sfm: the camera stands still"})
+    told = describe_features("sample", features, TIMES, flow_motion(features, TIMES), {})
+    assert "Staging: not told (depth_sfm: the camera stands still)." in told.text()
+
+
 def angles(yaw: float = 0, pitch: float = 0, roll: float = 0) -> torch.Tensor:
     return torch.deg2rad(torch.tensor([[yaw, pitch, roll]]))
 

@@ -163,5 +163,7 @@ def test_an_alignment_of_what_has_no_shift_is_refused():
         DepthOnnx(model="net.onnx", kind="disparity", affine=(1.0, 0.1))
     with pytest.raises(ValueError, match="got raw of depth: what is depth has no shift"):
         DepthOnnx(model="net.onnx", kind="depth", affine=(1.0, 0.1))
+    with pytest.raises(ValueError, match=r"mean is of pixels in \[0, 1\], got \(123.7, .* divide it and std by 255"):
+        DepthOnnx(model="net.onnx", kind="depth", mean=(123.7, 116.3, 103.5), std=(58.4, 57.1, 57.4))
     with pytest.raises(ValueError, match="affine must rise with the disparity"):
         DepthOnnx(model="net.onnx", kind="disparity", align="metric", affine=(0.0, 1.0))

@@ -20,6 +20,10 @@ def test_a_scene_is_recalled_by_its_content(tmp_path: Path, monkeypatch: pytest.
     assert recall("ab12") == str(tmp_path / "scene.ply")
     with pytest.raises(InputError, match="has not seen the scene"):
         recall("ab13")
+    for damaged in ("{}", "[]", '{"path": 3}'):
+        (tmp_path / "cache" / "scenes" / "ab13.json").write_text(damaged)
+        with pytest.raises(InputError, match="has not seen the scene"):
+            recall("ab13")
 
 
 def test_a_cache_that_cannot_be_written_is_told_and_loses_no_result(

@@ -182,6 +182,9 @@ def _file(path: Path, part: Part, index: int, root: Path | None) -> Path:
 def _read(path: Path, part: Part, index: int, root: Path | None, up: tuple[float, float, float]) -> MeshFile:
     """The file of one part; its own upwards is the scene's before the part was turned."""
     file = _file(path, part, index, root)
+    if file.suffix.lower() not in (".glb", ".gltf") and (part.time or part.animation):
+        field = f"parts[{index}].{'time' if part.time else 'animation'}"
+        raise InputError(path, field, f"{file.name} does not move, only glTF does", "leave it out")
     own_up = part.rotation.T @ torch.tensor(up, dtype=torch.float64)
     x, y, z = own_up.tolist()
     return read_mesh(file, Moment(part.time, part.animation), (x, y, z))

@@ -163,6 +163,8 @@ def _skinned(gltf: Gltf, attributes: dict[str, int], matrices: Array) -> tuple[A
     if not {"POSITION", "JOINTS_0", "WEIGHTS_0"} <= attributes.keys():
         raise InputError(gltf.path, "skins", "a skinned mesh has no POSITION, JOINTS_0 or WEIGHTS_0")
     rest = gltf.array(attributes["POSITION"]).astype(np.float64)
+    if "JOINTS_2" in attributes:
+        raise InputError(gltf.path, "skins", "expected at most 8 joints a vertex, got JOINTS_2", "limit them to 4 or 8")
     sets = [k for k in range(2) if f"JOINTS_{k}" in attributes]
     joints, weights = (
         np.concatenate([gltf.array(attributes[f"{kind}_{k}"]) for k in sets], axis=1) for kind in ("JOINTS", "WEIGHTS")
@@ -171,7 +173,8 @@ def _skinned(gltf: Gltf, attributes: dict[str, int], matrices: Array) -> tuple[A
         raise InputError(gltf.path, "skins", f"{len(rest)} vertices have {len(joints)} joints, {len(weights)} weights")
     if joints.max() >= len(matrices):
         raise InputError(gltf.path, "skins", f"joint {joints.max()} of {len(matrices)}")
-    share = weights / np.maximum(weights.sum(1, keepdims=True), 1e-12)
+    total = weights.sum(1, keepdims=True)
+    share = np.where(total > 0, weights, np.eye(1, weights.shape[1])) / np.where(total > 0, total, 1)  # else the first
     blended = np.einsum("vk,vkij->vij", share, matrices[joints])
     vertices = np.einsum("vij,vj->vi", blended[:, :3, :3], rest) + blended[:, :3, 3]
     return vertices, np.take_along_axis(joints, weights.argmax(1)[:, None], axis=1)[:, 0]

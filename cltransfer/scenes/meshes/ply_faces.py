@@ -86,6 +86,9 @@ def _read(path: Path, data: bytes) -> Any:
     """What plyfile makes of it, None where there is nothing but triangles, which it can tell at a glance."""
     from plyfile import PlyData, PlyElementParseError
 
+    header, mark, rows = data.partition(b"end_header")
+    if not header.isascii():  # a remark of somebody's name, which plyfile does not read
+        return PlyData.read(io.BytesIO(bytes(byte if byte < 128 else ord("?") for byte in header) + mark + rows))
     try:
         known = {"face": {**dict.fromkeys(CORNERS, 3), PLACES: 6}}
         ply = PlyData.read(str(path), mmap="r", known_list_len=known)

@@ -71,7 +71,10 @@ def _images(path: Path) -> list[Shot]:
     for where, line in lines:
         if not line.strip():
             continue
-        next(lines, None)  # the points that the image sees: a line that may be empty
+        there, seen = next(lines, (where, ""))  # the points that the image sees: a line that may be empty
+        if len(seen.split()) % 3:
+            reason = "expected X Y POINT3D_ID of the points that the image before it sees, or an empty line"
+            raise InputError(path, there, reason, "were empty lines left out?")
         parts = line.split(maxsplit=9)
         if len(parts) != 10 or not parts[8].isdecimal():
             raise InputError(path, where, "expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ from .assemble import View, find_image, inverse, lens_of, numbers, posed_images,
 from .lens import Lens
 from .points_ply import read_points
 
+_log = logging.getLogger("cltransfer")
 MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 POINTS = "points3D.ply"  # beside the file, where it names no other
@@ -32,7 +34,10 @@ def read_transforms(path: Path) -> PosedImages:
     if not isinstance(data, Mapping) or not isinstance(data.get("frames"), list):
         raise InputError(path, "frames", "expected a list of images", "is it a transforms.json?")
     views = [_view(path, data, frame, index) for index, frame in enumerate(data["frames"])]
-    cloud = find_image(path.parent, str(data.get("ply_file_path", POINTS)), path, ("", ".ply"))
+    named = data.get("ply_file_path")
+    cloud = find_image(path.parent, str(named or POINTS), path, ("", ".ply"))
+    if named and cloud is None:
+        _log.warning("%s: ply_file_path: no such file, the set has no points: %.80s", path, named)
     return posed_images(path, views, *(read_points(cloud) if cloud else ()))
 
 

@@ -160,6 +160,8 @@ def test_a_line_is_short_whatever_a_part_holds(folder, field):
         ("parts: [{file: tile.obj, translate: [1, 2]}]", "translate must be three numbers"),
         ("parts: [{file: tile.obj, rotate_deg: abc}]", "rotate_deg must be three numbers"),
         ("parts: [{file: tile.obj, time: soon}]", "time must be seconds"),
+        ("parts: [{file: tile.obj, time: 3.5}]", r"parts\[0\].time: tile.obj does not move, only glTF does"),
+        ("parts: [{file: tile.obj, animation: Run}]", r"parts\[0\].animation: tile.obj does not move"),
         ("parts: [{file: 3}]", "file must be a name"),
         ("parts: [{file: gone.obj}]", "no such file"),
         ("up: [0, 0, 0]\nparts: [{file: tile.obj}]", "up: expected a direction"),

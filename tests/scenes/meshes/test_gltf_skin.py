@@ -86,6 +86,19 @@ def test_the_skeleton_says_where_its_joints_are_and_what_they_move(pose):
     assert rig.strongest.tolist() == [0, 0, 1, 1]
 
 
+def test_a_vertex_that_no_joint_weighs_goes_with_its_first_one(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    weights = tree["accessors"][tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"]]
+    view = tree["bufferViews"][weights["bufferView"]]
+    start = view.get("byteOffset", 0)
+    none = blob[:start] + bytes(view["byteLength"]) + blob[start + view["byteLength"] :]
+    found = [
+        posed(read_gltf(write_glb(tmp_path / "bar.glb", tree, data), Beside(tmp_path)), 0.0)[1] for data in (blob, none)
+    ]
+    np.testing.assert_allclose(found[1].vertices[:2], found[0].vertices[:2])  # those of the lower joint
+    assert np.abs(found[1].vertices).max(1).min() > 1  # and none at the origin
+
+
 @pytest.mark.parametrize("scale", [1.0, -1.0])
 def test_a_figure_that_hangs_from_a_mirror_is_mirrored(bar, write_glb, tmp_path, scale):
     tree, blob = bar()
@@ -149,6 +162,8 @@ def damage(tree, what):
         tree["skins"][0]["inverseBindMatrices"] = 0
     if what == "node":
         tree["skins"][0]["joints"] = [1, 99]
+    if what == "twelve":
+        tree["meshes"][0]["primitives"][0]["attributes"]["JOINTS_2"] = 0
 
 
 @pytest.mark.parametrize(
@@ -161,6 +176,7 @@ def damage(tree, what):
         ("weights", "WEIGHTS_0"),
         ("binds", "inverse bind matrices"),
         ("node", "has no entry 99"),
+        ("twelve", "at most 8 joints a vertex"),
     ],
 )
 def test_a_damaged_skin_is_one_line(bar, write_glb, tmp_path, what, reason):

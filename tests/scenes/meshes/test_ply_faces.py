@@ -47,6 +47,16 @@ def test_a_wall_keeps_its_door_beside_faces_of_other_sizes(tmp_path: Path, form:
     assert not bool(((middle[:, 0] > 1.5) & (middle[:, 0] < 2.5) & (middle[:, 1] < 2)).any())
 
 
+@pytest.mark.parametrize("form", FORMS, ids=["text", "little", "big"])
+def test_a_remark_that_is_no_ascii_costs_no_door(tmp_path: Path, form: dict[str, Any]) -> None:
+    path = saved(tmp_path / "a.ply", [[*range(8)], [5, 8, 9, 6]], ("by Mueller",), form=form)
+    path.write_bytes(path.read_bytes().replace(b"Mueller", "Müller".encode()))
+    mesh = read_mesh(path).mesh
+    corners = mesh.vertices[mesh.faces.long()].double()
+    normal = (corners[:, 1] - corners[:, 0]).cross(corners[:, 2] - corners[:, 0], dim=1)
+    assert normal.norm(dim=1).sum().item() / 2 == pytest.approx(10 + 3)
+
+
 def test_the_triangles_of_a_polygon_have_its_colour(tmp_path: Path) -> None:
     colors = {"red": [255, 0], "green": [0, 255], "blue": [0, 0]}
     mesh = read_mesh(saved(tmp_path / "a.ply", [[0, 5, 6, 7], [0, 1, 2]], **colors)).mesh

@@ -206,6 +206,7 @@ def test_a_damaged_binary_model_is_named(tmp_path: Path, files: dict[str, bytes]
         ("cameras", "1 PINHOLE 8 6 5 5 4", r"cameras.txt: line 1: expected CAMERA_ID"),
         ("cameras", "1 PINHOLE 8 6 5 5 4 x", r"cameras.txt: line 1: expected numbers"),
         ("images", "1 1 0 0 0 0 0 2 1", r"images.txt: line 1: expected IMAGE_ID"),
+        ("images", "1 1 0 0 0 0 0 2 1 a.png\n2 1 0 0 0 0 0 2 1 b.png", r"images.txt: line 2: expected X Y POINT3D_ID"),
         ("points3D", "1 0 0 0 1 1", r"points3D.txt: line 1: expected POINT3D_ID"),
     ],
 )

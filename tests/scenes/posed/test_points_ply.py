@@ -45,10 +45,16 @@ def test_text_is_read_as_the_same_points_in_binary_are(tmp_path: Path) -> None:
     assert read_points(written(tmp_path / "bare.ply", "1 2 3\n", 1, POSITION))[1] is None
 
 
-def test_a_set_with_points_in_text_is_read_and_no_points_are_none(tmp_path: Path) -> None:
+def test_a_set_with_points_in_text_is_read_and_no_points_are_none(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
     data = {"w": 8, "h": 6, "fl_x": 5.0, "frames": [frame], "ply_file_path": "sparse_pc.ply"}
     (tmp_path / "transforms.json").write_text(json.dumps(data))
+    assert read_posed(tmp_path).points is None
+    assert [message.partition(": ")[2] for message in caplog.messages] == [
+        "ply_file_path: no such file, the set has no points: sparse_pc.ply"
+    ]
     written(tmp_path / "sparse_pc.ply")
     points = read_posed(tmp_path).points
     assert points is not None
