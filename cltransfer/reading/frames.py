@@ -53,16 +53,16 @@ def check_room(*clips: tuple[int, int, int]) -> None:
 
 
 def require_person(source: str, features: Features, hint: str = ELSEWHERE) -> None:
-    """Refuse the reference ``source`` where somebody was looked for and nobody shows in any frame.
+    """Refuse the reference ``source`` where somebody was looked for and nobody is in any frame.
 
     Raises:
-        InputError: nobody does; ``hint`` says what to do, of a clip by default.
+        InputError: there is none; ``hint`` says what to do, of a clip by default.
     """
-    if bool((nobody(features) | _hidden(features)).all()):
+    if bool(nobody(features).all()):
         raise InputError(source, "person", f"none found in {len(features)} frames", hint)
 
 
-def _hidden(features: Features) -> Tensor:
+def hidden(features: Features) -> Tensor:
     """Frames (N,) bool in which neither a joint nor a pixel of the person shows, though a scene knows where it is."""
     shown = torch.ones(len(features), dtype=torch.bool)
     if features.has("keypoints"):

@@ -29,7 +29,6 @@ from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, 
 from .scene_source import split_scene
 
 _log = logging.getLogger("cltransfer")
-HIDDEN = "what its cameras see hides the scene's person, or has it elsewhere: take another trajectory"
 BY_GEOMETRY = "networks see nobody in its renders: extract.inner=geometric reads the scene itself"
 
 if TYPE_CHECKING:
@@ -100,8 +99,8 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
         reference = _from_file(Path(source), parts, reading.frames)
     else:
         reference = _from_clip(source, parts, reading.frames, progress)
-    hint = HIDDEN if reference.family == "scene" else BY_GEOMETRY if is_scene(source) else ELSEWHERE
-    require_person(source, reference.features, hint)
+    hint = BY_GEOMETRY if is_scene(source) else ELSEWHERE
+    require_person(source, reference.features, hint if reference.family == "image" else "")
     return reference
 
 

@@ -12,6 +12,7 @@ from ..features import nobody
 from ..losses.camera_movement import weight_note
 from ..losses.shot_size import ShotSize, degenerate
 from ..near_plane import drawn_whole, smaller_near
+from ..reading.frames import hidden
 from ..reading.zoom import lens_range
 from ..report.data import Flag
 from ..search import limits
@@ -131,6 +132,8 @@ def _reference(result: Result) -> Iterator[Flag]:
     if not features.has("keypoints"):
         return
     unseen = nobody(features)
+    if bool((unseen | hidden(features)).all()):
+        yield Flag(None, "no frame of the reference shows the person: the result moves alike, and stands anywhere")
     for i in unseen.nonzero()[:, 0].tolist():
         yield Flag(i, "no person in the reference")
     loss = result.objective.losses.get("shot_size")
