@@ -21,6 +21,7 @@ from ..errors import CltransferError, ModelError, UsageError
 from ..models.content import read_by
 from ..reading.scene_source import split_scene
 from ..registry.plugin_code import own_code
+from ..run.result import Result
 from .content import Digest, codes_of, digests, parts_content, read_here
 from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep
@@ -241,11 +242,20 @@ def _run(trial: Trial, job: Job) -> Outcome:
     ways = {name: Metric(_number(way.mean), way.unit, way.defined, "") for name, way in found.directions.items()}
     weight = weight_note(result.objective.losses, result.reference.features.size[0])
     without = [f"{t.name}: {t.reason}" for t in result.verified.terms if t.reason and t.name not in metrics]
-    said = dict.fromkeys(filter(None, (result.schedule.note, *without, weight, found.note)))  # of both sides: once
+    notes = (result.schedule.note, *without, weight, _lens_note(trial.config, result), found.note)
+    said = dict.fromkeys(filter(None, notes))  # of both sides: once
     return Outcome(
         trial.key, trial.row, trial.case, "", metrics, len(scores.totals), result.spent.evaluations,
         result.spent.network_passes, directions=ways, note="; ".join(said),
     )  # fmt: skip
+
+
+def _lens_note(config: RunConfig, result: Result) -> str:
+    """Why a row that leaves filmic space out differs from the others by more than that."""
+    space = result.objective.losses.get("filmic_space")
+    if result.schedule.free_lens or config.zoom not in ("auto", "still") or (space is not None and space.weight > 0):
+        return ""
+    return "the focal length is kept where filmic space does not count: zoom=free lets it change"
 
 
 def _number(value: float | Tensor) -> float | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Iterable
 from dataclasses import asdict
 from math import isnan
@@ -114,13 +116,13 @@ def models_align(
     allow_plugin: Allow = None,
     as_json: Json = False,
 ) -> None:
-    """Read a depth network's scale and shift off SCENE, and print the overrides that treat a clip the same way.
+    """Read a depth network's scale and shift off SCENE, and print the override that treats a clip the same way.
 
     cltransfer models align scene.ply 'extractors.depth_onnx={model: depth_anything_v2_small.onnx, kind: disparity,
     multiple: 14, align: shift}'
 
-    The policy is the config's: align=shift or metric. Put what is printed behind the same options of depth_onnx, for
-    evaluate and inspect, which have no scene; transfer finds it by itself.
+    The policy is the config's: align=shift or metric. What is printed first stands in for these options of depth_onnx,
+    for evaluate and inspect, which have no scene; transfer finds it by itself.
     """
     settings = settings_of(None, overrides, allow_plugin)
     from ..computer.threads import set_threads, thread_count
@@ -128,9 +130,9 @@ def models_align(
 
     set_threads(settings.threads or thread_count())
     found = align_config(scene, settings, views, up_of(up), subject)
-    a, b = found.affine
+    options = {**settings.extractors["depth_onnx"], "affine": [float(f"{value:.6g}") for value in found.affine]}
     lines = [
-        f"'extractors.depth_onnx.align={found.align}' 'extractors.depth_onnx.affine=[{a:.6g}, {b:.6g}]'",
+        shlex.quote(f"extractors.depth_onnx={json.dumps(options)}"),
         f"inverse depth is off by {100 * found.error[0]:.1f} % as it is, by {100 * found.error[1]:.1f} % so;",
         f"the shift varies by {100 * found.spread:.1f} % of the largest disparity from view to view",
     ]

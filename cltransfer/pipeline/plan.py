@@ -24,7 +24,7 @@ from ..registry import EXTRACTORS
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})
 OFF_AT_FIRST = {  # what no default reads off a clip, and what would
-    "depth": " (extractors.depth_sfm={} does where the camera moves, extractors.depth_onnx by a network: README, Score)"
+    "depth": " (extractors.depth_sfm={} does where the camera moves, extractors.depth_onnx by a network: docs/score.md)"
 }
 
 

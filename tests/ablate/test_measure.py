@@ -117,6 +117,13 @@ def test_a_row_that_weighs_movement_in_pixels_as_if_in_frame_widths_says_so(swee
     assert run_trial(trial, Job()).note.startswith("camera_movement counts 64 times what its tolerance asks for")
 
 
+@pytest.mark.parametrize(("row", "told"), [("filmic_space: null", True), ("framing: null", False)])
+def test_a_row_that_keeps_the_lens_besides_says_so(sweep_file: Callable[..., Path], row: str, told: bool) -> None:
+    file = sweep_file(f"{{less: {{output_side: 64, losses: {{{row}}}}}}}")
+    (trial,) = trials(read_sweep(str(file)), {})
+    assert ("zoom=free lets it change" in run_trial(trial, Job()).note) == told
+
+
 def test_a_frame_of_nobody_pays_the_penalty_in_the_mean(
     sweep_file: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

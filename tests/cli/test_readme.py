@@ -1,4 +1,4 @@
-"""Every command that README shows can be meant: its verb, its options and the config that it comes to."""
+"""Every command that README and the pages for users show can be meant: its verb, its options and its config."""
 
 from __future__ import annotations
 
@@ -13,14 +13,24 @@ from cltransfer.ablate.read import read_sweep
 from cltransfer.cli.app import app
 from cltransfer.config import load_config
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-SHELL = "\n".join(re.findall(r"```sh\n(.*?)```", README, re.DOTALL)).replace("\\\n", " ")
-COMMANDS = [line for line in SHELL.splitlines() if line.startswith("cltransfer ")]
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+NAMES = ("transfer", "score", "ablate", "models")
+GUIDES = [(ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in NAMES]
+
+
+def shown(page: str) -> list[str]:
+    """The commands of a page."""
+    shell = "\n".join(re.findall(r"```sh\n(.*?)```", page, re.DOTALL)).replace("\\\n", " ")
+    return [line for line in shell.splitlines() if line.startswith("cltransfer ")]
+
+
+COMMANDS = shown(README)
 DEPTH = "{model: depth_anything_v2_small.onnx, kind: disparity, multiple: 14"
 
 
-@pytest.mark.parametrize("line", COMMANDS)
-def test_a_command_of_the_readme_can_be_meant(line: str) -> None:
+@pytest.mark.parametrize("line", dict.fromkeys([*COMMANDS, *(line for page in GUIDES for line in shown(page))]))
+def test_a_command_that_a_page_shows_can_be_meant(line: str) -> None:
     name, *words = shlex.split(line, comments=True)
     command = typer.main.get_command(app)
     while hasattr(command, "commands"):
@@ -28,22 +38,30 @@ def test_a_command_of_the_readme_can_be_meant(line: str) -> None:
         command = command.commands[name]
     given = command.make_context(name, words).params  # an option that is none is refused here
     overrides = [word for word in words if re.match(r"[a-z_.]+=", word) and "/" not in word.partition("=")[0]]
-    if name == "transfer":
-        assert set(overrides) <= set(given["arguments"])
+    if name in ("transfer", "evaluate", "inspect"):
+        assert name != "transfer" or set(overrides) <= set(given["arguments"])
         load_config(overrides=overrides)
 
 
+@pytest.mark.parametrize("page", [README, *GUIDES], ids=["README", *NAMES])
+def test_an_ablation_file_that_a_page_shows_is_one(page: str, tmp_path: Path) -> None:
+    for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL):
+        if "rows:" in block:
+            (tmp_path / "mine.yaml").write_text(block, encoding="utf-8")
+            assert len(read_sweep(str(tmp_path / "mine.yaml")).rows) > 1
+
+
 def test_the_readme_shows_each_verb_that_a_newcomer_needs() -> None:
-    shown = {line.split()[1] for line in COMMANDS}
-    assert shown >= {"models", "transfer", "export", "evaluate", "ablate", "inspect", "describe", "plugins", "assets"}
+    verbs = {line.split()[1] for line in COMMANDS}
+    assert verbs >= {"models", "transfer", "export", "evaluate", "ablate", "inspect", "describe", "plugins", "assets"}
 
 
 @pytest.mark.parametrize(
     "override",
     ["extractors.depth_sfm={}", f"extractors.depth_onnx={DEPTH}}}", f"extractors.depth_onnx={DEPTH}, align: shift}}"],
 )
-def test_an_override_that_its_text_names_is_one(override: str) -> None:
-    assert override in README
+def test_an_override_that_a_page_names_is_one(override: str) -> None:
+    assert any(override in page for page in GUIDES)
     load_config(overrides=[override])
 
 
