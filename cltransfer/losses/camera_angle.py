@@ -19,7 +19,7 @@ def camera_angle_loss(reference: Tensor, rendered: Tensor, wrapped: bool = False
     Args:
         reference: yaw, pitch, roll, (R, 3) [rad], R = 1 or B.
         rendered: the same of B candidates, (B, 3) [rad].
-        wrapped: take each difference the short way round. The paper does not: 359 against 1 degree costs 358.
+        wrapped: take each difference the short way round. The paper does not: 179 against -179 degrees costs 358.
 
     Returns:
         (B,) [rad], >= 0; NaN where an angle is undefined.
@@ -34,7 +34,9 @@ class CameraAngle:
     """Sum of the differences of yaw, pitch and roll of the camera about the person (paper Eq. 13-14).
 
     Args:
-        mode: ``robust`` takes each difference the short way round, ``faithful`` does not wrap.
+        mode: ``robust`` takes each difference the short way round, ``faithful`` does not wrap. Yaw is 0 in front of the
+            person and runs to a half turn either way, so that the seam lies at the back; it lies at the face where an
+            azimuth runs from 0 to 360 degrees, which the paper does not say of its own.
         weight: lambda of Eq. 15; tolerance 0.05 rad.
 
     The penalty is 3 pi: every angle as wrong as it can be. Faithful: 5 pi, yaw and roll by a whole turn each.
