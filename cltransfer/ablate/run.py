@@ -142,8 +142,9 @@ def _tell_replaced(out: Path, sweep: Sweep) -> None:
     if (out / TABLES[0]).is_file() and (out / FILE).is_file():
         with (out / FILE).open("rb") as stream:
             stream.readline(2**16)  # the command
-            same = stream.read(2**20) == sweep.to_yaml().encode()
-        if not same:
+            there = stream.read(2**20)
+        asked, before = (text.rpartition(b"\nengine:")[0] for text in (sweep.to_yaml().encode(), there))
+        if asked != before:  # by how many workers it runs, which stands last, changes no table
             _log.warning("%s: the tables of another sweep are replaced, its trials kept (--out names another)", out)
 
 

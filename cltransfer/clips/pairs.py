@@ -20,7 +20,7 @@ from .thinned import evenly, nearest
 
 ALIKE = 0.01  # by which two frames' shapes, or what bars leave of them, may differ: a pixel of 100, and rounding
 
-OWN_BARS = "it has black bars that the reference has not, and they count as picture: #letterbox=crop leaves them out"
+OWN_BARS = "its black bars are not those of the reference and count as picture: #letterbox=crop behind it crops them"
 
 Notes = tuple[str, ...]
 

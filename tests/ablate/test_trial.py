@@ -386,6 +386,7 @@ def test_tables_of_the_sweep_before_are_gone_when_another_is_killed(
     ablate(sweep("frames=2"), Options(tmp_path / "out"))
     assert "larger" in (tmp_path / "out" / "table.tex").read_text()
     ablate(sweep("frames=2"), Options(tmp_path / "out"))
+    ablate(sweep("frames=2", "engine.workers=3"), Options(tmp_path / "out"))
     assert not caplog.messages
 
     def killed(*words: Any) -> Iterator[Outcome]:
