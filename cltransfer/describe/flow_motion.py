@@ -24,6 +24,7 @@ LENS = 1.6  # focal length that the curvature of a turn is worked out for [frame
 ROUNDS = 6  # of reweighting
 PARALLAX = 0.18  # above which the camera travels; pans, tilts, rolls and zooms stay below 0.15, travels above 0.22
 TRIMMED = 0.02  # of the cells, those that fit worst: flow has outliers
+WINDOW = 0.9 / 12  # [s] of motion in which parallax is looked for, at least: shorter steps are read with as much noise
 HELD = (-0.6, 0.35)  # parts of the background's motion between which a person is held in place; travel makes it > 0
 FLOOR = (0.009, 0.009, 0.025)  # right, down [frame sides], growth [log size]: less is no motion of the background
 
@@ -32,11 +33,10 @@ def flow_motion(features: Features, times: Tensor) -> Motion:
     """Motion of the camera in N frames with ``flow`` and ``layers``; ``times`` (N,) [s]."""
     velocity, there, place = background_cells(features)
     field, _ = robust_fit(_affine(place), velocity, there)  # (N, 6)
-    _, left = robust_fit(_turn_and_zoom(place), velocity, there)
     longer = 1 if features.size[0] >= features.size[1] else 5  # growth is surest along the frame's longer side
     background = field[:, [0, 3, longer]]  # right, down, growth
     still = bool((background.nan_to_num(0).cumsum(0).abs() < torch.tensor(FLOOR)).all())
-    parallax = float("nan") if still else _share(left, velocity, there)
+    parallax = float("nan") if still else _parallax(place, *_summed(velocity, there, times))
     person = person_motion(features)  # (N, 3)
     rates = torch.zeros(len(features), len(PRIMITIVES), dtype=torch.float64)
     if parallax > PARALLAX:
@@ -123,6 +123,35 @@ def robust_fit(design: Tensor, velocity: Tensor, there: Tensor) -> tuple[Tensor,
         scale = size.masked_fill(~there, float("nan")).nanmedian(dim=1, keepdim=True).values.nan_to_num(0)
         weight = there * ((1.5 * scale + 1e-5) / size.clamp_min(1e-12)).clamp_max(1.0)
     return found.masked_fill(there.sum(1, keepdim=True) < LEAST_CELLS, float("nan")), left
+
+
+def _parallax(place: Tensor, moved: Tensor, there: Tensor) -> float:
+    """Part of the motion (N, M, 2) of cells at ``place`` (M, 2) that no turning and no zooming explains."""
+    _, left = robust_fit(_turn_and_zoom(place), moved, there)
+    return _share(left, moved, there)
+
+
+def _summed(velocity: Tensor, there: Tensor, times: Tensor) -> tuple[Tensor, Tensor]:
+    """Motion (W, M, 2) and known cells (W, M) of W windows, of those of N frames at ``times`` (N,) [s].
+
+    A cell is known where every frame of the window knows it: one that lacks a part would be taken for a slower one.
+    """
+    window = _windows(times)
+    count = window.bincount()
+    moved = velocity.new_zeros(len(count), *velocity.shape[1:]).index_add_(0, window, velocity)
+    known = torch.zeros(len(count), there.shape[1], dtype=torch.int64).index_add_(0, window, there.long())
+    return moved, known == count[:, None]
+
+
+def _windows(times: Tensor) -> Tensor:
+    """Number (N,) of the window that the motion of each frame belongs to; the first frame, which has none, is alone."""
+    numbers, passed = [0], WINDOW
+    for step in times.diff().tolist():
+        full = passed >= WINDOW
+        numbers.append(numbers[-1] + full)
+        passed = step if full else passed + step
+    last = numbers[-1] - (passed < WINDOW and numbers[-1] > 1)  # what is over at the end goes with the window before
+    return torch.tensor(numbers).clamp_max(last)
 
 
 def _share(left: Tensor, velocity: Tensor, there: Tensor) -> float:

@@ -7,7 +7,7 @@ import torch
 
 from cltransfer.bench.describe import NAMES
 from cltransfer.config import load_config
-from cltransfer.describe.flow_motion import background_cells, flow_motion, robust_fit
+from cltransfer.describe.flow_motion import _windows, background_cells, flow_motion, robust_fit
 from cltransfer.describe.motion import PRIMITIVES, Motion
 from cltransfer.describe.movement import movement
 from cltransfer.describe.path_motion import path_motion
@@ -97,6 +97,43 @@ def test_a_person_who_is_farther_than_most_of_the_scenery_is_not_held_in_place(
     features = flowing(**far)
     below = (torch.arange(SIZE[1]) >= SIZE[1] / 2)[:, None] & ~features.layers[:, 1:2]
     assert named(replace(features, flow=torch.where(below, flowing(**near).flow, features.flow))) == name
+
+
+def noisy(fps: int, near: float) -> Features:
+    """1.5 s whose background goes by at 0.05 frame widths a second, its lower half ``near`` times as fast as the rest.
+
+    The person goes by with the lower half. What is read of every step has the same noise, however short it is.
+    """
+    frames = 1 + 3 * fps // 2
+    far, close = (flowing(right=-0.05 * speed / fps, frames=frames) for speed in (1, near))
+    below = (torch.arange(SIZE[1]) >= SIZE[1] / 2)[:, None] | far.layers[:, 1:2]
+    noise = 0.05 * torch.randn(far.flow.shape, generator=torch.Generator().manual_seed(1))  # [px]
+    return replace(far, flow=torch.where(below, close.flow, far.flow) + noise)
+
+
+@pytest.mark.parametrize("fps", [12, 30, 60])
+def test_how_many_frames_a_second_has_tells_no_pan_from_a_truck(fps: int) -> None:
+    assert named(noisy(fps, near=1), fps) == "pan right"
+    assert named(noisy(fps, near=2.5), fps) == "truck right"
+
+
+def test_a_part_of_the_background_that_some_frames_lack_is_no_parallax() -> None:
+    features = noisy(60, near=1)
+    layers = features.layers.clone()
+    layers[::5, 2, : SIZE[1] // 2] = False
+    layers[1::2, 2, SIZE[1] // 2 :, : SIZE[0] // 4] = False
+    assert named(replace(features, layers=layers), 60) == "pan right"
+
+
+@pytest.mark.parametrize(
+    ("steps", "windows"),
+    [((), [0]), ((1.0, 1.0), [0, 1, 2]), ((0.083, 0.084, 0.083), [0, 1, 2, 3]), ((0.02, 0.02), [0, 1, 1]),
+     ((0.04,) * 5, [0, 1, 1, 2, 2, 2]), ((0.04, 0.2, 0.1, 0.02), [0, 1, 1, 2, 2])],
+)  # fmt: skip
+def test_short_steps_are_summed_to_a_twelfth_of_a_second_and_longer_ones_stand_alone(
+    steps: tuple[float, ...], windows: list[int]
+) -> None:
+    assert _windows(torch.tensor([0.0, *steps]).cumsum(0)).tolist() == windows
 
 
 def test_fast_zooms_and_pans_have_names_of_their_own() -> None:
