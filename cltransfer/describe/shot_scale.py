@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from ..features import Features
 from ..placement import frame_joints, visible_joints
+from ..skeleton import JOINTS
 
 SCALES = ("ECU", "CU", "MCU", "MS", "MLS", "LS", "ELS")
 SCALE_NAMES = (
@@ -24,6 +27,12 @@ BOUNDS = (0.11, 0.24, 0.37, 0.55, 0.85, 2.0)
 
 WIDTH = 0.15  # body heights from the key joints, that shoulders and arms reach to either side
 
+# Seen from above or below a body gets shorter, at last a point, but its shoulders do not. Up to FORESHORTENED of pitch
+# its length counts as it is seen, 0.7 of it there: what is read of a level view is not to depend on how well pitch is.
+FORESHORTENED = math.radians(45)
+SHOULDERS = 4.0  # body's height over how far apart its shoulder joints are, of a broad person; slim ones have 5
+POINT = 1e6  # half the frame's length in body heights from which a body is a point, which tells no length
+
 LEAST_FILLED = 0.5  # a body cut by the frame counts for at least so much of the frame's length: it is leaving, not near
 
 
@@ -31,9 +40,9 @@ def shot_scale(features: Features) -> Tensor:
     """Class of each frame: index into :data:`SCALES`, (N,) int64, closest first; -1 where no scale can be told.
 
     Needs ``keypoints``. The visible key joints say where the body is; where fewer than two are, as in a close-up, those
-    that are unseen but placed do.
+    that are unseen but placed do. Where ``orientation`` is known a body seen from steeply above or below is no smaller.
     """
-    return scale_class(body_in_frame(frame_joints(features), features.size))
+    return scale_class(body_in_frame(frame_joints(features), features.size, _steep_shoulders(features)))
 
 
 def scale_class(amount: Tensor) -> Tensor:
@@ -46,7 +55,7 @@ def scale_class(amount: Tensor) -> Tensor:
     return found.masked_fill(amount.isnan(), -1)
 
 
-def body_in_frame(joints: Tensor, size: tuple[int, int]) -> Tensor:
+def body_in_frame(joints: Tensor, size: tuple[int, int], shoulders: Tensor | None = None) -> Tensor:
     """How much of a body the frame holds along the body.
 
     Only the frame's edges across the body cut it: one who stands at the side is no closer. Joints that are not known
@@ -55,11 +64,13 @@ def body_in_frame(joints: Tensor, size: tuple[int, int]) -> Tensor:
     Args:
         joints: key joints as x/W, y/H, confidence, (N, 5, 3).
         size: (W, H) of the frame, any unit.
+        shoulders: how far apart they are where they tell the body's length better than it does itself, (N,) in the unit
+            of ``size``; 0 elsewhere. None: nowhere.
 
     Returns:
         (N,) [body heights]: the part of the body inside, in [0, 0.961]; more where the frame could hold more than
-        twice of it: then half the frame's length in body heights. NaN with fewer than two joints, and where none of the
-        body is in the frame.
+        twice of it: then half the frame's length in body heights. NaN with fewer than two joints, where none of the
+        body is in the frame, and where it is a point.
     """
     pixels = joints[..., :2] * joints.new_tensor(size)
     placed = pixels.isfinite().all(-1)
@@ -72,9 +83,20 @@ def body_in_frame(joints: Tensor, size: tuple[int, int]) -> Tensor:
     levels = chain.new_tensor(LEVELS)
     shown = (_inside(position[:, :-1], position[:, 1:]) * levels.diff()).sum(-1)
     body = (chain[:, 1:] - chain[:, :-1]).norm(dim=-1).sum(-1) / levels[-1]  # [px]
+    if shoulders is not None:
+        body = torch.maximum(body, torch.where(known[:, 1], SHOULDERS * shoulders, 0.0))
     filled = LEAST_FILLED * chain.new_tensor(size)[along] / body
     absent = (shown <= 0) | _beside(chain[rows, :, 1 - along], body, size=chain.new_tensor(size)[1 - along])
-    return torch.maximum(shown, filled).masked_fill((known.sum(-1) < 2) | absent, float("nan"))
+    untold = (known.sum(-1) < 2) | absent | (filled > POINT)
+    return torch.maximum(shown, filled).masked_fill(untold, float("nan"))
+
+
+def _steep_shoulders(features: Features) -> Tensor | None:
+    """How far apart the shoulders are in frames that look steeply down or up, (N,) [px]; 0 in others."""
+    if not features.has("orientation"):
+        return None
+    left, right = (features.require("keypoints")[:, JOINTS.index(f"{side}_shoulder"), :2] for side in ("left", "right"))
+    return torch.where(features.require("orientation")[:, 1].abs() > FORESHORTENED, (left - right).norm(dim=-1), 0.0)
 
 
 def _beside(across: Tensor, body: Tensor, size: Tensor) -> Tensor:
@@ -96,7 +118,8 @@ def _completed(pixels: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _inside(start: Tensor, end: Tensor) -> Tensor:
-    """Part of each segment from ``start`` to ``end`` that lies in [0, 1], in [0, 1]."""
+    """Part of each segment from ``start`` to ``end`` that lies in [0, 1], in [0, 1]; a point is in or out."""
     low, high = torch.minimum(start, end), torch.maximum(start, end)
-    length = (high - low).clamp_min(1e-9)
-    return (high.clamp(0, 1) - low.clamp(0, 1)).clamp_min(0) / length
+    length = high - low
+    part = (high.clamp(0, 1) - low.clamp(0, 1)).clamp_min(0) / length.clamp_min(1e-9)
+    return torch.where(length > 1e-9, part, ((low >= 0) & (low <= 1)).to(part))

@@ -1,10 +1,17 @@
 """Shot scale: the class follows from the joints the frame holds (paper Sec. 8.1)."""
 
+import math
+from dataclasses import replace
+
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.describe.shot_scale import BOUNDS, LEVELS, SCALES, body_in_frame, scale_class, shot_scale
+from cltransfer.describe.sources import path_features
 from cltransfer.features import Features
+from cltransfer.testing import sample_subject
+from cltransfer.trajectory import Trajectory
 
 # head top, chest, waist, knees, feet: the 14 joints that make them
 _PARTS = ((12,), (0, 1), (6, 7), (8, 9), (10, 11))
@@ -17,6 +24,25 @@ def standing(top: float, height: float, x: float = 0.5, size: tuple[int, int] = 
         y = top + level * height
         joints[:, list(parts)] = torch.tensor([x * size[0], y * size[1], float(0 <= y <= 1 and 0 <= x <= 1)])
     return Features(size, keypoints=joints)
+
+
+def from_height(elevation: float, azimuth: float, distance: float) -> Features:
+    """A camera that looks at a person from ``elevation``, ``azimuth`` [degrees] and ``distance`` [body heights]."""
+    person, rise, turn = sample_subject(), math.radians(elevation), math.radians(azimuth)
+    level = math.cos(turn) * person.facing + math.sin(turn) * person.left
+    outward = math.cos(rise) * level + math.sin(rise) * person.up
+    eye = (person.anchor + distance * person.height * outward)[None]
+    top = person.facing if abs(elevation) > 85 else person.up
+    camera = Camera.look_at(eye, person.anchor[None], top, math.radians(35), (640, 360))
+    return path_features(Trajectory(camera, torch.zeros(1, dtype=torch.float64)), person)
+
+
+def pitched(features: Features, pitch: float, apart: float, confidence: float = 1.0) -> Features:
+    """``features`` seen from ``pitch`` [degrees], the shoulders ``apart`` [px]."""
+    joints = features.keypoints.clone()
+    joints[:, 0, 0] += apart
+    joints[:, :2, 2] = confidence
+    return replace(features, keypoints=joints, orientation=torch.deg2rad(torch.tensor([[0.0, pitch, 0.0]])))
 
 
 def named(features: Features) -> list[str]:
@@ -67,6 +93,33 @@ def test_a_lying_body_has_the_class_of_the_same_body_upright() -> None:
     upright = standing(0.1, 0.8, size=(90, 160))
     lying = upright.keypoints[..., [1, 0, 2]]
     assert named(Features((160, 90), keypoints=lying)) == named(upright) == ["LS"]
+
+
+@pytest.mark.parametrize("elevation", [-80, 0, 30, 60, 70, 80, 90])
+@pytest.mark.parametrize("azimuth", [0, 90])
+def test_one_who_is_seen_from_above_is_no_farther(elevation: float, azimuth: float) -> None:
+    scales = [named(from_height(elevation, azimuth, distance)) for distance in (1.5, 3.0, 8.0)]
+    assert scales == [["LS"], ["LS"], ["ELS"]]
+
+
+def test_a_body_that_is_a_point_of_which_no_shoulders_tell_has_no_scale() -> None:
+    assert named(replace(from_height(90, 0, 3.0), orientation=None)) == [""]
+
+
+@pytest.mark.parametrize(("pitch", "scale"), [(0, "ELS"), (44, "ELS"), (46, "LS"), (-46, "LS"), (math.nan, "ELS")])
+def test_the_shoulders_tell_the_length_of_a_body_seen_steeply_alone(pitch: float, scale: str) -> None:
+    assert named(pitched(standing(0.6, 0.22), pitch, apart=6)) == [scale]
+
+
+def test_shoulders_that_are_not_seen_tell_no_length() -> None:
+    assert named(pitched(standing(0.6, 0.22), 80, apart=60, confidence=0.1)) == ["ELS"]
+
+
+def test_one_who_lies_below_the_camera_is_as_long_as_the_picture_shows() -> None:
+    lying = standing(0.1, 0.8, size=(90, 160)).keypoints[..., [1, 0, 2]]
+    far = standing(0.6, 0.2, size=(90, 160)).keypoints[..., [1, 0, 2]]
+    scales = [named(pitched(Features((160, 90), keypoints=joints), 90, apart=5)) for joints in (lying, far)]
+    assert scales == [["LS"], ["ELS"]]
 
 
 def test_without_a_person_there_is_no_class() -> None:
