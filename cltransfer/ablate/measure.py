@@ -22,7 +22,7 @@ from ..pipeline.plan import Family
 from ..pipeline.scores import Scores, score
 from ..reading.depth_alignment import align_parts, load_network, needs_scene
 from ..reading.frames import render_features
-from ..reading.reference import Reading, Reference, beside, read_reference
+from ..reading.reference import Reading, Reference, as_read, beside, read_reference
 from ..run.readback import render_frames
 from ..run.result import Result
 from ..scenes.person.lifted import lifted_scene
@@ -91,7 +91,7 @@ def measured(result: Result, reference: str, config: RunConfig, metrics: RunConf
         aligned, _ = align_parts(replace(parts, renderer=drawn_by), scene)
         parts = replace(aligned, renderer=parts.renderer)
     read = read_reference(reference, parts, Reading(config.frames, metrics.output_side, family))
-    parts = replace(parts, renderer=drawn_by)
+    parts = as_read(replace(parts, renderer=drawn_by), read)
     cameras, size = result.trajectory.camera, fitted_size(read.features.size, metrics.output_side)
     same = cameras.size == size and parts.renderer == result.renderer
     cameras = cameras if cameras.size == size else resized(cameras, size)

@@ -109,4 +109,4 @@ def path_features(path: Trajectory, person: Subject) -> Features:
     inside = ((pixels >= 0) & (pixels < pixels.new_tensor(camera.size))).all(-1) & (depth > near)
     confidence = torch.where(inside, person.confidence, 0.0)[..., None]
     keypoints = torch.cat([pixels, confidence], dim=-1)
-    return SceneOrientation()(Features(camera.size, keypoints=keypoints, camera=camera, person=person), None)
+    return SceneOrientation("shown")(Features(camera.size, keypoints=keypoints, camera=camera, person=person), None)

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..along_clip import along, counted
 from ..features import Features
+from ..orientation import wrap
 from ..placement import frame_joints, visible_joints
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from ..subject import Subject
@@ -25,6 +26,7 @@ DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subj
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 SLOPE, LEAD = 3, 12  # frames that tell how the person moved in the frame before, and for how many that is believed
 PLACE = slice(4, 6)  # of x: where in the frame the person stands
+LEVELLED, LEVEL = 5, 0.05  # times that a path is raised or lowered at most, and by how much [rad] it is enough
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
@@ -56,7 +58,25 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Tensor | None
         if found is None:
             return None
         x[:, 3] = found
-    return aimed_path(clip, x)
+    return _as_read(clip, aimed_path(clip, x), stands)
+
+
+def _as_read(clip: WholeClip, x: Tensor, stands: Tensor) -> Tensor:
+    """The path x (N, D) raised or lowered until angles about what is shown are the ``stands`` (N, 3) that were read."""
+    steps, subject = clip.stage.plan.steps, clip.stage.scene.subject
+    reader = next((step.extractor for step in steps if getattr(step.extractor, "about", "") == "shown"), None)
+    if reader is None:
+        return x
+    for _ in range(LEVELLED):
+        cameras = clip.cameras(x)
+        read = reader(Features(cameras.size, camera=cameras, person=subject), None).require("orientation")
+        off = wrap(stands - read)[:, 1].nan_to_num(0)
+        if float(off.abs().max()) < LEVEL:
+            break
+        raised = x.clone()
+        raised[:, 1] += off / SCALE[1]
+        x = aimed_path(clip, raised)  # which shows more of the body, or less
+    return x
 
 
 def aimable(clip: WholeClip) -> bool:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
+from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..models.content import READERS, read_by, reading
 from ..pipeline.components import SCENE_SOURCE, Components
@@ -115,6 +116,17 @@ def beside(rendered: Features, reference: Reference, parts: Components, progress
         reference,
         features=read_alike(reference.features, reference.image, parts.plan("image"), rendered, progress),
     )
+
+
+def as_read(parts: Components, reference: Reference) -> Components:
+    """``parts`` whose scene extractors mean by an angle what the readers of ``reference`` do, where nobody says."""
+    extractors = {
+        name: replace(extractor, about="shown")
+        if isinstance(extractor, SceneOrientation) and extractor.about == "auto" and reference.family == "image"
+        else extractor
+        for name, extractor in parts.extractors.items()
+    }
+    return replace(parts, extractors=extractors)
 
 
 def is_scene(source: str) -> bool:

@@ -30,7 +30,7 @@ from ..pipeline.plan import Family
 from ..pipeline.scores import frame_totals
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, load_network, needs_scene
-from ..reading.reference import Reading, Reference, read_reference
+from ..reading.reference import Reading, Reference, as_read, read_reference
 from ..reading.tracks import cleaned, turned_back
 from ..registry.plugin_code import own_code
 from ..scenes import Scene
@@ -110,6 +110,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
         parts, alignment = align_parts(parts, scene)
         clock.lap("depth alignment")
     reference = read_reference(inputs.reference, parts, Reading(config.frames, config.output_side, family), progress)
+    parts = as_read(parts, reference)
     by_networks = reference.family == "image" and config.extract.verify
     if by_networks or family == "image":
         parts.plan("image").load_networks()

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -83,6 +84,24 @@ def test_it_is_the_same_from_whatever_view_the_lens_is_taken(prepared: Any, lens
         view = Camera.look_at(eye[None], at[None], subject.up, float(home.vertical_fov[0]), home.size)
         guide = closed_form(WholeClip(job.stage, job.search, job.wanted, view), job.schedule.free_lens, 5)
         torch.testing.assert_close(guide, usual, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("about", ["body", "shown"])
+def test_a_close_up_stands_where_what_is_shown_is_seen_as_it_was_read(about: str, tmp_path: Path) -> None:
+    subject = load_scene("builtin:plaza").subject
+    assert subject is not None
+    head = subject.anchor + 0.42 * subject.height * subject.up
+    eye = head + 0.5 * subject.height * subject.facing
+    path = Trajectory(Camera.look_at(eye.expand(2, 3), head, subject.up, 0.7, (160, 90)), torch.arange(2.0).double())
+    path.save(tmp_path / "shot.json")
+    small = ["search_side=96", "output_side=96", "threads=1", "extract.verify=false", "zoom=fixed"]
+    config = load_config(overrides=[*small, f"extractors.scene_orientation.about={about}"])
+    job = prepare(Inputs("builtin:plaza", f"builtin:plaza@{tmp_path / 'shot.json'}"), config, Clock(), silent, None)
+    view = path.camera[0].at_size(job.starts.homes[0].size)
+    guide = closed_form(WholeClip(job.stage, job.search, job.wanted, view), False, 5)
+    assert guide is not None
+    center = job.search.cameras(guide, view, job.stage.scene.subject).center
+    torch.testing.assert_close(center, path.camera.center, atol=0.04 * subject.height, rtol=0)
 
 
 def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepared: Any) -> None:

@@ -70,3 +70,43 @@ def test_person_behind_the_camera_is_undefined_row_4() -> None:
     camera = Camera.look_at(eye[None], 2 * eye[None] - MIDDLE, UP, math.radians(40), (64, 36))
     got = SceneOrientation()(Features((64, 36), camera=camera, person=sample_subject()), None).orientation
     assert got.isnan().all()
+
+
+def about(what: str, *offset: float, aim: float) -> torch.Tensor:
+    """Yaw, pitch, roll (3,) [rad] from ``offset`` to the anchor, of a level camera as high as the ``aim`` over it."""
+    up = aim * UP
+    eye = MIDDLE + torch.tensor(offset, dtype=torch.float64) + up
+    camera = Camera.look_at(eye[None], MIDDLE + up, UP, math.radians(40), (64, 36))
+    return SceneOrientation(what)(Features((64, 36), camera=camera, person=sample_subject()), None).orientation[0]
+
+
+HEAD = float(sample_subject().joints[0] @ UP - MIDDLE @ UP)  # over the anchor
+
+
+@pytest.mark.parametrize("aside", [0.0, 2.0])
+def test_of_a_body_that_is_shown_whole_either_is_the_same(aside: float) -> None:
+    both = [about(what, aside, 6, 0, aim=0.0) for what in ("body", "shown")]
+    torch.testing.assert_close(*both, atol=1e-9, rtol=0)
+    torch.testing.assert_close(about("auto", aside, 6, 0, aim=0.0), both[0], atol=0, rtol=0)
+
+
+def test_a_close_up_at_the_height_of_the_head_is_level_by_what_it_shows() -> None:
+    body, shown = (math.degrees(float(about(what, 0, 0.6, 0, aim=0.9 * HEAD)[1])) for what in ("body", "shown"))
+    assert body > 35
+    assert abs(shown) < 8
+
+
+def test_what_is_shown_goes_over_into_the_body_without_a_step() -> None:
+    """From a close-up to all of it: the search takes differences of it."""
+    pitch = torch.stack([about("shown", 0, 0.6 * 1.02**i, 0, aim=0.9 * HEAD)[1] for i in range(150)])
+    assert float(pitch.diff().abs().max()) < math.radians(1)
+    assert float(pitch[-1]) == pytest.approx(float(about("body", 0, 0.6 * 1.02**149, 0, aim=0.9 * HEAD)[1]), abs=1e-6)
+
+
+def test_a_head_before_the_camera_is_seen_though_the_body_reaches_behind_it() -> None:
+    person = sample_subject()
+    head = person.joints[0]
+    eye = head + 0.3 * UP + 0.02 * person.facing
+    camera = Camera.look_at(eye[None], head[None], person.facing, math.radians(60), (64, 36))
+    got = SceneOrientation("shown")(Features((64, 36), camera=camera, person=person), None).orientation
+    assert float(got[0, 1]) > math.radians(60)

@@ -21,7 +21,7 @@ from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.graph import Load
 from cltransfer.reading import reference
 from cltransfer.reading.feature_file import FeatureFile
-from cltransfer.reading.reference import Reading, read_reference
+from cltransfer.reading.reference import Reading, Reference, as_read, read_reference
 from cltransfer.scenes.load import load_scene
 from cltransfer.storage.files import cache_dir
 from cltransfer.testing import sample_features
@@ -263,3 +263,13 @@ def test_a_reading_by_other_code_of_ours_is_not_used(
     edited("describe/description.py")  # reads no picture
     read_reference(source, parts, Reading())
     assert len(readings) == count
+
+
+@pytest.mark.parametrize(
+    ("family", "said", "meant"),
+    [("image", "auto", "shown"), ("scene", "auto", "auto"), ("image", "body", "body"), ("scene", "shown", "shown")],
+)
+def test_an_angle_is_about_what_its_readers_saw_where_nobody_says(family: str, said: str, meant: str) -> None:
+    parts = Components.build(load_config(overrides=[f"extractors.scene_orientation.about={said}"]))
+    known = Reference(sample_features(0, 1), torch.zeros(1), None, "clip", "", family, {})
+    assert as_read(parts, known).extractors["scene_orientation"].about == meant
