@@ -10,6 +10,7 @@ import numpy as np
 
 from ...computer.array_type import Array
 from ...errors import InputError
+from .ply_remarks import AsciiHeader, header_of, in_utf8, with_remarks
 from .polygons import fan_of, fans_hold, triangles_of
 
 CORNERS = ("vertex_indices", "vertex_index")
@@ -20,7 +21,7 @@ AXES = ("x", "y", "z")
 def of_triangles(path: Path, data: bytes) -> bytes:
     """The file as it is if its faces are triangles, else with triangles in place of each polygon.
 
-    What a polygon has, as its colour, all of its triangles have.
+    What a polygon has, as its colour, all of its triangles have. A header that is no UTF-8 becomes it.
 
     Args:
         path: for error lines.
@@ -31,14 +32,15 @@ def of_triangles(path: Path, data: bytes) -> bytes:
     """
     from plyfile import PlyData, PlyElement, PlyParseError
 
+    header = header_of(data)
     try:
-        ply = _read(path, data)
+        ply = _read(path, header)
         if ply is None:
-            return data
+            return in_utf8(data)
         faces, corners = ply["face"].data, _corners(ply)
         xyz = np.stack([np.asarray(ply["vertex"][axis], np.float64) for axis in AXES], axis=1)
     except (PlyParseError, KeyError, StopIteration, ValueError, OverflowError, UnicodeDecodeError):
-        return data  # what is wrong with it is for its reader to say
+        return in_utf8(data)  # what is wrong with it is for its reader to say
     counts = np.array([len(polygon) for polygon in corners], np.int64)
     flat, starts = np.concatenate([*corners, np.zeros(0, np.int64)]).astype(np.int64), np.cumsum(counts) - counts
     if len(flat) and not 0 <= flat.min() <= flat.max() < len(xyz):
@@ -52,9 +54,11 @@ def of_triangles(path: Path, data: bytes) -> bytes:
     for name, values in columns.items():
         table[name] = values
     elements = [PlyElement.describe(table, "face") if e.name == "face" else e for e in ply.elements]
+    for element in elements:
+        element.comments = []  # they come back with the others
     written = io.BytesIO()
-    PlyData(elements, byte_order="<", comments=ply.comments, obj_info=ply.obj_info).write(written)
-    return written.getvalue()
+    PlyData(elements, byte_order="<").write(written)
+    return with_remarks(written.getbuffer(), header)
 
 
 def _cut(xyz: Array, flat: Array, starts: Array, counts: Array) -> tuple[Array, Array]:
@@ -82,21 +86,25 @@ def _places(path: Path, stored: Array, counts: Array) -> Array:
     return np.concatenate([*stored, np.zeros(0, np.float32)]).reshape(-1, 2)
 
 
-def _read(path: Path, data: bytes) -> Any:
+def _read(path: Path, header: bytes) -> Any:
     """What plyfile makes of it, None where there is nothing but triangles, which it can tell at a glance."""
-    from plyfile import PlyData, PlyElementParseError
+    from plyfile import PlyElementParseError
 
-    header, mark, rows = data.partition(b"end_header")
-    if not header.isascii():  # a remark of somebody's name, which plyfile does not read
-        return PlyData.read(io.BytesIO(bytes(byte if byte < 128 else ord("?") for byte in header) + mark + rows))
     try:
-        known = {"face": {**dict.fromkeys(CORNERS, 3), PLACES: 6}}
-        ply = PlyData.read(str(path), mmap="r", known_list_len=known)
+        ply = _opened(path, header, {"face": {**dict.fromkeys(CORNERS, 3), PLACES: 6}})
         if not ply.text or all(len(polygon) == 3 for polygon in _corners(ply)):
             return None
         return ply
     except PlyElementParseError:
-        return PlyData.read(io.BytesIO(data))
+        return _opened(path, header, {})
+
+
+def _opened(path: Path, header: bytes, known: dict[str, dict[str, int]]) -> Any:
+    """What plyfile makes of a file, in which lists of ``known`` lengths are mapped."""
+    from plyfile import PlyData
+
+    with AsciiHeader(path, len(header)) as stream:
+        return PlyData.read(stream, mmap="r", known_list_len=known)
 
 
 def _corners(ply: Any) -> Array:
