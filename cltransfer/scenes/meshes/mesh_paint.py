@@ -54,7 +54,9 @@ class Look:
     def least(self) -> float:
         """Alpha of the texture below which nothing is drawn."""
         opacity = self.opacity if self.factor is None else float(self.factor[3])
-        return self.cutoff / opacity if opacity > 0 else math.inf * (self.cutoff > 0)
+        if self.cutoff == 0:
+            return 0.0
+        return self.cutoff / opacity if opacity > 0 else math.inf
 
 
 def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:

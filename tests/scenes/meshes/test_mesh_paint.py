@@ -115,6 +115,13 @@ def test_the_opacity_of_a_material_multiplies_that_of_its_texture(bar, with_text
         read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
 
 
+@pytest.mark.parametrize("opacity", [0.0, 0.3])
+def test_what_is_opaque_by_its_mode_has_no_holes(bar, with_texture, image_file, write_glb, tmp_path, opacity):
+    tree, blob = with_texture(bar(), image_file(np.full((1, 1, 4), 9, np.uint8)))
+    tree["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [1, 1, 1, opacity]
+    assert read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh.textures[0].tolist() == [[[9, 9, 9, 255]]]
+
+
 @pytest.mark.parametrize(("mode", "faces"), [("OPAQUE", 2), ("BLEND", 1)])
 def test_a_face_whose_vertices_are_transparent_is_not_drawn(bar, write_glb, tmp_path, mode, faces):
     colors = np.ones((4, 4), "<f4")
