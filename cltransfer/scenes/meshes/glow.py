@@ -19,6 +19,7 @@ from .gltf_places import GLOSSY
 UNLIT = "KHR_materials_unlit"
 STRENGTH = "KHR_materials_emissive_strength"
 GLOWS = "cltransfer_glows"  # a key beside those of an MTL, of a material whose colour is its light
+WHOLE = "cltransfer_whole"  # a key beside those of a glTF, of a material whose image has no holes whatever its alpha is
 _PASSED_OVER = "light is not read, what shines is drawn in its other colours alone"
 
 _log = logging.getLogger("cltransfer")
@@ -70,10 +71,13 @@ def _within(light: Any) -> list[float]:
 
 def _is_black(about: dict[str, Any]) -> bool:
     """Whether nothing is lost where its light takes the place of its base colour, the holes of its image included."""
-    base = about.get("pbrMetallicRoughness", {})
-    factor, image = base.get("baseColorFactor", [1]), base.get("baseColorTexture", {}).get("index")
+    factor, image = about.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1]), _base_image(about)
     same = image is None or _is_solid(about) or image == about.get("emissiveTexture", {}).get("index")
     return GLOSSY not in about.get("extensions", {}) and len(factor) == 4 and not any(factor[:3]) and same
+
+
+def _base_image(about: dict[str, Any]) -> Any:
+    return about.get("pbrMetallicRoughness", {}).get("baseColorTexture", {}).get("index")
 
 
 def _is_solid(about: dict[str, Any]) -> bool:
@@ -85,7 +89,8 @@ def _glowing(about: dict[str, Any], light: list[float]) -> dict[str, Any]:
     image = {"baseColorTexture": about["emissiveTexture"]} if "emissiveTexture" in about else {}
     kept = {key: value for key, value in about.items() if not key.startswith("emissive")}
     extensions = {**about.get("extensions", {}), UNLIT: {}}
-    return {**kept, "pbrMetallicRoughness": {**base, **image}, "extensions": extensions}
+    whole = {WHOLE: _base_image(about) is None}  # the alpha of a light counts for nothing
+    return {**kept, "pbrMetallicRoughness": {**base, **image}, "extensions": extensions, **whole}
 
 
 def _uncoloured(primitive: dict[str, Any], solid: set[int]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from torch import Tensor
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from .glow import UNLIT
+from .glow import UNLIT, WHOLE
 from .gltf_file import Gltf
 from .gltf_places import GLOSSY, shown_texture, transform_of, wraps_of
 from .mesh import GREY, REPEATED, Mesh, Wrap
@@ -40,6 +40,7 @@ class Look:
         factor: linear RGBA in [0, 1] that multiplies texture and vertex colours, (4,); None: trimesh says.
         cutoff: alpha in [0, 1] below which nothing is drawn.
         opacity: alpha in [0, 1] of what has no factor.
+        holes: whether the alpha of its texture counts.
     """
 
     lit: bool | None
@@ -49,12 +50,13 @@ class Look:
     factor: Array | None = None  # (4,)
     cutoff: float = 0.0
     opacity: float = 1.0
+    holes: bool = True
 
     @property
     def least(self) -> float:
         """Alpha of the texture below which nothing is drawn."""
         opacity = self.opacity if self.factor is None else float(self.factor[3])
-        if self.cutoff == 0:
+        if self.cutoff == 0 or not self.holes:
             return 0.0
         return self.cutoff / opacity if opacity > 0 else math.inf
 
@@ -90,6 +92,7 @@ def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
         wraps=wraps_of(gltf.path, gltf.tree, about),
         factor=_factor(gltf.path, about),
         cutoff=_cutoff(gltf.path, about),
+        holes=not about.get(WHOLE, False),
     )
 
 

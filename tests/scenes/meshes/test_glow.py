@@ -50,6 +50,43 @@ def test_a_black_material_shows_the_image_of_its_light(bar, with_texture, image_
     assert not mesh.shaded.any()
 
 
+@pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
+def test_the_alpha_of_a_light_makes_no_holes(bar, with_texture, image_file, write_glb, tmp_path, caplog, mode):
+    pixels = np.full((2, 2, 4), (250, 120, 0, 0), np.uint8)
+    lamp = {**BLACK, "emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "alphaMode": mode}
+    made = with_texture(bar(), image_file(pixels), **lamp)
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", *made)).mesh
+    assert mesh.textures[0].reshape(-1, 4).unique(dim=0).tolist() == [[250, 120, 0, 255]]
+    assert caplog.messages == []
+
+
+def test_the_alpha_of_an_image_that_is_colour_and_light_makes_its_holes(
+    bar, with_texture, image_file, write_glb, tmp_path
+):
+    pixels = np.full((1, 2, 4), 250, np.uint8)
+    pixels[0, 1, 3] = 0
+    lamp = {"baseColorFactor": [0, 0, 0, 1], "baseColorTexture": {"index": 0}}
+    tree, blob = with_texture(bar(), image_file(pixels), pbrMetallicRoughness=lamp, emissiveFactor=[1, 1, 1])
+    tree["materials"][0].update({"alphaMode": "MASK", "emissiveTexture": {"index": 0}})
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    assert mesh.textures[0][0, :, 3].tolist() == [255, 0]
+    assert not mesh.shaded.any()
+
+
+@pytest.mark.parametrize(("mode", "faces"), [("OPAQUE", 2), ("MASK", 0), ("BLEND", 0)])
+def test_a_light_is_as_opaque_as_its_material(bar, with_texture, image_file, write_glb, tmp_path, mode, faces):
+    lamp = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "alphaMode": mode}
+    base = {"pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 0]}}
+    made = with_texture(bar(), image_file(np.full((2, 2, 3), 250, np.uint8)), **base, **lamp)
+    path = write_glb(tmp_path / "bar.glb", *made)
+    if faces:
+        mesh = read_mesh(path).mesh
+        assert (len(mesh), mesh.textures[0].min()) == (faces, 250)
+    else:
+        with pytest.raises(InputError, match="holds no faces"):
+            read_mesh(path)
+
+
 def test_colours_of_vertices_do_not_change_a_light(bar, write_glb, tmp_path):
     tree, blob = painted_with(bar(), **BLACK, emissiveFactor=LIGHT)
     tree["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 0  # the positions are as good
