@@ -67,10 +67,14 @@ class Beside:
         self.refused: CltransferError | None = None
         self._read: dict[Path, bytes] = {}
 
+    def place(self, name: str) -> Path:
+        """The file ``name`` beside or below; see :func:`inside` for what is refused."""
+        return inside(self.path.parent, unquote(str(name)), self.path, "uri")
+
     def find(self, name: str) -> Path:
-        """The file ``name`` beside or below, which counts as given; see :func:`inside` for what is refused."""
+        """As :meth:`place`; the file counts as given."""
         try:
-            found = inside(self.path.parent, unquote(str(name)), self.path, "uri")
+            found = self.place(name)
         except InputError as error:
             self.refused = self.refused or error
             raise

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -101,12 +101,19 @@ def _uncoloured(primitive: dict[str, Any], solid: set[int]) -> dict[str, Any]:
     return {**primitive, "attributes": attributes}
 
 
-def library_with_glow(text: str) -> str:
-    """An MTL with the light (``Ke``, ``map_Ke``) of its black materials as their colour, each marked by a key."""
+def library_with_glow(text: str, shows: Callable[[str], bool]) -> str:
+    """An MTL with the light (``Ke``, ``map_Ke``) of its black materials as their colour, each marked by a key.
+
+    Args:
+        text: of the MTL.
+        shows: whether the image that a material names can be read; without it the light is not.
+    """
     lines = list[str]()
     for block in _blocks(text):
         said = _said(block)
         light = _library_light(said) if _is_library_black(said) else []
+        if light and "map_ke" in said and not shows(said["map_ke"]):
+            light = []
         lines += [line for line in block if not light or _key(line) != "kd"]
         if light:
             lines += [f"Kd {' '.join(map(str, light))}", f"{GLOWS} 1"]

@@ -17,7 +17,7 @@ from .asset_files import Beside, read_limited
 from .glow import GLOWS, library_with_glow, named, tell_library_light
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
-from .textures import FORMATS, image_of
+from .textures import FORMATS, image_of, image_size
 
 WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
 JOINED = "the libraries of this file"  # that it names, as one
@@ -38,7 +38,7 @@ class ObjFiles(Beside):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, LIBRARY_LIMIT)
-        self.libraries: list[Path] = []  # that it names, in order
+        self.libraries: dict[Path, str] = {}  # what those that it names say, in order
         self._joined = b""
 
     def named(self, line: str) -> list[str]:
@@ -54,8 +54,9 @@ class ObjFiles(Beside):
         """
         texts = []
         for name in dict.fromkeys(names):
-            self.libraries.append(self.find(name))
-            texts.append(_text(self.libraries[-1]))
+            library = self.find(name)
+            self.libraries[library] = self._text(read_limited(library, LIBRARY_LIMIT))
+            texts.append(self.libraries[library])
         text = "\n".join(texts)
         text += "".join(_plain(text, material) for material in sorted(without))
         self._joined = text.encode()
@@ -67,27 +68,32 @@ class ObjFiles(Beside):
         """Bytes of the file ``name``, or of what was joined."""
         if name == JOINED and self._joined:
             return self._joined
-        data = super().get(name).removeprefix(BOM)
+        data = super().get(name)
         if self.libraries:
             return data
-        self.libraries = [self.given[0]]  # what is asked for first
-        return library_with_glow(_decoded(data)).encode()
+        text = self._text(data)
+        self.libraries[self.given[0]] = text  # what is asked for first
+        return text.encode()
 
     __getitem__ = get
 
-    def find(self, name: str) -> Path:
-        """The file ``name`` beside or below, with or without options; see :meth:`Beside.find`."""
-        return super().find(name if os.path.isfile(self.path.parent / name) else _without_options(name))
+    def place(self, name: str) -> Path:
+        """The file ``name`` beside or below, with or without options; see :meth:`Beside.place`."""
+        return super().place(name if os.path.isfile(self.path.parent / name) else _without_options(name))
 
+    def _text(self, data: bytes) -> str:
+        """What a library says, as trimesh is to read it."""
+        from trimesh.util import decode_text
 
-def _text(library: Path) -> str:
-    return library_with_glow(_decoded(read_limited(library, LIBRARY_LIMIT).removeprefix(BOM)))
+        return library_with_glow(str(decode_text(data.removeprefix(BOM))), self._shows)
 
-
-def _decoded(data: bytes) -> str:
-    from trimesh.util import decode_text
-
-    return str(decode_text(data))
+    def _shows(self, name: str) -> bool:
+        """Whether the image ``name`` is there, and one that is decoded."""
+        try:
+            image_size(self.place(name))
+        except InputError:
+            return False
+        return True
 
 
 def _without_options(name: str) -> str:
@@ -155,11 +161,11 @@ def _transform(options: str) -> Array | None:
     return np.array([[su, 0, ou], [0, sv, 1 - sv - ov]])  # an MTL counts from the bottom: v' = sv v + ov
 
 
-def check_images(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
+def check_images(libraries: Mapping[Path, str], visuals: Iterable[Any]) -> None:
     """Refuse a material whose image was not opened.
 
     Args:
-        libraries: the .mtl files that say what they show.
+        libraries: texts of the .mtl files that say what they show.
         visuals: those of trimesh; without places in a texture one shows no image.
 
     Raises:
@@ -169,32 +175,32 @@ def check_images(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
     bare = {one.name for one in materials if one is not None and image_of(one) is None}
     if not bare:
         return
-    for library, name, image in ((file, *both) for file in libraries for both in _images(file).items()):
+    for library, name, image in ((file, *both) for file, text in libraries.items() for both in _images(text).items()):
         if name in bare:
             reason = f"{image[:80]!r} of material {name[:40]!r} cannot be decoded"
             raise InputError(library, "map_Kd", reason, f"expected {', '.join(FORMATS)}")
 
 
-def tell_passed_over(libraries: Iterable[Path], visuals: Iterable[Any]) -> None:
+def tell_passed_over(libraries: Mapping[Path, str], visuals: Iterable[Any]) -> None:
     """Tell which materials are drawn whole though an image, ``map_d``, says where they are not, or without their light.
 
     Args:
-        libraries: the .mtl files that say so.
+        libraries: texts of the .mtl files that say so.
         visuals: those of trimesh.
     """
     shown = {material.name for one in visuals if (material := getattr(one, "material", None)) is not None}
-    for library in libraries:
-        if cut := [name for name in _images(library, "map_d") if name in shown]:
+    for library, text in libraries.items():
+        if cut := [name for name in _images(text, "map_d") if name in shown]:
             told = "%s: map_d of material %s: images of opacity are not read, all of it is drawn"
             _log.warning(told, library, named(cut))
-        tell_library_light(library, _text(library), shown)
+        tell_library_light(library, text, shown)
 
 
-def _images(library: Path, kind: str = "map_kd") -> dict[str, str]:
+def _images(text: str, kind: str = "map_kd") -> dict[str, str]:
     """Name of the image file by name of the material, read as trimesh reads them: of one name the last counts."""
     found: dict[str, str] = {}
     material = None
-    for line in _text(library).splitlines():
+    for line in text.splitlines():
         key, *words = line.split() or [""]
         if key.lower() == "newmtl" and words:
             material = " ".join(words)

@@ -26,8 +26,12 @@ _DAMAGED = (OSError, ValueError, SyntaxError, EOFError, struct.error)  # that Pi
 _DECODED = (*FORMATS, "MPO", None)  # MPO: a JPEG with further pictures behind it; None: what trimesh made of them
 
 
-def image_size(path: Path, data: bytes) -> tuple[int, int]:
+def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
     """(W, H) [px] of an image file, of which only the header is read.
+
+    Args:
+        path: for error lines.
+        data: of the image; None: ``path`` is its file.
 
     Raises:
         InputError: it is no PNG, JPEG or WEBP, or too large.
@@ -35,7 +39,7 @@ def image_size(path: Path, data: bytes) -> tuple[int, int]:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=FORMATS) as image:
+        with Image.open(path if data is None else io.BytesIO(data), formats=FORMATS) as image:
             size = image.size
     except Image.DecompressionBombError:  # tells no size
         raise InputError(path, "texture", f"expected at most {IMAGE_LIMIT} pixels, got more", HINT) from None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from kornia.color import linear_rgb_to_rgb
+from PIL import Image
 
 from cltransfer.errors import InputError
 from cltransfer.scenes.meshes.read_mesh import read_mesh
@@ -167,8 +168,28 @@ def test_a_black_material_of_a_library_shows_the_image_of_its_light(stage):
     assert file.mesh.textures[0].shape == (4, 2, 4)
     assert file.mesh.uv.max() == 2
     assert [one.name for one in file.files] == ["stage.obj", "stage.mtl", "wood.png"]
-    with pytest.raises(InputError, match=r"'none.png' of material 'lamp' cannot be decoded"):
-        read_mesh(stage("newmtl lamp\nKd 0 0 0\nKe 1 1 1\nmap_Ke none.png\n"))
+
+
+@pytest.mark.parametrize("image", ["none.png", "gone.png", "sky.exr", "../wood.png", "wood.tga", "maps"])
+@pytest.mark.parametrize("library", ["stage.mtl", "stage.mtl more.mtl"])
+def test_a_light_whose_image_cannot_be_read_is_told_and_not_shown(stage, tmp_path, caplog, image, library):
+    path = stage(f"newmtl lamp\nKd 0 0 0\nKe 1 1 1\nmap_Ke -s 2 2 {image}\n", FACE.replace("stage.mtl", library))
+    (tmp_path / "more.mtl").write_text("newmtl other\nKd 1 0 0\n")
+    (tmp_path / "sky.exr").write_bytes(b"v/1\x01")
+    (tmp_path / "maps").mkdir()
+    Image.new("RGB", (2, 2)).save(tmp_path / "wood.tga")
+    file = read_mesh(path)
+    assert (file.mesh.colors.unique().tolist(), file.mesh.textures) == ([0], ())
+    assert bool(file.mesh.shaded.all())
+    assert [one.name for one in file.files] == ["stage.obj", *library.split()]
+    assert caplog.messages == [f"{tmp_path / 'stage.mtl'}: Ke of material 'lamp': {TOLD}"]
+
+
+def test_the_image_of_a_light_is_looked_for_beside_the_mesh(stage, tmp_path):
+    path = stage("", FACE.replace("stage.mtl", "maps/stage.mtl"))
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "stage.mtl").write_text("newmtl lamp\nKd 0 0 0\nmap_Ke wood.png\n")
+    assert read_mesh(path).mesh.textures[0].shape == (4, 2, 4)
 
 
 @pytest.mark.parametrize("said", ["Kd 0 0 0", "Kd 0 0 0\nKe 0 0 0\nmap_Ke wood.png", "Kd 0 0 0\nKe bright"])
