@@ -141,7 +141,7 @@ class NerfGridFit:
         return sizes
 
     def _check_memory(self, number: int, cells: int, views: Views, folder: Path) -> None:
-        need = bytes_needed(cells, self.degree, views.image.numel() // 3)
+        need = bytes_needed(cells, self.degree, views.image.numel() // 3, views.counted is not None)
         what = f"{cells} cells and the rays of {len(views)} images"
         require_free(need, folder, what, "take a smaller budget or side" + ANOTHER * (number > 0))
 
@@ -171,12 +171,12 @@ def _checkpoint(folder: Path, number: int) -> Path:
     return folder / f"level_{number}.safetensors"
 
 
-def bytes_needed(cells: int, degree: int, pixels: int) -> int:
+def bytes_needed(cells: int, degree: int, pixels: int, masked: bool) -> int:
     """What training a grid takes at its peak: values, gradients and moments of ``cells``, rays of ``pixels``.
 
-    Measured: 79 bytes a pixel; 292, 630 and 1296 a cell of degree 0, 1 and 2.
+    Measured: 79 bytes a pixel, 1 more where some are ``masked``; 292, 630 and 1296 a cell of degree 0, 1 and 2.
     """
-    return 80 * pixels + cells * (100 + 48 * (1 + 3 * (degree + 1) ** 2))
+    return (80 + masked) * pixels + cells * (100 + 48 * (1 + 3 * (degree + 1) ** 2))
 
 
 def grid_shape(aabb: Tensor, cells: int) -> tuple[int, int, int]:

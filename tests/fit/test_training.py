@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.errors import ResourceError
 from cltransfer.fit._views import Views
 from cltransfer.fit.nerf_grid import NerfGridFit
 
@@ -55,3 +57,18 @@ def test_nothing_is_learnt_from_pixels_that_do_not_count(views: Views, tmp_path:
     assert grids[0] == grids[1]
     OPTIONS.fit(replace(masked, counted=None), tmp_path / "all", lambda *step: None)
     assert (tmp_path / "all" / "grid.safetensors").read_bytes() != grids[0]
+
+
+def test_masks_are_held_against_the_memory(views: Views, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1")
+    side, needs = 400, []
+    large = replace(
+        views,
+        camera=views.camera.at_size((side, side)),
+        image=torch.zeros((), dtype=torch.uint8).expand(25, 3, side, side),
+    )
+    for counted in (None, torch.ones((), dtype=torch.bool).expand(25, side, side)):
+        with pytest.raises(ResourceError, match="the rays of 25 images need") as refused:
+            OPTIONS.fit(replace(large, counted=counted), tmp_path, lambda *step: None)
+        needs += [int(number) for number in re.findall(r"need (\d+) MB", str(refused.value))]
+    assert needs[1] - needs[0] == pytest.approx(25 * side**2 / 2**20, abs=1)

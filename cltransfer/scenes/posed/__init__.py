@@ -92,13 +92,18 @@ class PosedImages:
 
         Raises:
             InputError: a mask is missing, damaged, or of another shape than its camera.
+            ResourceError: they take more memory than is free.
         """
         masks, size = [(i, self.masks[i]) for i in index if self.masks], self._size(side)
         if not any(mask for _, mask in masks):
             return None
-        whole = np.full(size[::-1], 255, np.uint8)
-        pixels = [self._straight(i, mask, size, _mask) if mask else whole for i, mask in masks]
-        return torch.from_numpy(np.stack(pixels) == 255)
+        taken = size[0] * size[1] * (len(masks) + 2)  # the answer, and one mask while it is looked at
+        require_free(taken, self.path, f"{len(masks)} masks of {size[0]}x{size[1]}", "take a smaller side")
+        counted = np.ones((len(masks), *size[::-1]), np.bool_)
+        for row, (i, mask) in zip(counted, masks):
+            if mask:
+                row[:] = self._straight(i, mask, size, _mask) == 255
+        return torch.from_numpy(counted)
 
     def _size(self, side: int) -> tuple[int, int]:
         """Of the images (W, H) whose longer side is at most ``side``."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.fit._views import views_of
 from cltransfer.scenes.posed import read_posed
 
@@ -103,3 +103,13 @@ def test_a_mask_that_cannot_be_is_told(tmp_path: Path, mask: Any, says: str) -> 
 def test_a_camera_of_the_set_needs_no_mask(tmp_path: Path) -> None:
     posed = read_posed(write_set(tmp_path, ["gone.png", None, None]))
     assert len(posed.camera) == 3
+
+
+def test_masks_that_do_not_fit_in_memory_are_refused_before_they_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    posed = read_posed(write_set(tmp_path, ["gone.png", None, None]))
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1")
+    with pytest.raises(ResourceError, match=r"transforms.json: memory: 3 masks of 40x30 need .* take a smaller side"):
+        posed.counted(range(3), 40)
+    assert read_posed(write_set(tmp_path, [None] * 3)).counted(range(3), 40) is None
