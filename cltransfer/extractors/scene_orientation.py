@@ -59,7 +59,7 @@ def _off_middle(camera: Camera, person: Subject) -> Tensor:
 
 
 def _inside(camera: Camera, places: Tensor) -> Tensor:
-    """1 for each of ``places`` (B, P, 3), in camera axes, that is in the frame, less the farther out it is (B, P, 1)."""
+    """1 for each of ``places`` (B, P, 3), in camera axes, in the frame; less the farther it is outside, (B, P, 1)."""
     pixels = (places / places[..., 2:].clamp_min(1e-6)) @ camera.K.transpose(1, 2)
     size = places.new_tensor(camera.size)
     beyond = torch.maximum(-pixels[..., :2], pixels[..., :2] - size).clamp_min(0).amax(-1, keepdim=True)
