@@ -112,4 +112,4 @@ def write_cuda(rows: Sequence[CudaRow], path: Path, command: str) -> None:
         f"Made by `{command}`. 160x90, wall time until all is back on",
         f"the CPU; a {torch.cuda.get_device_name()}; numba on the same computer's processor, in the same run.",
     ]
-    write_rows(rows, path, "cuda", told)
+    write_rows(rows, CudaRow.HEADER.split(" | "), path, "cuda", told)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -11,58 +10,44 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..camera import Camera
 from ..renderers.mesh import Mesh as Renderer
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.meshes.mesh import Mesh
-from .section import quartiles
-from .synthetic_room import PERSON, ROOM, room_cameras
-from .timing import FRAMES, GEOMETRY, Posed, call_time, size_cell, speedup_cell, time_cell, timed_in_turn, write_rows
+from .synthetic_room import PERSON, ROOM
+from .timing import FRAMES, GEOMETRY, SIZES, Posed, SpeedBench, SpeedRow, around, at_size, room
 
 ALL = Renderer.provides
-SIZES = ((160, 90), (320, 180), (640, 360))
 CLOSE = 1e-3  # relative difference of depth that still agrees
 
 
-@dataclass(frozen=True)
-class MeshRow:
-    """One setting, timed.
-
-    Args:
-        scene: what was rendered.
-        size: (W, H) [px].
-        setting: backend and buffers.
-        threads: that worked at once.
-        faces: in the scene.
-        milliseconds: wall time a frame: lower quartile, median, upper quartile.
-        speedup: median of the torch oracle over this median, where both were timed in turn.
-        agreement: share of pixels whose depth is within 1e-3 of the oracle's, the least over the seeds.
-    """
-
-    scene: str
-    size: tuple[int, int]
-    setting: str
-    threads: int
-    faces: int
-    milliseconds: tuple[float, float, float]
-    speedup: float | None = None
-    agreement: float | None = None
-
-    HEADER = "scene | size | setting | threads | faces | ms a frame (quartiles) | against torch | depth agrees"
-
-    def cells(self) -> list[str]:
-        """What a table shows, in the order of ``HEADER``."""
-        counts = [str(self.threads), f"{self.faces:,}"]
-        timing, speedup = time_cell(self.milliseconds), speedup_cell(self.speedup)
-        agreement = "" if self.agreement is None else f"{100 * self.agreement:.2f} %"
-        return [self.scene, size_cell(self.size), self.setting, *counts, timing, speedup, agreement]
-
-    def __str__(self) -> str:
-        return " | ".join(self.cells())
+def _agreement(one: Tensor, other: Tensor) -> float:
+    """Share of pixels whose depths agree [%]."""
+    return 100 * float((((one - other).abs() <= CLOSE * other) | (one.isnan() & other.isnan())).float().mean())
 
 
-def run_mesh_speed(seeds: Sequence[int], scene_paths: Iterable[str | Path], quick: bool = False) -> list[MeshRow]:
+BENCH = SpeedBench(
+    name="mesh",
+    told=[
+        "Wall time, four cameras a call,",
+        "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
+    ],
+    renderer=Renderer,
+    counts=lambda posed: (len(posed[0].geometry),),
+    columns={"faces": "{:,}"},
+    buffer="depth",
+    accuracy=_agreement,
+    worst=min,
+    compared=("depth agrees", "{:.2f} %"),
+    settings=[
+        ("all", ALL, {"threads": 1}),
+        ("depth + label", GEOMETRY, {"threads": 1}),
+        ("all, 2x2 rays", ALL, {"threads": 1, "samples": 2}),
+    ],
+)
+
+
+def run_mesh_speed(seeds: Sequence[int], scene_paths: Iterable[str | Path], quick: bool = False) -> list[SpeedRow]:
     """Time the kernels against the oracle at 10k and 100k faces, then over sizes and scenes.
 
     Args:
@@ -74,11 +59,11 @@ def run_mesh_speed(seeds: Sequence[int], scene_paths: Iterable[str | Path], quic
         Rows in the order of the table. Torch and kernels run on one thread where they are compared.
     """
     repeats, counts = (2, (2_000,)) if quick else (9, (10_000, 100_000))
-    rooms = [[_room(count, seed) for seed in seeds] for count in counts]
-    rows = [row for posed in rooms for row in _against_oracle(posed, repeats)]
-    sizes = SIZES[:1] if quick else SIZES
+    rooms = [[room(synthetic_mesh(count, seed), f"room {count // 1000}k", seed) for seed in seeds] for count in counts]
+    rows = [row for posed in rooms for row in BENCH.against_oracle(posed, repeats)]
     for posed in [*rooms, *([_posed(load_scene(path))] for path in scene_paths)]:
-        rows += _over_sizes(posed, sizes, repeats)
+        for size in SIZES[:1] if quick else SIZES:
+            rows += BENCH.each_setting(at_size(posed, size), repeats)
     return rows
 
 
@@ -102,58 +87,10 @@ def synthetic_mesh(count: int, seed: int = 0) -> Mesh:
     return Mesh.concatenate(parts)
 
 
-def _room(count: int, seed: int) -> Posed:
-    name = f"room {count // 1000}k"
-    scene = Scene(synthetic_mesh(count, seed), None, torch.tensor([0.0, 0.0, 1.0]), name, f"{name}:{seed}")
-    return scene, room_cameras(FRAMES, SIZES[0], seed)
-
-
 def _posed(scene: Scene) -> Posed:
     """A scene and cameras around the person, or around the middle where there is none."""
     mesh = cast(Mesh, scene.geometry)
     low, high = mesh.vertices.double().quantile(torch.tensor([0.05, 0.95]).double(), dim=0)
     person = scene.subject
     middle, reach = ((low + high) / 2, (high - low).max()) if person is None else (person.anchor, 1.5 * person.height)
-    side = torch.linalg.cross(scene.up, scene.up.roll(1))
-    angles = torch.arange(FRAMES).double()[:, None] * 2 * torch.pi / FRAMES
-    around = angles.cos() * side + angles.sin() * torch.linalg.cross(scene.up, side)
-    return scene, Camera.look_at(middle + reach * (around + 0.2 * scene.up), middle[None], scene.up, 0.7, SIZES[0])
-
-
-def _against_oracle(posed: list[Posed], repeats: int) -> list[MeshRow]:
-    """Kernels and oracle in turn on one thread each, and the share of pixels whose depths agree."""
-    found = timed_in_turn(Renderer(threads=1), Renderer(backend="torch"), posed, repeats, "depth", _agreement)
-    row = replace(_row(posed[0], "numba, all", 1, found.kernels), speedup=found.speedup, agreement=min(found.apart))
-    return [_row(posed[0], "torch, all", 1, found.oracle), row]
-
-
-def _agreement(one: Tensor, other: Tensor) -> float:
-    return float((((one - other).abs() <= CLOSE * other) | (one.isnan() & other.isnan())).float().mean())
-
-
-def _over_sizes(posed: list[Posed], sizes: Sequence[tuple[int, int]], repeats: int) -> list[MeshRow]:
-    """Kernels at each size: all buffers and geometry alone on one thread, and four rays a pixel."""
-    rows = []
-    for size in sizes:
-        resized = [(scene, cameras.at_size(size)) for scene, cameras in posed]
-        for setting, buffers, samples in (("all", ALL, 1), ("depth + label", GEOMETRY, 1), ("all, 2x2 rays", ALL, 2)):
-            renderer = Renderer(threads=1, samples=samples)
-            for pair in resized:
-                renderer.render(*pair, buffers)  # packs, and loads compiled code
-            times = [call_time(renderer, pair, buffers) for pair in resized for _ in range(repeats)]
-            rows.append(_row(resized[0], f"numba, {setting}", 1, times))
-    return rows
-
-
-def _row(posed: Posed, setting: str, threads: int, times: Sequence[float]) -> MeshRow:
-    scene, cameras = posed
-    return MeshRow(scene.name, cameras.size, setting, threads, len(scene.geometry), quartiles(times))
-
-
-def write_benchmarks(rows: Sequence[MeshRow], path: Path, command: str) -> None:
-    """Put the rows into the section of the Markdown file ``path`` that is theirs."""
-    told = [
-        f"Made by `{command}`. Wall time, four cameras a call,",
-        "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
-    ]
-    write_rows(rows, path, "mesh", told)
+    return scene, around(scene.up, middle, (1.0, 0.2), reach, FRAMES)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
@@ -13,10 +14,24 @@ from .stress.verb import bench_stress
 
 HELP = "Measure: the figures in docs/benchmarks.md are made here, those of the ablations by `cltransfer ablate`."
 
+Row = TypeVar("Row")
+Seeds = Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")]
+Quick = Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")]
+
 app = typer.Typer(help=HELP, no_args_is_help=True)
 app.command("table1")(bench_table1)
 app.command("chart")(bench_chart)
 app.command("stress")(bench_stress)
+
+
+def _show(rows: Iterable[Row], out: Path | None, write: Callable[[list[Row], Path, str], None]) -> None:
+    """Print each row as it comes, and ``write`` them all."""
+    shown = []
+    for row in rows:
+        print(row)
+        shown.append(row)
+    if out is not None:
+        write(shown, out, command_line())
 
 
 @app.command("speed")
@@ -24,18 +39,15 @@ def bench_speed(
     scene: Annotated[
         list[Path] | None, typer.Argument(help="Splat .ply files to time beside the synthetic rooms.")
     ] = None,
-    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")] = None,
-    quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
+    seed: Seeds = None,
+    quick: Quick = False,
     out: Out = None,
 ) -> None:
     """Splat rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
-    from .speed import run_speed, write_benchmarks
+    from .speed import run_speed
+    from .timing import write_benchmarks
 
-    rows = run_speed(seed or [0, 1, 2], scene or [], quick)
-    for row in rows:
-        print(row)
-    if out is not None:
-        write_benchmarks(rows, out, command_line())
+    _show(run_speed(seed or [0, 1, 2], scene or [], quick), out, write_benchmarks)
 
 
 @app.command("cuda")
@@ -46,45 +58,34 @@ def bench_cuda(
     """Splats on a CUDA device: frames per second for 10 and 64 candidates, and PSNR against the torch oracle."""
     from .cuda_speed import run_cuda, write_cuda
 
-    rows = []
-    for row in run_cuda(scene or []):
-        print(row)
-        rows.append(row)
-    if out is not None:
-        write_cuda(rows, out, command_line())
+    _show(run_cuda(scene or []), out, write_cuda)
 
 
 @app.command("mesh")
 def bench_mesh(
     scene: Annotated[list[Path] | None, typer.Argument(help="Meshes to time beside the synthetic rooms.")] = None,
-    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")] = None,
-    quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
+    seed: Seeds = None,
+    quick: Quick = False,
     out: Out = None,
 ) -> None:
     """Mesh rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
-    from .mesh_speed import run_mesh_speed, write_benchmarks
+    from .mesh_speed import run_mesh_speed
+    from .timing import write_benchmarks
 
-    rows = run_mesh_speed(seed or [0, 1, 2], scene or [], quick)
-    for row in rows:
-        print(row)
-    if out is not None:
-        write_benchmarks(rows, out, command_line())
+    _show(run_mesh_speed(seed or [0, 1, 2], scene or [], quick), out, write_benchmarks)
 
 
 @app.command("grid")
 def bench_grid(
-    seed: Annotated[list[int] | None, typer.Option(min=0, help="Seeds of the synthetic rooms (repeatable).")] = None,
-    quick: Annotated[bool, typer.Option(help="Small sizes only: checks the bench, measures little.")] = False,
+    seed: Seeds = None,
+    quick: Quick = False,
     out: Out = None,
 ) -> None:
     """Voxel grid rendering: speed and accuracy of every setting, against the torch oracle in the same run."""
-    from .grid_speed import run_grid_speed, write_benchmarks
+    from .grid_speed import run_grid_speed
+    from .timing import write_benchmarks
 
-    rows = run_grid_speed(seed or [0, 1, 2], quick)
-    for row in rows:
-        print(row)
-    if out is not None:
-        write_benchmarks(rows, out, command_line())
+    _show(run_grid_speed(seed or [0, 1, 2], quick), out, write_benchmarks)
 
 
 @app.command("lod")
@@ -108,12 +109,7 @@ def bench_lod(
     from .lod_chart import write_lod
 
     scenes = [room_scene(count), *(labelled_scene(path, members) for path in scene or [])]
-    rows = []
-    for row in run_lod(scenes, seed or [0, 1, 2]):
-        print(row)
-        rows.append(row)
-    if out is not None:
-        write_lod(rows, out, command_line())
+    _show(run_lod(scenes, seed or [0, 1, 2]), out, write_lod)
 
 
 @app.command("driver")

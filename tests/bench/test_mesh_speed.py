@@ -5,10 +5,11 @@ import shlex
 import pytest
 import torch
 
-from cltransfer.bench.mesh_speed import MeshRow, run_mesh_speed, synthetic_mesh, write_benchmarks
+from cltransfer.bench.mesh_speed import BENCH, run_mesh_speed, synthetic_mesh
 from cltransfer.bench.pages import SECTIONS, markers
+from cltransfer.bench.timing import SpeedRow, write_benchmarks
 
-ROW = MeshRow("room", (160, 90), "numba, all", 1, 10_000, (1.0, 2.0, 3.0), 28.4, 0.99996)
+ROW = SpeedRow(BENCH, "room", (160, 90), "numba, all", 1, (10_000,), (1.0, 2.0, 3.0), 28.4, 99.996)
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +27,12 @@ def test_every_row_states_what_was_measured(rows):
     for row in rows:
         low, median, high = row.milliseconds
         assert 0 < low <= median <= high
-    assert rows[-1].faces == 2
+    assert rows[-1].counts == (2,)
 
 
 def test_speed_and_accuracy_against_the_oracle_stand_in_one_row(rows):
     (row,) = [row for row in rows if row.speedup is not None]
-    assert row.agreement >= 0.999
+    assert row.accuracy >= 99.9
     assert row.speedup == pytest.approx(rows[0].milliseconds[1] / row.milliseconds[1])
     assert row.speedup > 1  # a bench, not a timed test: the page has the figure
 
@@ -58,4 +59,7 @@ def test_the_section_is_rewritten_beside_others(tmp_path):
     begin, end = markers(SECTIONS["mesh"])
     assert text.startswith("# Benchmarks\n\n## Losses\n\ntable\n\n## Mesh rendering\n\n" + begin)
     assert text.count(begin) == text.count(end) == 1
+    assert (
+        "| scene | size | setting | threads | faces | ms a frame (quartiles) | against torch | depth agrees |" in text
+    )
     assert "| room | 160x90 | numba, all | 1 | 10,000 | 2.0 (1.0-3.0) | 28x | 100.00 % |" in text
