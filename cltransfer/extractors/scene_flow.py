@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import torch
-from kornia.utils import create_meshgrid
 from torch import Tensor
 
 from ..camera import Camera
@@ -40,18 +39,6 @@ def backward_flow(depth: Tensor, now: Camera, before: Camera) -> Tensor:
     size = (float(now.size[0]), float(now.size[1]))
     flow = static_flow(plain(depth), turn.detach().cpu().numpy(), shift.detach().cpu().numpy(), size)
     return torch.from_numpy(flow).to(depth.device)
-
-
-def backward_flow_by_points(depth: Tensor, now: Camera, before: Camera) -> Tensor:
-    """The same as :func:`backward_flow` by way of the world points: slower, and readable."""
-    batch, height, width = depth.shape
-    scale = depth.new_tensor([now.size[0] / width, now.size[1] / height]).double()
-    grid = create_meshgrid(height, width, normalized_coordinates=False, dtype=torch.float64)  # integer-centred
-    pixels = ((grid + 0.5) * scale).reshape(1, -1, 2).expand(batch, -1, 2)
-    points = now.unproject(pixels, depth.flatten(1))
-    moved, ahead = before.project(points)
-    flow = (moved - pixels).masked_fill(~(ahead > 0)[..., None], float("nan"))
-    return flow.transpose(1, 2).unflatten(-1, (height, width)).float()
 
 
 @EXTRACTORS.register("scene_flow")
