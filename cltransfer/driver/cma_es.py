@@ -35,12 +35,11 @@ class Budget:
 
 @dataclass(frozen=True)
 class Minimum:
-    """The best candidate and what it cost.
+    """The best candidate and how it was found.
 
     Args:
         x: best vector, (D,) float64.
         total: its total.
-        evaluations: candidates evaluated, the start included.
         generations: asked and told.
         stop: tolerance, patience or generations.
         shape: square root of the covariance it ended with, (D, D), its longest axis 1 long: which directions are flat.
@@ -48,7 +47,6 @@ class Minimum:
 
     x: Tensor  # (D,)
     total: float
-    evaluations: int
     generations: int
     stop: str
     shape: Tensor  # (D, D)
@@ -107,7 +105,7 @@ def minimise(
     best, total = origin, float(evaluate(origin[None])[0])
     # a good start is hard to beat until the steps have shrunk, so patience watches what was asked, not the start
     asked_best = math.inf
-    evaluations, waited, generation, stop = 1, 0, 0, "generations"
+    waited, generation, stop = 0, 0, "generations"
     while generation < budget.generations:
         if total <= budget.tolerance or waited >= budget.patience:
             stop = "tolerance" if total <= budget.tolerance else "patience"
@@ -116,13 +114,13 @@ def minimise(
         x = to_x(asked)
         totals = evaluate(x)
         strategy.tell(asked, totals.tolist())
-        evaluations, generation, waited = evaluations + len(x), generation + 1, waited + 1
+        generation, waited = generation + 1, waited + 1
         index, lowest = int(totals.argmin()), float(totals.min())
         if lowest < asked_best * (1 - DECREASE):
             asked_best, waited = lowest, 0
         if lowest < total:
             best, total = x[index], lowest
-    return Minimum(best, total, evaluations, generation, stop, _shape(strategy, shape))
+    return Minimum(best, total, generation, stop, _shape(strategy, shape))
 
 
 def reflected(x: Tensor, low: Tensor, high: Tensor) -> Tensor:

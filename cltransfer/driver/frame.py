@@ -194,7 +194,7 @@ class _Refining:
         """A first frame: every start (S, D) may lie in another basin. Where nothing is known the first one does."""
         if not bool(self.rows.any()):
             nothing = torch.zeros_like(self.rows, dtype=starts.dtype)
-            return Refined(starts[0], 0.0, nothing, nothing[:, None] * starts[0], 0, "tolerance")
+            return Refined(starts[0], 0.0, nothing, nothing[:, None] * starts[0], "tolerance")
         return min((self.refined(x) for x in starts), key=lambda found: found.total)
 
     def flat(self, found: Refined) -> Tensor:

@@ -48,7 +48,6 @@ class Refined:
         total: there, of the residuals as they were given: a frame's count flow by half (:data:`.problem.MOTION`).
         residuals: there, (R,).
         jacobian: (R, D), for the next frame.
-        evaluations: candidates evaluated.
         stop: tolerance, worth (nothing to gain) or steps.
     """
 
@@ -56,7 +55,6 @@ class Refined:
     total: float
     residuals: Tensor  # (R,)
     jacobian: Tensor  # (R, D)
-    evaluations: int
     stop: str
 
 
@@ -86,18 +84,17 @@ def refine(
     x = inside(x, bounds)
     r = evaluate(x[None])[0] if residuals is None else residuals
     total = begun = float(group_norms(r[None], groups).sum())
-    evaluations, fresh, made, damping, stop = int(residuals is None), False, 0, 1.0, "steps"
+    fresh, made, damping, stop = False, 0, 1.0, "steps"
     for step in range(options.steps):
         if total <= options.tolerance:
             stop = "tolerance"
             break
         if jacobian is None:
             jacobian = differences(evaluate, x, r, bounds)
-            evaluations, fresh, made = evaluations + len(x), True, made + 1
+            fresh, made = True, made + 1
         floor = FLOORS[min(step, len(FLOORS) - 1)]
         tried = inside(_steps(x, r, jacobian, groups, floor, [d * damping for d in options.dampings]), bounds)
         found = evaluate(tried)
-        evaluations += len(tried)
         totals = group_norms(found, groups).sum(1)
         k = int(totals.argmin())
         if float(totals[k]) < total - 1e-9:
@@ -115,13 +112,12 @@ def refine(
                 break
         else:
             jacobian = differences(evaluate, x, r, bounds)
-            evaluations, fresh, made = evaluations + len(x), True, made + 1
+            fresh, made = True, made + 1
     if stop == "steps" and options.steps and begun - total < WORTH * max(total, 0.2):
         stop = "worth"  # few steps never come to the last floor, but nothing was gained by all of them
     if jacobian is None:
         jacobian = differences(evaluate, x, r, bounds)
-        evaluations += len(x)
-    return Refined(x, total, r, jacobian, evaluations, stop)
+    return Refined(x, total, r, jacobian, stop)
 
 
 def inside(x: Tensor, bounds: Bounds | None) -> Tensor:

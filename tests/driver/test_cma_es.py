@@ -47,8 +47,10 @@ def test_the_box_is_respected() -> None:
         return bowl(x)
 
     low, high = torch.full((3,), -0.1, dtype=torch.float64), torch.full((3,), 0.1, dtype=torch.float64)
-    minimise(watched, Start(torch.zeros(3), 0.3), (low, high), Budget(20), np.random.Generator(np.random.PCG64(0)))
+    generator = np.random.Generator(np.random.PCG64(0))
+    found = minimise(watched, Start(torch.zeros(3), 0.3), (low, high), Budget(20), generator)
     x = torch.cat(seen)
+    assert len(x) == 1 + found.generations * Budget(20).popsize
     assert bool((x >= low).all())
     assert bool((x <= high).all())
 
@@ -76,7 +78,6 @@ def test_an_infinite_bound_is_free() -> None:
 def test_the_stop_reason_is_told(budget: Budget, reason: str) -> None:
     found = solve(budget=budget)
     assert found.stop == reason
-    assert found.evaluations == 1 + found.generations * budget.popsize
 
 
 def test_a_flat_landscape_ends_by_patience_and_keeps_the_start() -> None:
@@ -105,4 +106,4 @@ def test_a_learned_shape_saves_evaluations_when_the_valley_moves() -> None:
     learned = run(Start(torch.zeros(3, dtype=torch.float64), 0.3), CENTER)
     moved = CENTER + torch.tensor([0.3, 0.02, 0.001], dtype=torch.float64)  # along the valley, as neighbours do
     assert torch.linalg.matrix_norm(learned.shape, 2) == pytest.approx(1)
-    assert run(Start(CENTER, 0.3, learned.shape), moved).evaluations < 0.8 * run(Start(CENTER, 0.3), moved).evaluations
+    assert run(Start(CENTER, 0.3, learned.shape), moved).generations < 0.8 * run(Start(CENTER, 0.3), moved).generations

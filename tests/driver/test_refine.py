@@ -31,7 +31,7 @@ def test_a_bent_problem_is_solved_in_few_evaluations() -> None:
     evaluate = Counted()
     found = refine(evaluate, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(), None)
     torch.testing.assert_close(found.x, TARGET, atol=2e-3, rtol=0)
-    assert found.evaluations == evaluate.count < 40
+    assert evaluate.count < 40
     assert found.total < 0.02
 
 
@@ -39,8 +39,10 @@ def test_a_jacobian_kept_from_a_neighbour_saves_its_cost() -> None:
     start = torch.zeros(3, dtype=torch.float64)
     first = refine(bent, start, GROUPS, Refinement(), None)
     near = first.x + 0.02
-    fresh, kept = (refine(bent, near, GROUPS, Refinement(), J) for J in (None, first.jacobian))
-    assert kept.evaluations < fresh.evaluations
+    anew, saved = Counted(), Counted()
+    refine(anew, near, GROUPS, Refinement(), None)
+    kept = refine(saved, near, GROUPS, Refinement(), first.jacobian)
+    assert saved.count < anew.count
     assert kept.total < 0.02
 
 
@@ -69,9 +71,10 @@ def test_a_direction_that_costs_nothing_shows_in_the_curvature() -> None:
 
 
 def test_steps_bound_the_evaluations() -> None:
-    found = refine(bent, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(2, (3e-2,), 0), None)
+    evaluate = Counted()
+    found = refine(evaluate, torch.zeros(3, dtype=torch.float64), GROUPS, Refinement(2, (3e-2,), 0), None)
     assert found.stop == "steps"
-    assert found.evaluations == 1 + 3 + 2
+    assert evaluate.count == 1 + 3 + 2
 
 
 def test_the_box_is_respected_and_its_edge_is_found() -> None:
@@ -89,11 +92,11 @@ def test_the_box_is_respected_and_its_edge_is_found() -> None:
 
 
 def test_a_start_that_was_evaluated_is_not_evaluated_again() -> None:
-    start, evaluate = torch.zeros(3, dtype=torch.float64), Counted()
+    start, evaluate, whole = torch.zeros(3, dtype=torch.float64), Counted(), Counted()
     known = refine(evaluate, start, GROUPS, Refinement(), None, residuals=bent(start[None])[0])
-    anew = refine(bent, start, GROUPS, Refinement(), None)
+    anew = refine(whole, start, GROUPS, Refinement(), None)
     assert torch.equal(known.x, anew.x)
-    assert known.evaluations == evaluate.count == anew.evaluations - 1
+    assert evaluate.count == whole.count - 1
 
 
 def test_the_flat_direction_of_a_valley_is_the_long_one() -> None:
