@@ -28,10 +28,9 @@ class Clip:
     """Frames and when they are shown.
 
     Args:
-        image: RGB, (N, 3, H, W) uint8.
+        image: RGB, (N, 3, H, W) uint8, upright and with square pixels.
         times: (N,) float64 [s], increasing, the first frame is at 0.
         path: where it was read from.
-        source_size: (W, H) [px] of the file as shown: upright and with square pixels.
         start: when the first of them is shown in the file [s].
         notes: what a reader should know of how they come out, as of interlaced ones.
     """
@@ -39,7 +38,6 @@ class Clip:
     image: Tensor  # (N, 3, H, W)
     times: Tensor  # (N,) [s]
     path: Path
-    source_size: tuple[int, int]
     start: float = 0.0
     notes: tuple[str, ...] = ()
 
@@ -91,9 +89,9 @@ def clip_of(part: ClipPart, kept: Tensor, max_side: int = 960) -> Clip:
         InputError: they are damaged or too many.
         ResourceError: they do not fit in memory.
     """
-    image, source_size, notes = part.images(kept.tolist(), max_side)
+    image, notes = part.images(kept.tolist(), max_side)
     times = part.times[kept]
-    return Clip(image, times - times[0], part.path, source_size, float(times[0]), notes)
+    return Clip(image, times - times[0], part.path, float(times[0]), notes)
 
 
 def timed_frames(path: Path, fps: float | None = None) -> Iterator[tuple[float, Frame]]:
@@ -115,7 +113,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
     Args:
         path: ``.mp4`` (H.264, yuv420p, crf 18, BT.709; an odd side is padded by one repeated row or column)
             or, where ``lossless``, ``.mkv`` (FFV1, RGB exact to the bit).
-        image: RGB, (N, 3, H, W) uint8.
+        image: RGB, (N, 3, H, W) uint8, upright and with square pixels.
         times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv, and where two
             would be one, the later ones that much later.
         lossless: which of the two.

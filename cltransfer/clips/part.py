@@ -48,8 +48,8 @@ class ClipPart:
         if count > FRAME_LIMIT:
             raise InputError(self.path, "frames", f"expected at most {FRAME_LIMIT} to keep, got {count}", HINT)
 
-    def images(self, kept: Sequence[int], max_side: int) -> tuple[Tensor, tuple[int, int], tuple[str, ...]]:
-        """RGB of those that are ``kept``, (K, 3, H, W) uint8, the size (W, H) they came in, and notes on them.
+    def images(self, kept: Sequence[int], max_side: int) -> tuple[Tensor, tuple[str, ...]]:
+        """RGB of those that are ``kept``, (K, 3, H, W) uint8, and notes on them.
 
         Args:
             kept: which, increasing.
@@ -130,10 +130,8 @@ def images_of(files: list[Path]) -> Iterator[Frame]:
         yield frame
 
 
-def _stack(
-    path: Path, frames: Iterator[Frame], count: int, max_side: int
-) -> tuple[Tensor, tuple[int, int], tuple[str, ...]]:
-    """All ``frames`` at one size, (N, 3, H, W) uint8, the size (W, H) they came in, and their notes, each once."""
+def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tuple[Tensor, tuple[str, ...]]:
+    """All ``frames`` at one size, (N, 3, H, W) uint8, and their notes, each once."""
     first = next(frames)
     notes = dict.fromkeys(first.notes)
     scale = min(1.0, max_side / max(first.size))
@@ -148,4 +146,4 @@ def _stack(
     for index, frame in enumerate(frames, start=1):
         image[index] = torch.from_numpy(frame.rgb(size)).permute(2, 0, 1)
         notes |= dict.fromkeys(frame.notes)
-    return image, first.size, tuple(notes)
+    return image, tuple(notes)

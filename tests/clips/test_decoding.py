@@ -101,7 +101,7 @@ def test_an_image_is_what_its_first_bytes_say(tmp_path: Path, kind: str, right: 
     named = read_clip(folder_of(tmp_path / "named", right, kind))
     misnamed = read_clip(folder_of(tmp_path / "misnamed", wrong, kind))
     assert torch.equal(misnamed.image, named.image)
-    assert misnamed.source_size == (32, 24)
+    assert misnamed.size == (32, 24)
 
 
 def test_a_jpeg_by_a_name_of_a_png_is_refused_where_it_is_cut_short_or_huge(tmp_path: Path) -> None:
