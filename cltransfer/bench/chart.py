@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from statistics import fmean, median
 
+from ..storage.files import csv_text
 from .measures import clip_of, number
 from .protocol import SCENES, Tier, Trial
 from .trial import Row
@@ -180,22 +179,16 @@ def hit_curves(rows: Sequence[Row]) -> list[Hits]:
 
 def points_csv(found: Sequence[Point]) -> str:
     """One line a point, with whether it lies on the front of either cost."""
-    text = io.StringIO()
-    sheet = csv.writer(text, lineterminator="\n")
     names = [f.name for f in fields(Point)]
-    sheet.writerow([*names, "front_by_evaluations", "front_by_seconds"])
     totals = [p.total for p in found]
     fronts = [pareto([getattr(p, cost) for p in found], totals) for cost in ("evaluations", "seconds")]
-    for i, point in enumerate(found):
-        sheet.writerow([*(getattr(point, name) for name in names), *(int(i in front) for front in fronts)])
-    return text.getvalue()
+    lines = (
+        [*(getattr(p, name) for name in names), *(int(i in front) for front in fronts)] for i, p in enumerate(found)
+    )
+    return csv_text([[*names, "front_by_evaluations", "front_by_seconds"], *lines])
 
 
 def hits_csv(curves: Sequence[Hits]) -> str:
     """One line for each step of each curve."""
-    text = io.StringIO()
-    sheet = csv.writer(text, lineterminator="\n")
-    sheet.writerow(["family", "target", "evaluations", "share"])
-    for curve in curves:
-        sheet.writerows([curve.family, curve.target, e, s] for e, s in zip(curve.evaluations, curve.share))
-    return text.getvalue()
+    lines = ([c.family, c.target, *at] for c in curves for at in zip(c.evaluations, c.share))
+    return csv_text([["family", "target", "evaluations", "share"], *lines])

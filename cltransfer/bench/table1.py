@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..ablate.summary import FEWEST, LEVEL, Estimate
 from ..registry import LOSSES
 from ..report.metrics import number as written
 from ..report.tables import Table, to_latex, to_markdown
-from ..storage.files import write_text
+from ..storage.files import csv_text, write_text
 from .compare import Comparison, compared, together
 from .measures import SIDE_MEASURES, failed_frames, is_self, paired, term
 from .methods import TERMS
@@ -152,17 +151,15 @@ def latex(found: Sequence[Duel]) -> list[str]:
 
 def to_csv(found: Sequence[Duel]) -> str:
     """One line for each duel, choice of frames and metric."""
-    text = io.StringIO()
-    sheet = csv.writer(text, lineterminator="\n")
-    sheet.writerow(CSV_HEADER)
+    lines: list[Sequence[Any]] = [CSV_HEADER]
     for d in found:
         of_choices = zip(CHOICES, (d.all_frames, d.sound_frames, d.sound_clips, d.beside))
         for frames, comparisons in of_choices:
             for c in comparisons:
                 means = [v for e in (c.baseline, c.ours, c.difference) for v in (e.mean, e.low, e.high)]
                 tests = ["" if math.isnan(v) else v for v in (c.wins, c.p, c.p_holm)]
-                sheet.writerow([d.baseline, d.ours, d.kind, frames, c.name, c.unit, *means, c.difference.count, *tests])
-    return text.getvalue()
+                lines += [[d.baseline, d.ours, d.kind, frames, c.name, c.unit, *means, c.difference.count, *tests]]
+    return csv_text(lines)
 
 
 def write_table1(rows: Sequence[Row], found: Sequence[Duel], folder: Path, out: Path | None, command: str) -> None:
