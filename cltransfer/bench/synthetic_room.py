@@ -8,13 +8,13 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
 from ..camera import Camera
 from ..computer.array_type import Array
+from ..scenes.columns import SH0
 from ..scenes.splats import Splats
 
 ROOM = np.array([8.0, 6.0, 3.0])  # [m], z up
 PERSON = np.array([4.0, 3.0, 0.0])  # feet
 FURNITURE = 11
 FLOATERS = 0.06  # share of faint Gaussians in free air, as training leaves them
-_SH0 = 0.28209479177387814
 
 
 def synthetic_room(count: int, seed: int = 0, degree: int = 3) -> Splats:
@@ -37,7 +37,7 @@ def synthetic_room(count: int, seed: int = 0, degree: int = 3) -> Splats:
     opacity = np.concatenate([rng.beta(0.7, 0.5, count - floaters), rng.beta(0.8, 12, floaters)])
     color = np.concatenate([_paint(points, part, rng), rng.uniform(0, 1, (floaters, 3))])
     sh = rng.normal(0, 0.04, (count, (degree + 1) ** 2, 3))
-    sh[:, 0] = (color - 0.5) / _SH0
+    sh[:, 0] = (color - 0.5) / SH0
     axes = _frames(np.concatenate([normals, rng.normal(size=(floaters, 3))]))
     order = rng.permutation(count)
     arrays = (np.concatenate([points, air]), spread, opacity.clip(0.006, 0.995), sh)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ...scenes.columns import SH0
+from ...scenes.simplify import PARTS, joined, subset
 from ...scenes.splats import Splats
 from ...subject import Subject
 from .case import Case, Stressor
@@ -21,7 +22,7 @@ def pruned(case: Case, share: float, rng: np.random.Generator) -> Case:
     """``share`` of the Gaussians are gone, as after too few training views."""
     splats = _splats(case)
     keep = torch.from_numpy(rng.permutation(len(splats))[round(share * len(splats)) :].copy()).sort().values
-    return _with(case, _take(splats, keep))
+    return _with(case, subset(splats, keep))
 
 
 def floaters(case: Case, count: float, rng: np.random.Generator) -> Case:
@@ -56,10 +57,10 @@ def occluder(case: Case, width: float, rng: np.random.Generator) -> Case:
 def second_person(case: Case, apart: float, rng: np.random.Generator) -> Case:
     """The person's double, of whom nobody knows, stands ``apart`` subject heights to one side."""
     splats, subject = _splats(case), _subject(case)
-    double = _take(splats, (splats.label > 0.5).nonzero()[:, 0])
+    double = subset(splats, (splats.label > 0.5).nonzero()[:, 0])
     side = float(rng.choice([-1.0, 1.0])) * apart * subject.height * subject.left
     double = replace(double, means=double.means + side.to(double.means), label=torch.zeros_like(double.label))
-    return _with(case, _joined([splats, double]))
+    return _with(case, joined(splats, double))
 
 
 def _splats(case: Case) -> Splats:
@@ -75,29 +76,13 @@ def _subject(case: Case) -> Subject:
     return case.scene.subject
 
 
-def _tensors(splats: Splats) -> tuple[Tensor, ...]:
-    return splats.means, splats.scales, splats.quats, splats.opacity, splats.sh, splats.label
-
-
-def _take(splats: Splats, index: Tensor) -> Splats:
-    return _made([tensor[index] for tensor in _tensors(splats)])
-
-
-def _joined(parts: Sequence[Splats]) -> Splats:
-    return _made([torch.cat([t.to(column[0]) for t in column]) for column in zip(*map(_tensors, parts))])
-
-
-def _made(tensors: Sequence[Tensor]) -> Splats:
-    means, scales, quats, opacity, sh, label = tensors
-    return Splats(means, scales, quats, opacity, sh, label)
-
-
 def _add(splats: Splats, means: Tensor, scales: Tensor, opacity: Tensor, colour: Tensor) -> Splats:
     """The splats and M more, unturned, of one colour (M, 3) in [0, 1] each, none of them the person."""
     sh = torch.zeros(len(means), *splats.sh.shape[1:], dtype=torch.float64)
-    sh[:, 0] = (colour - 0.5) / 0.28209479177387814  # the constant harmonic
+    sh[:, 0] = (colour - 0.5) / SH0
     quats = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64).expand(len(means), 4)
-    return _joined([splats, Splats(means, scales, quats, opacity, sh, torch.zeros(len(means)))])
+    more = Splats(means, scales, quats, opacity, sh, torch.zeros(len(means)))
+    return joined(splats, replace(more, **{name: getattr(more, name).to(getattr(splats, name)) for name in PARTS}))
 
 
 def _with(case: Case, splats: Splats) -> Case:
