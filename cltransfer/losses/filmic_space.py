@@ -111,21 +111,24 @@ class FilmicSpace:
         if not 0 <= self.min_area <= 1:
             raise ValueError(f"min_area must be in [0, 1], got {self.min_area}")
 
-    def residuals(self, reference: Features, rendered: Features) -> Tensor:
-        """Signed differences of both log ratios, (B, 2)."""
+    def _depths(self, reference: Features, rendered: Features) -> tuple[Tensor, Tensor]:
+        """Representative depths of the layers of both sides, (R, 3) and (B, 3)."""
         check_pair(reference, rendered)
         least = 0.0 if self.mode == "faithful" else self.min_area
         first = reference.once(("layer depths", least), lambda: layer_depths(reference, least))
-        second = layer_depths(rendered, least)
+        return first, layer_depths(rendered, least)
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        """Signed differences of both log ratios, (B, 2)."""
+        first, second = self._depths(reference, rendered)
         if self.mode == "faithful":
             return _skip(log_depth_ratios(second) - log_depth_ratios(first))
         return space_differences(first, second, self.mismatch)
 
     def directions(self, reference: Features, rendered: Features) -> Tensor:
         """Signed differences of both log ratios, (B, 2), NaN where a side lacks the layer: that is no direction."""
-        check_pair(reference, rendered)
-        least = 0.0 if self.mode == "faithful" else self.min_area
-        return log_depth_ratios(layer_depths(rendered, least)) - log_depth_ratios(layer_depths(reference, least))
+        first, second = self._depths(reference, rendered)
+        return log_depth_ratios(second) - log_depth_ratios(first)
 
     def beyond(self, reference: Features, rendered: Features) -> Tensor:
         """Both residuals as they would be beyond a jump of a mode, and how far it is from there, (B, 2, 2).
@@ -134,10 +137,7 @@ class FilmicSpace:
         that one. It becomes the mode where its lead, the log of the highest other one's height over its own, falls
         below 0. NaN where a side lacks the layer.
         """
-        check_pair(reference, rendered)
-        least = 0.0 if self.mode == "faithful" else self.min_area
-        first = reference.once(("layer depths", least), lambda: layer_depths(reference, least))
-        second = layer_depths(rendered, least)
+        first, second = self._depths(reference, rendered)
         there = ~second[:, [2, 0]].isnan()
         wanted = (second[:, 1:2] * log_depth_ratios(first).exp()).masked_fill(~there, float("nan"))  # (B, 2)
         outer = _layers(rendered)[:, [2, 0]]
