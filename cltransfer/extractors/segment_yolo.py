@@ -18,12 +18,9 @@ from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._pixels import to_uint8
-from .detect_yolox import SAME_PERSON
+from .detect_yolox import GREY, PERSON, SAME_PERSON, STRIDES
 
-GREY = 114  # fills the square beyond the image
-PERSON = 0  # class of COCO
 PROTOTYPES = 32
-STRIDES = (8, 16, 32)
 
 
 @dataclass(frozen=True)
