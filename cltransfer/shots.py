@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
@@ -48,6 +49,13 @@ class Setup:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ValueError(f"{name} must be positive, got {value}")
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, seed: int) -> Setup:
+        """Within 50 degrees of the face, up to 12 above; off the middle by up to 0.12 in width, 0.05 in height."""
+        azimuth, elevation = math.radians(rng.uniform(-50, 50)), math.radians(rng.uniform(0, 12))
+        offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
+        return cls(azimuth, elevation, offset=offset, seed=seed)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +40,6 @@ def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
 
 
 def drawn_setup(name: str, seed: int) -> Setup:
-    """Where shot ``name`` stands for ``seed``: within 50 degrees of the face, up to 12 above, off the middle."""
+    """Where shot ``name`` stands for ``seed``."""
     rng = np.random.Generator(np.random.PCG64([seed, *name.encode()]))
-    azimuth, elevation = np.radians(rng.uniform(-50, 50)), math.radians(rng.uniform(0, 12))
-    offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
-    return Setup(float(azimuth), elevation, offset=offset, seed=seed)
+    return Setup.drawn(rng, seed)

@@ -201,16 +201,14 @@ def _clip_of(row: Row) -> Clip:
 
 
 def drawn(name: str, seed: int) -> Setup:
-    """Where shot ``name`` stands for ``seed``: within 50 degrees of the face, up to 12 above, off the middle.
+    """Where shot ``name`` stands for ``seed``.
 
     Raises:
         UsageError: there is no such shot.
     """
     own_setup(name)
     rng = np.random.Generator(np.random.PCG64([seed, SHOTS.index(name)]))
-    azimuth, elevation = rng.uniform(-50, 50), rng.uniform(0, 12)
-    offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
-    return Setup(math.radians(azimuth), math.radians(elevation), offset=offset, seed=seed)
+    return Setup.drawn(rng, seed)
 
 
 def settings(preset: str, seed: int) -> RunConfig:

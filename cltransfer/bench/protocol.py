@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -84,25 +84,17 @@ class Trial:
 
 
 def drawn_start(shot: str, teacher: str, seed: int) -> tuple[str, Setup]:
-    """Start (a key of :data:`STARTS`) and setup of a shot, drawn by its name, its scene and the seed.
-
-    Within 50 degrees of the face, up to 12 above; off the middle by up to 0.12 of the width and 0.05 of the height.
-    """
+    """Start (a key of :data:`STARTS`) and setup of a shot, drawn by its name, its scene and the seed."""
     digest = hashlib.sha256(f"{shot} {teacher}".encode()).digest()
     rng = np.random.Generator(np.random.PCG64([seed, int.from_bytes(digest[:8], "little")]))
     name = tuple(STARTS)[rng.integers(len(STARTS))]
-    azimuth, elevation = rng.uniform(-50, 50), rng.uniform(0, 12)
-    offset = (float(rng.uniform(-0.12, 0.12)), float(rng.uniform(-0.05, 0.05)))
     own, start = own_setup(shot), STARTS[name]
     assert own.coverage is not None
     assert own.distance is not None
-    setup = Setup(
-        azimuth=math.radians(azimuth),
-        elevation=math.radians(elevation),
+    setup = replace(
+        Setup.drawn(rng, seed),
         distance=own.distance / math.sqrt(start.closer),
         coverage=start.closer * own.coverage,
-        offset=offset,
-        seed=seed,
         aim=start.aim,
         reach=1 / start.closer,
     )
