@@ -182,13 +182,13 @@ def csv_cell(value: Any) -> Any:
     return f"'{text}" if text.startswith(FORMULA) else text
 
 
-def read_json(path: Path, limit: int = JSON_LIMIT) -> Any:
+def read_json(path: Path) -> Any:
     """Parsed JSON of ``path``.
 
     Raises:
-        InputError: the file is missing, larger than ``limit`` bytes, or not JSON.
+        InputError: the file is missing, larger than :data:`JSON_LIMIT`, or not JSON.
     """
-    text = read_text(path, limit)
+    text = read_text(path, JSON_LIMIT)
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -96,13 +96,12 @@ class Part:
         return matrix
 
 
-def read_composed(path: Path, up: tuple[float, float, float] | None = None, root: Path | None = None) -> Scene:
-    """Read the scene that a YAML file composes.
+def read_composed(path: Path, up: tuple[float, float, float] | None = None) -> Scene:
+    """Read the scene that a YAML file composes, of files in its folder or the one that CLTRANSFER_ASSETS names.
 
     Args:
         path: the YAML.
         up: upwards in the scene; None is what the YAML says, or +y.
-        root: a folder whose files it may name beside its own folder's; None is what CLTRANSFER_ASSETS names.
 
     Raises:
         InputError: the YAML is damaged, a part is, a file lies elsewhere, two parts are the subject, or what they make
@@ -112,7 +111,7 @@ def read_composed(path: Path, up: tuple[float, float, float] | None = None, root
     about = _read_yaml(path)
     parts = _parts(path, about)
     given_up = _unit(path, up or about.get("up", UP))
-    read = [_read(path, part, i, root, given_up) for i, part in enumerate(parts)]
+    read = [_read(path, part, i, given_up) for i, part in enumerate(parts)]
     mesh = _joined(path, parts, [file.mesh for file in read])
     check_steps(path, mesh.means)
     people = [_moved(part, file.subject) for part, file in zip(parts, read) if part.label == "subject"]
@@ -163,25 +162,24 @@ def _parts(path: Path, about: dict[str, Any]) -> list[Part]:
     return parts
 
 
-def part_files(path: Path, root: Path | None = None) -> list[Path]:
+def part_files(path: Path) -> list[Path]:
     """The files that a YAML file composes, see :func:`read_composed`."""
-    return [_file(path, part, i, root) for i, part in enumerate(_parts(path, _read_yaml(path)))]
+    return [_file(path, part, i) for i, part in enumerate(_parts(path, _read_yaml(path)))]
 
 
-def _file(path: Path, part: Part, index: int, root: Path | None) -> Path:
-    named = root if root is not None else Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None
-    folder = path.parent
-    if named is not None and not (folder / part.file).is_file():
-        folder = named
+def _file(path: Path, part: Part, index: int) -> Path:
+    folder, named = path.parent, os.environ.get(VARIABLE)
+    if named and not (folder / part.file).is_file():
+        folder = Path(named)
     try:
         return inside(folder, part.file, path, f"parts[{index}].file")
     except InputError as error:
         raise InputError(path, error.field, error.reason, error.hint or _HINT) from None
 
 
-def _read(path: Path, part: Part, index: int, root: Path | None, up: tuple[float, float, float]) -> MeshFile:
+def _read(path: Path, part: Part, index: int, up: tuple[float, float, float]) -> MeshFile:
     """The file of one part; its own upwards is the scene's before the part was turned."""
-    file = _file(path, part, index, root)
+    file = _file(path, part, index)
     if file.suffix.lower() not in (".glb", ".gltf") and (part.time or part.animation):
         field = f"parts[{index}].{'time' if part.time else 'animation'}"
         raise InputError(path, field, f"{file.name} does not move, only glTF does", "leave it out")

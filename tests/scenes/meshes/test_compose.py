@@ -59,12 +59,13 @@ def test_the_digest_follows_every_file(folder):
     assert len({first, second, read_composed(path).digest}) == 3
 
 
-def test_a_person_of_a_skeleton_stands_with_its_mesh(data, tmp_path):
+def test_a_person_of_a_skeleton_stands_with_its_mesh(data, tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_ASSETS", str(data))
     path = write(tmp_path, "parts:\n- {file: cesium_man.glb, label: subject, time: 0.3, scale: 2, "
                            "rotate_deg: [0, 90, 0], translate: [5, 1, 0]}\n")  # fmt: skip
-    moved = read_composed(path, root=data)
+    moved = read_composed(path)
     write(tmp_path, "parts: [{file: cesium_man.glb, label: subject, time: 0.3}]\n")
-    still = read_composed(path, root=data)
+    still = read_composed(path)
     turn = torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).double()
     offset = torch.tensor([5.0, 1, 0]).double()
     torch.testing.assert_close(moved.subject.joints, 2 * still.subject.joints @ turn.T + offset)
@@ -75,9 +76,10 @@ def test_a_person_of_a_skeleton_stands_with_its_mesh(data, tmp_path):
     assert bool((moved.subject.joints < inside.amax(0) + 0.05).all())
 
 
-def test_a_leaning_person_knows_its_up_from_the_scene(data, tmp_path):
+def test_a_leaning_person_knows_its_up_from_the_scene(data, tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_ASSETS", str(data))
     path = write(tmp_path, "parts: [{file: cesium_man.glb, label: subject, rotate_deg: [30, 0, 0]}]\n")
-    scene = read_composed(path, root=data)
+    scene = read_composed(path)
     torch.testing.assert_close(scene.subject.up, scene.up)
     assert float(scene.subject.facing @ scene.up) == pytest.approx(0, abs=1e-9)
     assert math.isclose(float(scene.subject.facing.norm()), 1, abs_tol=1e-9)
@@ -100,7 +102,6 @@ def test_files_come_from_the_yamls_folder_or_the_named_root_and_nowhere_else(fol
     path = write(folder, "parts: [{file: other.obj}]\n")
     with pytest.raises(InputError, match=r"parts\[0\].file: no such file 'other.obj' \(files lie beside"):
         read_composed(path)
-    assert len(read_composed(path, root=tmp_path / "assets").geometry) == 1
     monkeypatch.setenv("CLTRANSFER_ASSETS", str(tmp_path / "assets"))
     assert len(read_composed(path).geometry) == 1
     for name in ("../assets/other.obj", str(tmp_path / "assets" / "other.obj"), "file:other.obj"):
