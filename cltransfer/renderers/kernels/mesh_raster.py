@@ -82,15 +82,21 @@ def _planes(corners: Array, points: Array, lens: Array, planes: Array) -> bool:
 
 
 @njit(**INLINE)
-def _texel(place: float, count: int, wrap: int) -> int:
-    """The texel at ``place`` (1 is the whole width); what is no number is at 0."""
+def wrapped(place: float, wrap: int) -> float:
+    """``place`` (1 is the whole width) brought into [0, 1]; what is no number is at 0."""
     inside = place - np.floor(place)  # as a float: a huge place would overflow an integer
     if wrap == CLAMP:
         inside = 1.0 if place > 1 else place
     elif wrap == MIRROR:
         inside = place - 2 * np.floor(0.5 * place)
         inside = inside if inside <= 1 else 2 - inside
-    return min(int((inside if inside >= 0 else 0.0) * count), count - 1)
+    return inside if inside >= 0 else 0.0
+
+
+@njit(**INLINE)
+def _texel(place: float, count: int, wrap: int) -> int:
+    """The texel at ``place`` (1 is the whole width); what is no number is at 0."""
+    return min(int(wrapped(place, wrap) * count), count - 1)
 
 
 @njit(**INLINE)

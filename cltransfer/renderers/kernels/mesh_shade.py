@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from math import floor, sqrt
 
-import numpy as np
 from numba import njit
 
 from ...computer.compiled import kernel
 from . import CACHED, INLINE, Array
-from .mesh_raster import ACROSS, CLAMP, DOWN, HEIGHT, MIRROR, OFFSET, REPEAT, WIDTH
+from .mesh_raster import ACROSS, DOWN, HEIGHT, OFFSET, REPEAT, WIDTH, wrapped
 
 _BYTE = 1 / 255
 
@@ -40,15 +39,9 @@ def _facing(corners: Array, points: Array, x: float, y: float) -> float:
 
 
 @njit(**INLINE)
-def _wrapped(place: float, count: int, wrap: int) -> tuple[int, int, float]:
+def _texels(place: float, count: int, wrap: int) -> tuple[int, int, float]:
     """The two texels about ``place`` (1 is the whole width) and the share of the second; what is no number is at 0."""
-    inside = place - np.floor(place)  # as a float: a huge place would overflow an integer
-    if wrap == CLAMP:
-        inside = 1.0 if place > 1 else place
-    elif wrap == MIRROR:
-        inside = place - 2 * np.floor(0.5 * place)
-        inside = inside if inside <= 1 else 2 - inside
-    at = (inside if inside >= 0 else 0.0) * count - 0.5
+    at = wrapped(place, wrap) * count - 0.5
     low = floor(at)
     high = low + 1
     before, after = (count - 1, 0) if wrap == REPEAT else (0, count - 1)  # beyond the edges
@@ -95,8 +88,8 @@ def shade(mesh: tuple[Array, ...], points: Array, lens: Array, headlight: float,
                 v = weight[0] * uv[corners[0], 1] + weight[1] * uv[corners[1], 1] + weight[2] * uv[corners[2], 1]
                 about = images[texture[f]]
                 start, width, height = about[OFFSET], about[WIDTH], about[HEIGHT]
-                columns = _wrapped(u, width, about[ACROSS])
-                above, below, down = _wrapped(v, height, about[DOWN])
+                columns = _texels(u, width, about[ACROSS])
+                above, below, down = _texels(v, height, about[DOWN])
                 rows = (start + above * width, start + below * width)
             for channel in range(3):
                 value = light * (
