@@ -6,7 +6,7 @@ are compiled into it.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,3 +21,13 @@ FAST: dict[str, Any] = {**CACHED, "fastmath": True}
 INLINE: dict[str, Any] = {"error_model": "numpy", "boundscheck": False, "forceinline": True}
 """For helpers of a loop: a real call would pass every array and scalar again."""
 FAST_INLINE: dict[str, Any] = {**INLINE, "fastmath": True}
+
+
+class Outputs(NamedTuple):
+    """Buffers of one view; what was not asked for has no rows."""
+
+    image: Array  # (3, H, W) float32
+    alpha: Array  # (H, W)
+    label: Array  # (H, W)
+    depth: Array  # (H, W), median, scene units
+    expected_depth: Array  # (H, W), mean, scene units

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from ...computer.compiled import kernel
-from . import CACHED, INLINE, Array, f32
+from . import CACHED, INLINE, Array, Outputs, f32
 from .grid_pack import BRICK, Packed
 
 MIN_TRANSMITTANCE = 1e-4  # a ray ends when less is left
@@ -44,16 +44,6 @@ class Settings(NamedTuple):
 
     near: float
     step: float
-
-
-class Outputs(NamedTuple):
-    """Buffers of one view; what was not asked for has no rows."""
-
-    image: Array  # (3, H, W) float32
-    alpha: Array  # (H, W)
-    label: Array  # (H, W)
-    depth: Array  # (H, W), median, scene units
-    expected_depth: Array  # (H, W), mean, scene units
 
 
 class Span(NamedTuple):

@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .grid_march import Outputs, Settings, View, make_view, march
+from . import Outputs
+from .grid_march import Settings, View, make_view, march
 from .grid_pack import Packed
 
 

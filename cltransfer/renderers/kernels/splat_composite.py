@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
 from ...computer.compiled import kernel
-from . import CACHED, FAST, FAST_INLINE, Array, f32
+from . import CACHED, FAST, FAST_INLINE, Array, Outputs, f32
 from .splat_cull import View
 from .splat_pack import MIN_ALPHA
 from .splat_project import (
@@ -53,16 +51,6 @@ _E0, _E1, _E2, _E3, _E4, _E5 = (
     .coef
 )
 _LOWEST_POWER = f32(-6)  # alpha is below 1/255 there
-
-
-class Outputs(NamedTuple):
-    """Buffers of one view; ``image`` has no rows where colour was not asked for."""
-
-    image: Array  # (3, H, W) float32
-    alpha: Array  # (H, W)
-    label: Array  # (H, W)
-    depth: Array  # (H, W), median, scene units
-    expected_depth: Array  # (H, W), mean, scene units
 
 
 @njit(**FAST_INLINE)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...computer.memory import affordable
-from . import Array
-from .splat_composite import ALL_PLANES, DEPTH_PLANES, Outputs, clear, composite, resolve
+from . import Array, Outputs
+from .splat_composite import ALL_PLANES, DEPTH_PLANES, clear, composite, resolve
 from .splat_cull import Settings, View, cull, make_view, sort_by_depth
 from .splat_pack import Packed
 from .splat_project import BOX, COLUMNS, LANES, PAIRS, RECORD, SLAB, TILE, Slab, Tiles, project_slab
