@@ -32,7 +32,7 @@ class Interval:
     """A mean over clips with its bootstrap interval.
 
     Args:
-        mean, low, high: None where they cannot be told.
+        mean, low, high: None where they cannot be told; ``high`` alone where nothing is known of how bad it may be.
         clips: that have a value, ``of`` how many.
         defined: frames of these clips that have a value.
         most: the same where each clip counts those of the method that has most of it.
@@ -133,16 +133,19 @@ def interval(
     seed: int = 0,
     scored: tuple[int, int, float, float] = (0, 0, 0.0, 0.0),
     reasons: Iterable[str] = (),
+    worst: float = math.inf,
 ) -> Interval:
     """Mean of the clips' values and its interval by :func:`bootstrap_t`, of :data:`FEWEST` clips or more.
 
-    Clips without a value are counted, not used.
+    Clips without a value are counted, not used. Its lower end is 0 where it would lie below, and the upper one is left
+    out where no clip is as bad by far: it holds the truth as often as before. One that was left out whole would not.
 
     Args:
         values: of the clips.
         seed: of the bootstrap.
         scored: frames that have a value, and at most, and seconds; see :class:`Interval`.
         reasons: why clips have none.
+        worst: what it costs to lose the term in every clip: an upper end above it says nothing, unless a clip is there.
     """
     known = np.array([value for value in values if value is not None])
     lacking = len(values) - len(known)
@@ -155,7 +158,10 @@ def interval(
         said.insert(0, f"too few clips for an interval: {len(known)}, expected {FEWEST} or more")
     elif math.isnan(low):
         said.insert(0, "too many clips have one value for an interval")
-    bounds = [None if math.isnan(end) else end for end in (low, high)]
+    elif high > worst >= known.max():
+        said.insert(0, f"no upper end: {high:.3g} is more than it costs to lose it in every clip, {worst:.3g}")
+        high = math.nan
+    bounds = [None if math.isnan(end) else max(0.0, end) for end in (low, high)]
     return Interval(float(known.mean()), bounds[0], bounds[1], len(known), len(values), *scored, "; ".join(said))
 
 
@@ -185,8 +191,23 @@ def bootstrap_t(values: NDArray[np.float64], seed: int = 0) -> tuple[float, floa
     return mean - highest * spread, mean - lowest * spread
 
 
-def summarise(rows: list[ClipScore], seed: int = 0) -> dict[str, dict[str, Interval]]:
-    """Interval of each term by method, over all clips; a clip that could not be scored counts as one without values."""
+def worst_of(config: RunConfig) -> dict[str, float]:
+    """What it costs to lose each term, and the total where all of them are lost."""
+    losses = Components.build(config).losses
+    total = sum(loss.weight * loss.penalty for loss in losses.values() if loss.weight > 0)
+    return {**{name: loss.penalty for name, loss in losses.items()}, "total": total}
+
+
+def summarise(
+    rows: list[ClipScore], seed: int = 0, worst: Mapping[str, float] | None = None
+) -> dict[str, dict[str, Interval]]:
+    """Interval of each term by method, over all clips; a clip that could not be scored counts as one without values.
+
+    Args:
+        rows: of all methods.
+        seed: of the bootstrap.
+        worst: what it costs to lose each term, as of :func:`worst_of`; see :func:`interval`.
+    """
     terms = list(dict.fromkeys(name for row in rows for name in row.means))
     by_method: dict[str, list[ClipScore]] = {}
     most: Counter[tuple[str, str]] = Counter()  # of clip and term
@@ -196,15 +217,22 @@ def summarise(rows: list[ClipScore], seed: int = 0) -> dict[str, dict[str, Inter
         by_method.setdefault(row.method, []).append(row)
         for term, defined in row.defined.items():
             most[row.clip, term] = max(most[row.clip, term], defined)
+    bounds = worst or {}
     return {
-        m: {term: _over_clips(found, term, seed, most, longest) for term in terms} for m, found in by_method.items()
+        m: {t: _over_clips(found, t, seed, most, longest, bounds.get(t, math.inf)) for t in terms}
+        for m, found in by_method.items()
     }
 
 
 def _over_clips(
-    rows: list[ClipScore], term: str, seed: int, most: Counter[tuple[str, str]], longest: Mapping[str, float]
+    rows: list[ClipScore],
+    term: str,
+    seed: int,
+    most: Counter[tuple[str, str]],
+    longest: Mapping[str, float],
+    worst: float,
 ) -> Interval:
     frames = sum(row.defined.get(term, 0) for row in rows), sum(most[row.clip, term] for row in rows)
     seconds = sum(row.seconds for row in rows), sum(longest[row.clip] for row in rows)
     values, reasons = [row.means.get(term) for row in rows], [row.lacking.get(term, "") for row in rows]
-    return interval(values, seed, (*frames, *seconds), reasons)
+    return interval(values, seed, (*frames, *seconds), reasons, worst)

@@ -33,7 +33,7 @@ def methods_json(rows: Sequence[ClipScore], summary: Summary, notes: Sequence[st
     return {
         "format": "cltransfer.methods",
         "version": 1,
-        "interval": f"bootstrap-t over clips, {FEWEST} or more, {RESAMPLES} resamples, {CONFIDENCE:.0%}",
+        "interval": f"bootstrap-t over clips, {FEWEST} or more, {RESAMPLES} resamples, {CONFIDENCE:.0%}, from 0 on",
         "methods": {m: {t: asdict(found) for t, found in terms.items()} for m, terms in summary.items()},
         "clips": [asdict(row) for row in rows],
         "notes": list(notes),
@@ -69,7 +69,8 @@ def methods_csv(summary: Summary) -> str:
 def methods_markdown(summary: Summary) -> str:
     """A row a method, a column a term: mean [low, high]; the best is bold where all have every clip and the same of it.
 
-    Clips that have a value are counted where not all have one, frames and seconds where another method has more.
+    Clips that have a value are counted where not all have one, frames and seconds where another method has more; an
+    upper end that is not known is a dash.
     """
     return "\n".join(to_markdown(_table(summary)))
 
@@ -108,7 +109,7 @@ def _best(summary: Summary) -> set[tuple[str, str]]:
 
 def _cell(found: Interval) -> str:
     text = number(found.mean)
-    if found.low is not None and found.high is not None:
+    if found.low is not None:
         text += f" [{number(found.low)}, {number(found.high)}]"
     if found.clips < found.of:
         return f"{text} ({found.clips}/{found.of})"

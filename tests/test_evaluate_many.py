@@ -24,7 +24,7 @@ from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.evaluate import evaluate
 from cltransfer.evaluate_kept import ClipScore
-from cltransfer.evaluate_many import evaluate_many, interval, notes_of, summarise
+from cltransfer.evaluate_many import bootstrap_t, evaluate_many, interval, notes_of, summarise, worst_of
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
 from cltransfer.registry import LOSSES
@@ -85,6 +85,39 @@ def test_clips_of_one_value_tell_nothing_of_others(values: list[float]) -> None:
     found = interval(values)
     assert (found.low, found.high, found.clips) == (None, None, len(values))
     assert found.reason == "too many clips have one value for an interval"
+
+
+SKEWED = [0.002, 0.004, 0.003, 0.006, 0.002, 0.53]  # one clip of six is far worse
+
+
+def test_no_interval_reaches_below_what_nothing_costs() -> None:
+    low, high = bootstrap_t(np.array(SKEWED))
+    assert low < 0
+    assert (interval(SKEWED).low, interval(SKEWED).high) == (0.0, high)
+
+
+def test_an_upper_end_that_no_clip_comes_near_is_told_to_be_none() -> None:
+    high = bootstrap_t(np.array(SKEWED))[1]
+    found = interval(SKEWED, worst=1.0)
+    assert (found.low, found.high) == (0.0, None)
+    assert found.reason == f"no upper end: {high:.3g} is more than it costs to lose it in every clip, 1"
+    assert interval(SKEWED, worst=high).high == high
+    assert interval(SKEWED, worst=0.5).high == high  # a clip is worse than losing the person
+
+
+def test_an_end_that_is_not_known_is_a_dash_and_no_number() -> None:
+    rows = [ClipScore("a", str(i), {"shot_size": SKEWED[i]}, {"shot_size": 4}, 4) for i in range(6)]
+    summary = summarise(rows, worst=worst_of(load_config()))
+    assert "| 0.0912 [0.00, –] |" in methods_markdown(summary)
+    (line,) = csv.DictReader(io.StringIO(methods_csv(summary)))
+    assert (line["low"], line["high"], line["reason"][:12]) == ("0.0", "", "no upper end")
+
+
+def test_losing_everything_costs_every_penalty_that_weighs_something() -> None:
+    worst = worst_of(load_config(overrides=["losses={shot_size: {weight: 3.0}, framing: {weight: 0.0}}"]))
+    assert {name: worst[name] for name in ("shot_size", "framing")} == {"shot_size": 1.0, "framing": 2**0.5}
+    rest = load_config(overrides=["losses={shot_size: null, framing: null}"]).build("losses").values()
+    assert worst["total"] == pytest.approx(3.0 + sum(loss.weight * loss.penalty for loss in rest))
 
 
 def test_clips_without_a_value_are_counted_not_used() -> None:

@@ -196,13 +196,14 @@ def evaluate_folders(
 ) -> None:
     """Score folders of clips and show the table of methods and what a reader should know."""
     from ..clips.clip_folder import left_over
-    from ..evaluate_many import evaluate_many, notes_of, summarise
+    from ..evaluate_many import evaluate_many, notes_of, summarise, worst_of
     from ..evaluate_table import methods_json, methods_markdown, write_methods
     from ..progress import progress
 
     with progress(quiet) as report:
         rows = evaluate_many(references, methods, settings, report, out)
-    summary, unknown = summarise(rows, settings.seed), left_over(references, methods)
+    summary = summarise(rows, settings.seed, worst_of(settings))
+    unknown = left_over(references, methods)
     if out is not None:
         write_methods(out, rows, summary, unknown)
     lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
