@@ -96,8 +96,8 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip.
 
     Raises:
-        UsageError: a folder is not there or named twice, is one of a method where ``reference`` is one clip, or has a
-            part behind its name, which is a clip's.
+        UsageError: a folder is not there or named twice, has no name before its =, is one of a method where
+            ``reference`` is one clip, or has a part behind its name, which is a clip's.
     """
     for argument in (reference, render, *more):
         _check_whole(argument)
@@ -108,6 +108,8 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     rest = []
     for argument in (render, *more):
         name, path = _method(argument)
+        if path and not name.strip():
+            raise UsageError(argument, "", "expected the name of a method before the =", "METHOD=FOLDER")
         if path and os.path.isdir(_folder(path)):
             if name in methods:
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
