@@ -20,10 +20,12 @@ from .pipeline.scores import Scores, score
 from .progress import Progress, silent
 from .reading.frames import check_maps, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
+from .reading.scene_source import split_scene
 from .report.data import Flag, ReportData
 from .storage.run_files import kept_frames
 
 OWN_STEPS = "compares two frames of each side, whose steps are not equally long: give both one frame rate"
+CLIPS = "expected clips, image folders or folders of runs"
 
 
 @threads_restored()
@@ -60,7 +62,10 @@ def evaluate(
     reference, render = os.fspath(reference), os.fspath(render)
     for source in (reference, render):
         if source.startswith("builtin:"):
-            raise InputError(source, "", "is made by code, no clip", "expected clips, image folders or folders of runs")
+            raise InputError(source, "", "is made by code, no clip", CLIPS)
+        if split_scene(source) is not None:
+            hint = f"{CLIPS}; `describe` and `transfer` take a scene"
+            raise InputError(source, "", "is a scene with a trajectory, no clip", hint)
     parts = Components.build(config)
     plan = parts.plan("image")
     asked, found = ClipSource.parse(reference), ClipSource.parse(render)

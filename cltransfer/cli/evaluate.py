@@ -114,6 +114,9 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
             if name in methods:
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
             methods[name] = path
+        elif path and (file := _file(path)):
+            hint = f"name the folder that it lies in: {name}={file.parent}"
+            raise UsageError(argument, "", f"{file} is a file, expected a folder of clips, as {reference} is one", hint)
         elif path:
             raise UsageError(argument, "", f"no such folder, and {name!r} is no key of the config", _nearest_key(name))
         elif argument is render:
@@ -155,17 +158,45 @@ def _is_one_clip(named: str) -> bool:
     return not path.is_dir() or is_run(path) or not holds_clips(path)
 
 
+def _file(named: str) -> Path | None:
+    """The file that is ``named``, perhaps with a part behind it."""
+    return next((Path(name) for name in (named, named.rpartition("#")[0]) if os.path.isfile(name)), None)
+
+
 def _check_one_render(reference: str, render: str) -> None:
-    """Refuse a folder of a method where the reference is one clip, saying by what it is one."""
+    """Refuse several clips, or a method, where the reference is one clip, saying by what it is one."""
+    path = _file(reference) or Path(_folder(reference))
+    if not path.exists():
+        return
+    clips, named = _folder(render), _method(render)[1]
+    if os.path.isdir(clips):
+        if not _is_one_clip(clips):
+            reason = f"holds clips, expected one, as {reference} {_by_what(path)}"
+            raise UsageError(render, "", reason, f"{_one_of(clips, path)}; or a folder as REFERENCE too")
+    elif named and not os.path.exists(render):
+        if _file(named):
+            reason = f"expected one render, and no method, as {reference} {_by_what(path)}"
+            raise UsageError(render, "", reason, f"METHOD= goes with folders only: {named}")
+        if os.path.isdir(_folder(named)):
+            reason = f"{_by_what(path)}, so it is taken for one clip: expected one render, got {render}"
+            hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
+            raise UsageError(reference, "", reason, hint)
+
+
+def _by_what(path: Path) -> str:
+    """By what a ``path`` is one clip."""
     from ..clips.image_folder import image_files
     from ..storage.run_files import is_run
 
-    path, folder = Path(_folder(reference)), _folder(_method(render)[1])
-    if not path.exists() or os.path.exists(render) or not folder or not os.path.isdir(folder):
-        return
-    what = "is a file" if path.is_file() else "is a run" if is_run(path) else f"holds {image_files(path)[0].name}"
-    hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
-    raise UsageError(reference, "", f"{what}, so it is taken for one clip: expected one render, got {render}", hint)
+    return "is a file" if path.is_file() else "is a run" if is_run(path) else f"holds {image_files(path)[0].name}"
+
+
+def _one_of(folder: str, reference: Path) -> str:
+    """Which clip of a folder of them may be meant: the one that is called as the ``reference``, or else the first."""
+    from ..clips.clip_folder import clips_in
+
+    clips = clips_in(Path(folder))
+    return f"name one, as {clips.get(reference.stem) or next(iter(clips.values()))}"
 
 
 def _method(argument: str) -> tuple[str, str]:

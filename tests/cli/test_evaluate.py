@@ -9,7 +9,9 @@ import torch
 
 from cltransfer.cli.evaluate import methods_of
 from cltransfer.clips.clip import write_video
-from cltransfer.errors import UsageError
+from cltransfer.config import load_config
+from cltransfer.errors import InputError, UsageError
+from cltransfer.evaluate import evaluate
 
 
 @pytest.fixture
@@ -27,3 +29,49 @@ def test_a_method_without_a_name_is_refused(clips: Path, name: str) -> None:
     for words in ([f"{name}=ours"], ["ours", f"{name}=refs"]):
         with pytest.raises(UsageError, match=r"=(ours|refs): expected the name of a method before the ="):
             methods_of("refs", words[0], words[1:])
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (
+            ("refs/b.mkv", "ours"),
+            "ours: holds clips, expected one, as refs/b.mkv is a file (name one, as ours/a.mkv; or",
+        ),
+        (
+            ("refs/a.mkv#t=0,1", "refs"),
+            "refs: holds clips, expected one, as refs/a.mkv#t=0,1 is a file (name one, as refs",
+        ),
+        (
+            ("refs/a.mkv", "ours=ours/a.mkv"),
+            "ours=ours/a.mkv: expected one render, and no method, as refs/a.mkv is a file (METHOD= goes with folders",
+        ),
+        (
+            ("refs", "ours=ours/a.mkv#t=0,1"),
+            "ours=ours/a.mkv#t=0,1: ours/a.mkv is a file, expected a folder of clips, as refs is one (name the folder "
+            "that it lies in: ours=ours)",
+        ),
+    ],
+)
+def test_what_is_no_clip_or_no_folder_of_them_is_told_to_be_none(
+    clips: Path, words: tuple[str, str], line: str
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        methods_of(*words, [])
+    assert str(caught.value).startswith(line)
+
+
+def test_a_clip_is_offered_by_the_name_of_its_reference(clips: Path) -> None:
+    with pytest.raises(UsageError, match=r"name one, as refs/b\.mkv;"):
+        methods_of("refs/b.mkv", "refs", [])
+    (clips / "imgs").mkdir()
+    (clips / "imgs" / "0.png").touch()
+    with pytest.raises(UsageError, match=r"as imgs holds 0\.png .name one, as ours/a\.mkv;"):
+        methods_of("imgs", "ours", [])
+
+
+def test_a_scene_with_a_trajectory_is_no_clip(clips: Path) -> None:
+    for words in (("a.ply@b.json", "refs/a.mkv"), ("refs/a.mkv", "a.ply@b.json")):
+        assert methods_of(*words, []) == ({}, [])
+        with pytest.raises(InputError, match=r"^a\.ply@b\.json: is a scene with a trajectory, no clip .*`describe`"):
+            evaluate(*words, load_config())
