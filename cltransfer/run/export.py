@@ -12,7 +12,7 @@ from ..export.lens import rate_of
 from ..export.nerfstudio import write_camera_path
 from ..export.usd import write_usd
 from ..storage.files import check_out_file, read_json, same_file
-from ..storage.run_files import MANIFEST, RESULTS, TRAJECTORY, is_run, require_done
+from ..storage.run_files import MANIFEST, TRAJECTORY, is_run, kept_by_runs, require_done
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
 
@@ -87,7 +87,6 @@ def _check_out(out: Path, kind: str, source: Path) -> None:
         raise UsageError(out, "--out", "expected the name of a file or folder")
     check_out_file(out) if kind else check_model(out)
     target = Path(os.path.realpath(out))
-    runs = [folder for folder in (source.resolve(), *target.parents[:2]) if is_run(folder)]
-    kept = [source, *(folder / name for folder in runs for name in RESULTS)]
+    kept = [source, *kept_by_runs(target, source.resolve())]
     if any(same_file(target, file) or (not kind and file.resolve().is_relative_to(target)) for file in kept):
         raise UsageError(out, "--out", "is a file of a run itself, or what is read", "name another")

@@ -25,7 +25,7 @@ from ..scenes import Scene
 from ..scenes.load import BUILTIN, load_scene
 from ..storage.alone import alone
 from ..storage.files import check_out_file, read_json, same_file
-from ..storage.run_files import CONFIG, MANIFEST, RESULTS, SUBJECT, TRAJECTORY, VIDEO, is_run, require_done
+from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, is_run, kept_by_runs, require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
@@ -65,16 +65,17 @@ def render_run(
         progress: called with a step, frames done, frames in all.
 
     Raises:
-        UsageError: ``out`` is no .mp4, cannot be written or is another file of the run, the run's config cannot be
-            meant, a key changes nothing here, or ``fps`` makes too many frames.
+        UsageError: ``out`` is no .mp4, cannot be written or is another file of this run, or any of another; the run's
+            config cannot be meant, a key changes nothing here, or ``fps`` makes too many frames.
         InputError: the folder is no run or one that was not finished, or the scene is another one.
         ResourceError: the frames cannot be kept in memory, or another process writes into the folder.
     """
     if out is not None and out.suffix.lower() != ".mp4":
         raise UsageError(out, "--out", "expected a name that ends in .mp4")
     check_out_file(out)
-    if out is not None and any(same_file(out, run / name) for name in RESULTS if name != VIDEO):
-        raise UsageError(out, "--out", "is a file of the run itself", "name another")
+    own = out is None or same_file(out, run / VIDEO)
+    if out is not None and not own and any(same_file(out, file) for file in kept_by_runs(out, run)):
+        raise UsageError(out, "--out", "is a file of a run itself", "name another")
     _check_keys(overrides)
     if not is_run(run):  # a folder that only looks like one may hold links, and is written into
         reason = "is no run's" if (run / MANIFEST).is_file() else "no such file"

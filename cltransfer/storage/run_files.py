@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -81,6 +82,12 @@ def kept_frames(path: Path) -> Path:
     """
     require_done(path)
     return path / FRAMES if is_run(path) else path
+
+
+def kept_by_runs(out: Path, *folders: Path) -> list[Path]:
+    """Results, there or not, of those of ``folders`` that are runs, and of those that ``out`` would lie in."""
+    around = Path(os.path.realpath(out)).parents[:2]  # as deep as a result lies in its run
+    return [folder / name for folder in (*folders, *around) if is_run(folder) for name in RESULTS]
 
 
 def open_run(folder: Path, resume: bool = False) -> Path:

@@ -34,7 +34,7 @@ def test_no_other_file_of_the_run_is_written_over_and_no_film_is_drawn_for_nothi
     (tmp_path / "folder.mp4").mkdir()
     (tmp_path / "file").touch()
     for out, told in (
-        (tiny_run / BESIDE, "is a file of the run itself"),
+        (tiny_run / BESIDE, "is a file of a run itself"),
         (tmp_path / "folder.mp4", "expected a file, there is something else"),
         (tmp_path / "file" / "film.mp4", "cannot lie in .*file, which is a file"),
     ):
@@ -42,6 +42,16 @@ def test_no_other_file_of_the_run_is_written_over_and_no_film_is_drawn_for_nothi
             render_run(tiny_run, [], None, None, out, lambda step, *_: steps.append(step))
     assert steps == []
     assert (tiny_run / BESIDE).read_bytes() == before
+
+
+def test_no_film_of_another_run_is_written_over(tiny_run: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(tiny_run, tmp_path / "other")
+    (tmp_path / "link.mp4").symlink_to(other / VIDEO)
+    before = (other / VIDEO).read_bytes()
+    for out in (other / VIDEO, other / "." / BESIDE, tmp_path / "link.mp4"):
+        with pytest.raises(UsageError, match="--out: is a file of a run itself"):
+            render_run(tiny_run, [], None, None, out, silent)
+    assert (other / VIDEO).read_bytes() == before
 
 
 def test_the_config_of_a_run_opens_no_other_file(tiny_run: Path, tmp_path: Path) -> None:
