@@ -19,6 +19,12 @@ from .frame_rate import at_rate
 TURNED = (".glb", ".gltf", ".obj")  # files whose y other programs take for up
 FRAMES = 100_000  # cameras of one file, about 20 MB
 WORLDS = (".usda", ".py")  # formats that say, or act on, which way is up
+HEAD = 4096  # bytes of a file within which it is seen who has written it
+MARKS = {  # of what was exported here, by every version so far; nerfstudio's own cameras have no time
+    ".usda": ('doc = "Camera path of cltransfer.',),
+    ".py": ("# A camera path of cltransfer.",),
+    ".json": ('"camera_path": [', '"time": '),
+}
 
 
 def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None) -> Trajectory:
@@ -32,8 +38,8 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None) -
             :data:`TURNED`, and not of a trajectory alone. Of :data:`WORLDS` only.
 
     Raises:
-        UsageError: ``out`` has another ending, or is what a run or another program has written; ``fps`` is out of
-            range; ``y_up`` changes nothing.
+        UsageError: ``out`` has another ending, or is what a run, another program or a person has written; ``fps`` is
+            out of range; ``y_up`` changes nothing.
         InputError: ``source`` is no such thing, a run that was not finished or does not tell whether its scene is
             turned, or the format has no room for its lens.
     """
@@ -90,3 +96,14 @@ def _check_out(out: Path, kind: str, source: Path) -> None:
     kept = [source, *kept_by_runs(target, source.resolve())]
     if any(same_file(target, file) or (not kind and file.resolve().is_relative_to(target)) for file in kept):
         raise UsageError(out, "--out", "is a file of a run itself, or what is read", "name another")
+    if kind and not _exported(target, kind):
+        raise UsageError(out, "--out", "is there, and was not exported here", "name another, or take it away first")
+
+
+def _exported(file: Path, kind: str) -> bool:
+    """Whether nothing lies at ``file``, or what an earlier export has written there."""
+    if not file.is_file():
+        return True
+    with file.open("rb") as stream:
+        head = stream.read(HEAD)
+    return not head or all(mark.encode() in head for mark in MARKS[kind])

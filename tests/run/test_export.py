@@ -125,6 +125,28 @@ def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path, monkeypatc
     export_path(run, run / "camera" / "shot.usda", None, None)
 
 
+@pytest.mark.parametrize("name", ["loss.py", "stage.usda", "camera_path.json", "SHOT.PY"])
+def test_what_somebody_else_has_written_stays(tiny_run: Path, tmp_path: Path, name: str) -> None:
+    path = {"camera_type": "perspective", "camera_path": [{"camera_to_world": [1.0] * 16, "fov": 50.0, "aspect": 1.0}]}
+    mine = {"loss.py": "from cltransfer import LOSSES\n", "stage.usda": "#usda 1.0\n", "SHOT.PY": "# A camera path.\n"}
+    before = mine.get(name, json.dumps(path, indent=2))
+    (tmp_path / name).write_text(before)
+    with pytest.raises(UsageError, match=f"{name}: --out: is there, and was not exported here .name another, or take"):
+        export_path(tiny_run, tmp_path / name, None, None)
+    assert (tmp_path / name).read_text() == before
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_earlier_export_is_replaced_and_so_is_an_empty_file(tiny_run: Path, tmp_path: Path, name: str) -> None:
+    if NAMES[name]:
+        (tmp_path / name).touch()
+    made = tmp_path / name / "images.txt" if name == "colmap" else tmp_path / name
+    export_path(tiny_run, tmp_path / name, None, None)
+    before = made.read_text()
+    export_path(tiny_run, tmp_path / name, 48, None)
+    assert len(made.read_text()) > len(before)
+
+
 @pytest.mark.parametrize(
     ("name", "fps", "says"),
     [
