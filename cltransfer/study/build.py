@@ -9,7 +9,7 @@ import shlex
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
+from itertools import combinations, zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -63,8 +63,8 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     """Write the page into the folder ``out`` and its key beside it; returns the study and the key file.
 
     Raises:
-        UsageError: runs, methods and references do not go together, the folder holds something else, or the key beside
-            it is that of another study.
+        UsageError: runs, methods and references do not go together, one clip is compared with itself, the folder holds
+            something else, or the key beside it is that of another study.
         InputError: a clip cannot be read, or the runs of a sample have different references; nothing was written.
     """
     out = out.resolve()  # its name tells the key's, "." has none
@@ -73,6 +73,8 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     samples = [f"sample{i + 1}" for i in range(len(groups))]
     content = [digest_of(where) for shown in (*groups, references) for where in shown]
     study = design(samples, wanted.methods, content, wanted.seed)
+    for i, group in enumerate(groups):
+        _check_apart(group, content[i * len(group) :])
     check_key(out, study)
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".tmp-", dir=out.parent) as made:  # a clip that cannot be read leaves no half a page
@@ -112,6 +114,14 @@ def _groups(wanted: Wanted) -> tuple[list[list[ClipSource]], list[ClipSource]]:
     if wanted.references and len(wanted.references) != len(groups):
         raise UsageError("", "--reference", f"expected one for each of {len(groups)} samples", _got(wanted.references))
     return groups, [source_of(source) for source in wanted.references]
+
+
+def _check_apart(group: Sequence[ClipSource], content: Sequence[str]) -> None:
+    """Refuse a sample in which two methods show one clip: all that is answered on it would be chance."""
+    for (one, first), (other, second) in combinations(zip(group, content), 2):
+        if first == second or kept(one) == kept(other):
+            what = "is there twice" if one == other else f"shows the very frames of {one.named}"
+            raise UsageError(other.named, "", f"{what}, expected different ones", "or leave this sample out")
 
 
 def _got(sources: Sequence[str | Path]) -> str:

@@ -21,6 +21,7 @@ from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
+from cltransfer.storage.run_files import FRAMES
 from cltransfer.study.build import Wanted, build_study
 from cltransfer.study.design import NO_STUDY, Study, design
 
@@ -94,8 +95,30 @@ def test_every_pair_of_methods_is_compared_on_every_sample_and_the_seed_names_th
     assert first.name != other.name
 
 
+def another(run: Path, folder: Path, levels: int = 255) -> Path:
+    """A copy of a run with other frames."""
+    kept = read_clip(shutil.copytree(run, folder) / FRAMES)
+    write_video(folder / FRAMES, kept.image ^ levels, kept.times, lossless=True)
+    return folder
+
+
+def test_a_clip_is_not_compared_with_itself(clips: Wanted, tiny_run: Path, tmp_path: Path) -> None:
+    copy, out = shutil.copytree(tiny_run, tmp_path / "copy"), tmp_path / "page"
+    for runs, told in (
+        ((tiny_run, tiny_run), f"^{re.escape(str(tiny_run))}: is there twice, expected different ones .or leave this"),
+        ((tiny_run, copy), f"^{re.escape(str(copy))}: shows the very frames of {re.escape(str(tiny_run))}, expected"),
+        ((tiny_run, tiny_run / FRAMES), f"{FRAMES.name}: shows the very frames of {re.escape(str(tiny_run))}, "),
+        ((*clips.runs[:3], clips.runs[2]), r"2\.mp4: is there twice"),
+    ):
+        references = clips.references if len(runs) > 2 else (clips.references[0],)
+        with pytest.raises(UsageError, match=told):
+            build_study(Wanted(runs, ("a", "b"), references), out)
+    assert not out.exists()
+    build_study(replace(clips, runs=(*clips.runs[:2], *clips.runs[:2])), out)  # in two comparisons
+
+
 def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, command: Callable[..., Any]) -> None:
-    other = shutil.copytree(tiny_run, tmp_path / "other")
+    other = another(tiny_run, tmp_path / "other")
     answer = command("study", tiny_run, other, "--out", tmp_path / "page", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["comparisons"] == 1
@@ -120,17 +143,17 @@ def test_runs_that_other_parts_of_a_clip_have_taught_are_no_sample(
     tiny_run: Path, tmp_path: Path, command: Callable[..., Any]
 ) -> None:
     def study(part: str | None, slower: float = 1.0) -> tuple[int, str]:
-        run = shutil.copytree(tiny_run, tmp_path / f"run{next(number)}")
+        run = another(tiny_run, tmp_path / f"run{next(number)}")
         told, path = (json.loads((run / name).read_text()) for name in ("manifest.json", "trajectory.json"))
         told["reference"]["part"] = part
         path["frames"] = [{**frame, "time": frame["time"] * slower} for frame in path["frames"]]
         (run / "manifest.json").write_text(json.dumps(told))
         (run / "trajectory.json").write_text(json.dumps(path))
         three = ("--method", "a", "--method", "b", "--method", "c", "--out", tmp_path / f"page{next(number)}")
-        answer = command("study", tiny_run, tiny_run, run, *three)
+        answer = command("study", tiny_run, second, run, *three)
         return answer.code, answer.err
 
-    number = count()
+    number, second = count(), another(tiny_run, tmp_path / "second", 127)
     assert json.loads((tiny_run / "manifest.json").read_text())["reference"]["part"] == ""
     assert study("")[0] == 0
     assert study(None, 2.0)[0] == 0  # an older run, which tells no part
@@ -253,7 +276,7 @@ def test_another_part_of_a_clip_makes_another_study(clips: Wanted, tmp_path: Pat
 
 
 def test_what_else_lies_in_the_folder_of_a_run_is_not_read(tiny_run: Path, tmp_path: Path) -> None:
-    run = shutil.copytree(tiny_run, tmp_path / "run")
+    run = another(tiny_run, tmp_path / "run")
 
     def named(out: str) -> str:
         return build_study(Wanted((str(tiny_run), str(run)), ("a", "b")), tmp_path / out)[0].name
@@ -263,7 +286,7 @@ def test_what_else_lies_in_the_folder_of_a_run_is_not_read(tiny_run: Path, tmp_p
     (run / "video" / "linked").symlink_to(tmp_path / "diary")
     assert named("page2") == usual
     kept = read_clip(run / "video" / "frames.mkv")
-    write_video(run / "video" / "frames.mkv", 255 - kept.image, kept.times, lossless=True)
+    write_video(run / "video" / "frames.mkv", kept.image ^ 127, kept.times, lossless=True)
     assert named("page3") != usual
 
 
@@ -289,9 +312,9 @@ def test_a_part_that_a_study_cannot_show_is_refused(tiny_run: Path, clips: Wante
 
 
 def test_a_run_whose_frames_were_cut_off_is_refused(tmp_path: Path) -> None:
-    grey = torch.full((30, 3, 32, 48), 90, dtype=torch.uint8)
     runs = []
     for name, kept, beside in (("whole", 30, 30), ("cut", 3, 30), ("sheet", 30, 4)):
+        grey = torch.full((30, 3, 32, 48), 90 + len(runs), dtype=torch.uint8)
         run = tmp_path / name
         (run / "video").mkdir(parents=True)
         (run / "DONE").touch()
