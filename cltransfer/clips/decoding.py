@@ -22,6 +22,8 @@ from av.video.stream import VideoStream
 from ..computer.threads import thread_count
 from ..errors import InputError
 from ..registry.declared import SCENE_SUFFIXES
+from .alpha import has_alpha
+from .alpha import over_black as laid_over_black
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 from .png_chunks import PNG, drawn_chunks
@@ -77,7 +79,8 @@ class Frame:
 
         What is transparent shows the colour that lies under it, or black where ``over_black``.
         """
-        pixels = self._over_black() if over_black else self._decoded("rgb24")
+        laid = over_black and has_alpha(self.raw)
+        pixels = laid_over_black(self._decoded("rgba")) if laid else self._decoded("rgb24")
         upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.turns)
         if upright.shape[1::-1] == size:
             return np.ascontiguousarray(upright)
@@ -89,14 +92,6 @@ class Frame:
         if unsaid and self.raw.height >= HD and not self.raw.format.name.startswith(("gray", "yuvj")):
             return self.raw.to_ndarray(format=kind, src_colorspace=Colorspace.ITU709)
         return self.raw.to_ndarray(format=kind)
-
-    def _over_black(self) -> np.ndarray:
-        """RGB times alpha as decoded, (H, W, 3) uint8."""
-        kind = self.raw.format
-        if not (kind.has_palette or any(component.is_alpha for component in kind.components)):
-            return self._decoded("rgb24")
-        rgba = self._decoded("rgba").astype(np.uint16)
-        return ((rgba[..., :3] * rgba[..., 3:] + 127) // 255).astype(np.uint8)
 
 
 def decode(path: Path, exif: bool = True) -> Iterator[Frame]:

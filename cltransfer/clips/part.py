@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..computer.memory import require_free
 from ..errors import InputError, UsageError
+from .alpha import TRANSPARENT, is_transparent
 from .decoding import Frame, decode
 from .image_folder import folder_times, image_files
 
@@ -133,7 +134,7 @@ def images_of(files: list[Path]) -> Iterator[Frame]:
 def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tuple[Tensor, tuple[str, ...]]:
     """All ``frames`` at one size, (N, 3, H, W) uint8, and their notes, each once."""
     first = next(frames)
-    notes = dict.fromkeys(first.notes)
+    notes = dict.fromkeys(_notes(first))
     scale = min(1.0, max_side / max(first.size))
     size = (max(1, round(first.size[0] * scale)), max(1, round(first.size[1] * scale)))
     need = 3 * count * size[0] * size[1]
@@ -145,5 +146,10 @@ def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tu
     image[0] = torch.from_numpy(first.rgb(size)).permute(2, 0, 1)
     for index, frame in enumerate(frames, start=1):
         image[index] = torch.from_numpy(frame.rgb(size)).permute(2, 0, 1)
-        notes |= dict.fromkeys(frame.notes)
+        notes |= dict.fromkeys(_notes(frame, TRANSPARENT in notes))
     return image, tuple(notes)
+
+
+def _notes(frame: Frame, known: bool = False) -> tuple[str, ...]:
+    """What a reader should know of a frame; whether it is transparent is looked at where that is not ``known``."""
+    return (*frame.notes, TRANSPARENT) if not known and is_transparent(frame.raw) else frame.notes
