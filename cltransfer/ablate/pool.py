@@ -34,6 +34,7 @@ def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterato
 
 
 def _by_processes(trials: Sequence[Trial], job: Job, workers: int) -> Iterator[Outcome]:
+    from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     waiting = {trial.key: trial for trial in trials}
@@ -50,6 +51,8 @@ def _by_processes(trials: Sequence[Trial], job: Job, workers: int) -> Iterator[O
                         yield from _parallel([trial], job, workers)
                     except BrokenProcessPool:
                         yield _killed(trial)
+    if trials:  # idle workers would be waited for when all is said
+        get_reusable_executor(max_workers=1, kill_workers=True).shutdown(kill_workers=True)
 
 
 def _parallel(

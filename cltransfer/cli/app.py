@@ -54,13 +54,14 @@ app.add_typer(cache_app, name="cache")
 
 def main() -> NoReturn:
     """Run the command line; every failure is one line on stderr and an exit code."""
-    signal.signal(signal.SIGTERM, _terminate)
+    before = signal.signal(signal.SIGTERM, _terminate)
     _open_streams()
     try:
         _run()
     finally:
         for stream in (sys.stdout, sys.stderr):
             _give_up_if_broken(stream)
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)  # all is said, and nobody would catch it any more
 
 
 def _run() -> NoReturn:

@@ -20,6 +20,7 @@ import torch
 
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.outcome import Metric, Outcome
+from cltransfer.ablate.pool import outcomes
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Ablation, markdown
 from cltransfer.ablate.summary import FEWEST, LEVEL, summarise
@@ -144,6 +145,17 @@ def test_an_interrupt_tells_how_to_go_on(
     assert done.code == 0, done.err
     assert keys(out)[: len(interrupted)] == interrupted
     assert len(keys(out)) == 3
+
+
+@pytest.mark.slow  # a process of its own
+def test_no_worker_is_left_when_the_last_trial_has_ended(sweep_file: SweepFile, tmp_path: Path) -> None:
+    sweep = read_sweep(str(sweep_file("{full: {}}")), [*TINIER, "engine.workers=1"])
+    asked = trials(sweep, draw_references(sweep, tmp_path))
+    (found,) = outcomes(asked, Job(), sweep.file.engine)
+    assert not found.failed
+    children = Path("/proc/self/task").glob("*/children")
+    lines = [Path("/proc", pid, "cmdline").read_text() for file in children for pid in file.read_text().split()]
+    assert not [line for line in lines if "LokyProcess" in line]
 
 
 @pytest.mark.slow  # five trials

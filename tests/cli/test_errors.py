@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cltransfer import __version__
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.cli.shared import show, tell
 from cltransfer.errors import ModelError
@@ -515,6 +516,19 @@ def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: 
     assert err.splitlines()[-1] == f"error: {word} (the same command with --resume 'a take' goes on from here)"
     assert time.perf_counter() - start < 10
     assert {p.name for p in (tmp_path / "a take").rglob("*")} <= {"journal.bin"}  # nothing half-written
+
+
+ENDING = """
+import atexit, os, signal
+from cltransfer.cli.app import main
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGTERM))
+main()
+"""
+
+
+def test_a_signal_when_all_is_said_shows_nothing_of_the_interpreter() -> None:
+    done = subprocess.run([sys.executable, "-c", ENDING, "--version"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGTERM, f"{__version__}\n", "")
 
 
 @pytest.mark.parametrize(("words", "left", "full"), [("--version", 1, 5), ("nonsense", 2, 2)])
