@@ -21,11 +21,12 @@ import errno
 import json
 import math
 import os
+import re
 import shlex
 import struct
 import time
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -45,6 +46,10 @@ SYNC = 0.2  # [s] between waits for the disk; each takes 4 ms, and a search of 2
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
 VIEW = "the view of init"  # what a file holds that --init names
 PERSON = "person"  # who was lifted, or whom the file holds that --subject names
+ASKED = ("init", "subject", "scene", "reference", "part of the reference", "threads")  # what a command says, as config.
+PRESET = "config.preset"  # from which other settings follow
+NAMED = 3  # settings that are named where several differ
+_DIGEST = re.compile("[0-9a-f]{32,}")
 
 
 class Journal:
@@ -239,21 +244,31 @@ def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None
     now = json.loads(json.dumps(header))
     if not isinstance(recorded, dict):
         raise InputError(path, "header", "not a journal")
-    others = [key for key in sorted({*now, *recorded}) if recorded.get(key) != now.get(key)]
+    others = [key for key in sorted({*now, *recorded}, key=_rank) if recorded.get(key) != now.get(key)]
     for given, follows in (("init", VIEW), ("subject", PERSON)):
         if given in others:
             others = [key for key in others if key != follows]
     for key in others[:1]:
-        reason = f"the run was begun with {_said(recorded.get(key))}, this is {_said(now.get(key))}"
-        raise InputError(path, key, reason, _begun_so(key, recorded.get(key), len(others) - 1))
+        before, here = recorded.get(key), now.get(key)
+        reason = f"the run was begun with {_said(before)}, this is {_said(here)}"
+        if all(isinstance(value, str) and _DIGEST.fullmatch(value) for value in (before, here)):
+            reason = "is not what the run was begun with"
+        raise InputError(path, key, reason, _begun_so(key, before, others[1:]))
 
 
-def _begun_so(key: str, value: object, more: int) -> str:
-    """How the run is gone on with, or begun anew; ``more`` settings differ too."""
+def _rank(key: str) -> tuple[bool, bool, str]:
+    """By which settings are told: the preset, what else a command says, and last what follows or was installed."""
+    return key != PRESET, not (key.startswith("config.") or key in ASKED), key
+
+
+def _begun_so(key: str, value: object, more: Sequence[str] = ()) -> str:
+    """How the run is gone on with, or begun anew; the settings in ``more`` differ too."""
     again = "start over with another --out"
     if more:
-        differ = "setting differs" if more == 1 else "settings differ"
-        return f"{more} more {differ}: repeat the command as it was with --resume, or {again}"
+        named = [*more[:NAMED], *([f"{len(more) - NAMED} more"] if len(more) > NAMED else [])]
+        listed = " and ".join(filter(None, (", ".join(named[:-1]), named[-1])))
+        differ = "differs" if len(more) == 1 else "differ"
+        return f"{listed} {differ} too: repeat the command as it was with --resume, or {again}"
     if key == "threads":
         word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
     elif key == "init" or (key == "subject" and value is not None):
