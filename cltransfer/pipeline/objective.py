@@ -181,8 +181,7 @@ class Objective:
             if any(not rendered.has(name) for name in loss.requires):
                 part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
             else:
-                shape = (len(rendered), len(loss.groups))
-                part = answer(loss.residuals, (reference, rendered), shape, f"residuals of loss {name!r}")
+                part = _residuals(loss, name, (reference, rendered), len(rendered))
             lost = ~torch.isfinite(part).all(1)
             part = part.masked_fill(lost[:, None], 0.0)
             part[lost, 0] = loss.penalty
@@ -203,7 +202,7 @@ class Objective:
             if not (hasattr(loss, "residuals") and loss.weight > 0 and bool(there.any())):
                 continue
             i, who = int(there.nonzero()[0, 0]), f"residuals of loss {name!r}"
-            part = answer(loss.residuals, (reference[i], reference[i]), (1, len(loss.groups)), who)
+            part = _residuals(loss, name, (reference[i], reference[i]), 1)
             if not bool(part.isfinite().all()):
                 expected = f"expected numbers where its value is one, got {part[0].tolist()} of frame {i}"
                 raise ModelError("", who, expected, "a term is NaN in both or in neither")
@@ -250,8 +249,25 @@ def values(loss: Any, features: tuple[Features, Features], count: int, who: str)
     return found
 
 
-def answer(call: Callable[..., Any], features: tuple[Features, Features], shape: tuple[int, ...], who: str) -> Tensor:
-    """What a loss says of ``features``, as float64 of ``shape``.
+def _residuals(loss: Any, name: str, features: tuple[Features, Features], count: int) -> Tensor:
+    """Residuals of a loss, (``count``, R) float64.
+
+    Raises:
+        ModelError: it fails, or gives anything else.
+    """
+    groups = tuple(loss.groups)
+    hint = f"one row a frame, in it a residual for each of groups = {groups}"
+    return answer(loss.residuals, features, (count, len(groups)), f"residuals of loss {name!r}", hint)
+
+
+def answer(
+    call: Callable[..., Any],
+    features: tuple[Features, Features],
+    shape: tuple[int, ...],
+    who: str,
+    hint: str = "return a tensor with one row a frame",
+) -> Tensor:
+    """What a loss says of ``features``, as float64 of ``shape``; ``hint`` tells how it is said where it is not.
 
     Raises:
         ModelError: it fails, or says anything else.
@@ -261,7 +277,7 @@ def answer(call: Callable[..., Any], features: tuple[Features, Features], shape:
         value = call(*features)
     if not isinstance(value, Tensor) or tuple(value.shape) != shape:
         came = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
-        raise ModelError("", who, f"{expected}, got {came}", "return a tensor with one row a frame")
+        raise ModelError("", who, f"{expected}, got {came}", hint)
     return value.double()
 
 

@@ -111,6 +111,21 @@ def test_a_loss_that_gives_no_residuals_is_named_with_what_came(how: object, cam
     assert came in str(caught.value)
 
 
+def test_a_loss_of_more_groups_than_residuals_is_told_what_groups_names() -> None:
+    @dataclass(frozen=True)
+    class Grouped(Broken):
+        groups: ClassVar[tuple[int, ...]] = (0, 1)
+
+    objective = Objective({"grouped": Grouped(how=torch.ones(1, 1))})
+    told = (
+        r"expected values of shape \(1, 2\), got shape \(1, 1\) \(one row .* residual for each of groups = \(0, 1\)\)"
+    )
+    with pytest.raises(ModelError, match=told):
+        objective.residuals(boxes(0.5), boxes(1.0), torch.tensor([True]))
+    with pytest.raises(ModelError, match=told):
+        objective.check_residuals(boxes(0.5), torch.tensor([[True]]))
+
+
 @pytest.mark.parametrize("weight", [1.0, 0.0])
 def test_residuals_that_are_nan_where_the_value_is_known_are_refused_if_they_count(weight: float) -> None:
     """A search counts an undefined residual as the penalty: that loss would have no slope, and nothing told so."""
