@@ -280,4 +280,5 @@ def _check_cases(file: SweepFile, rows: tuple[Row, ...], origins: Mapping[str, s
     for i, row in enumerate(rows):
         for other in rows[:i]:
             if (row.config, row.scene) == (other.config, other.scene):
-                raise UsageError(where, f"rows.{row.name}", f"is the same run as {other.name}", "remove one of them")
+                same = f"is the same run as {other.name!r}"
+                raise UsageError(where, f"rows.{row.name}", same, "remove one of them")

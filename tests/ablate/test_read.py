@@ -202,7 +202,7 @@ REFUSED = {
     "rows: {0.5: {}}": "rows: row names are text, got 0.5 (write '0.5' in quotes)",
     "rows: {a: {}, true: {steps: 3}}": "rows: row names are text, got True (write 'True' in quotes)",
     "rows: {a: 3}": "rows.a: expected overrides",
-    "rows: {a: {}, b: {}}": "rows.b: is the same run as a",
+    "rows: {as it is: {}, none: {}}": "rows.none: is the same run as 'as it is'",
     "rows: {a: {lossses: {}}}": "rows.a: lossses: no such key (did you mean 'losses'?)",
     "rows: {a: {losses: {frame: {}}}}": "losses.frame: no such loss",
     "rows: {a: {losses: {framing: {weihgt: 3}}}}": "losses.framing.weihgt: no such option (did you mean 'weight'?)",
@@ -353,7 +353,7 @@ def test_a_rows_scene_that_names_none_is_the_sweeps_with_what_the_row_says(writt
 
 
 def test_a_row_that_says_the_sweeps_scene_again_is_the_same_run(written: Written) -> None:
-    with pytest.raises(UsageError, match=r"rows\.b: is the same run as a"):
+    with pytest.raises(UsageError, match=r"rows\.b: is the same run as 'a'"):
         read_sweep(written("rows: {a: {}, b: {scene: {init: auto}}}\nscenes: [a.ply]\n"))
 
 
