@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -212,7 +214,14 @@ def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
     from ..config.layers import QUOTES, is_cut
 
     paths, overrides = [a for a in arguments if not is_override(a)], [a for a in arguments if is_override(a)]
+    for word, after in pairwise(arguments):
+        if after.startswith("=") and not os.path.exists(after):
+            key = word.partition("=")[0]
+            raise UsageError(
+                "", key, f"expected key=value, got {word} {after}", f"no spaces go around the =: {key}=VALUE"
+            )
     if len(paths) > most:
-        hint = QUOTES * any(map(is_cut, overrides))
+        spaced = "no spaces go around the =" * any(word.endswith("=") for word in overrides)
+        hint = QUOTES if any(map(is_cut, overrides)) else spaced
         raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}", hint)
     return paths, overrides

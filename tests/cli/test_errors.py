@@ -239,6 +239,21 @@ def test_a_value_that_the_shell_has_cut_at_its_spaces_is_told(command: Callable[
     refused(command("transfer", "a.ply", "b.mp4", "c.mp4"), 2, "c.mp4: expected at most 2 paths, got 3\n")
 
 
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("a.ply", "b.mp4", "frames", "=", "4"), "frames: expected key=value, got frames = (no spaces go around the ="),
+        (("frames", "=4"), "frames: expected key=value, got frames =4 (no spaces go around the =: frames=VALUE)"),
+        (("a.ply", "b.mp4", "frames=", "4"), "4: expected at most 2 paths, got 3 (no spaces go around the =)"),
+    ],
+)
+def test_spaces_around_the_sign_of_a_key_are_told(
+    command: Callable[..., Any], words: tuple[str, ...], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(command("transfer", *words), 2, f"error: {line}")
+
+
 def test_the_value_of_an_option_that_is_a_key_is_found(command: Callable[..., Any]) -> None:
     refused(command("transfer", "a.ply", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
     refused(command("evaluate", "a.mp4", "b.mp4", "--frames", "24"), 2, "without dashes: frames=24)")
