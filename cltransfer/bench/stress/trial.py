@@ -111,6 +111,9 @@ def _judge_text() -> str:
     return to_yaml(load_config())
 
 
+KNOWN = "extractors.scene_orientation.about=body"  # no network has read the angles of a reference
+
+
 @dataclass(frozen=True)
 class _Clip:
     """A clip before the stress, as the judge knows it."""
@@ -184,7 +187,7 @@ def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor
             path = rebuilt(load_config().build_one("renderer"), teacher, Trajectory(path, clip.case.times))
         path = replayed(path, given.view, clip.scale, drift)
         return path, torch.zeros(len(path), dtype=torch.bool)
-    config = config_of(trial.method, trial.pupil, trial.seed, trial.options)
+    config = config_of(trial.method, trial.pupil, trial.seed, (*trial.options, KNOWN))
     with tempfile.TemporaryDirectory() as folder:
         result = transfer(_on_disk(given, Path(folder)), config)
     pinned = pinned_frames(result.kept.x, config.build_one("search").bounds(), next(iter(config.search)))
