@@ -11,7 +11,8 @@ from ..features import Features
 from ..losses.filmic_space import layer_depths
 
 HEIGHTS = ("low angle", "eye level", "high angle", "overhead")
-# Pitch is measured about the person's middle: at eye level a near camera looks down on that by up to 25 degrees.
+# Pitch is about the middle of what is shown: a camera as high as the eyes looks down on that by up to 10 degrees, and
+# networks read some 10 more of a body that the frame cuts.
 HEIGHT_BOUNDS = (math.radians(-8), math.radians(25), math.radians(65))
 STEEP = math.radians(82)  # from right above or below nobody has a side, and no camera is canted
 DUTCH = math.radians(12)  # of roll: bodies lean by less before a level camera
