@@ -23,7 +23,7 @@ from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.evaluate import evaluate
-from cltransfer.evaluate_kept import ClipScore
+from cltransfer.evaluate_kept import ClipScore, Kept
 from cltransfer.evaluate_many import bootstrap_t, evaluate_many, interval, notes_of, summarise, worst_of
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
@@ -533,3 +533,17 @@ def test_a_picture_among_the_clips_is_told_to_make_them_one(command: Any, tmp_pa
         said = command("evaluate", reference, f"ours={references}")
         assert (said.code, said.err.count("\n")) == (2, 1)
         assert f"{what}, so it is taken for one clip" in said.err
+
+
+def test_a_clip_that_failed_is_tried_again(tmp_path: Path) -> None:
+    Kept(tmp_path / "scores.jsonl", "", {}).keep("k", ClipScore("ours", "a", reason="out of memory"))
+    assert not (tmp_path / "scores.jsonl").exists()
+
+
+def test_an_interval_is_that_of_resampled_t_by_hand() -> None:
+    values = np.random.default_rng(0).normal(0, 1, 6)
+    drawn = np.random.default_rng(0).choice(values, (2000, 6))
+    t = (drawn.mean(1) - values.mean()) / drawn.std(1, ddof=1)
+    high, low = np.quantile(t, (0.025, 0.975), method="inverted_cdf")
+    spread = values.std(ddof=1)
+    np.testing.assert_allclose(bootstrap_t(values), [values.mean() - low * spread, values.mean() - high * spread])

@@ -161,3 +161,15 @@ def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
     refuse("K: expected no skew", frames=changed(1, K=[[K[0][0], 0.1, K[0][2]], *K[1:]]))
     refuse("K: expected no skew", frames=changed(1, K=[K[0], [0.1, *K[1][1:]], K[2]]))
     refuse("K: expected 0 0 1 as the last row", frames=changed(1, K=[*good["frames"][1]["K"][:2], [0, 0.1, 1]]))
+
+
+def test_a_whole_orbit_between_its_frames_is_the_orbit() -> None:
+    """A quaternion changes its sign on the way round."""
+
+    def orbit(t: torch.Tensor) -> Trajectory:
+        eye = torch.stack([3 * torch.cos(t), 3 * torch.sin(t), torch.ones_like(t)], dim=1)
+        return Trajectory(Camera.look_at(eye, torch.zeros(1, 3), torch.tensor([0.0, 0, 1]), 0.7, (64, 36)), t)
+
+    between = torch.linspace(0.3, 6, 60, dtype=torch.float64)
+    found = orbit(torch.linspace(0, 2 * math.pi, 25, dtype=torch.float64)).at(between)
+    torch.testing.assert_close(found.camera.w2c, orbit(between).camera.w2c, atol=0.01, rtol=0)

@@ -16,6 +16,7 @@ import pytest
 import torch
 from PIL import Image, ImageOps
 
+from cltransfer.clips import part
 from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.png_chunks import drawn_chunks
 from cltransfer.errors import InputError, ResourceError, UsageError
@@ -641,3 +642,11 @@ def test_real_clips_are_read_whole():
     counts = {"lp_s20.mp4": 297, "intel_asl_walk.mkv": 89, "sintel_alley": 6}
     for name, count in counts.items():
         assert len(read_clip(VIDEOS / name, max_side=96)) == count
+
+
+def test_a_clip_that_takes_more_than_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = torch.zeros(4, 3, 8, 8, dtype=torch.uint8)
+    write_video(tmp_path / "a.mkv", frames, torch.arange(4.0), lossless=True)
+    monkeypatch.setattr(part, "BYTE_LIMIT", 700)
+    with pytest.raises(InputError, match="the limit is 700"):
+        read_clip(tmp_path / "a.mkv")

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from cltransfer.clips.pairs import pair_by_time
+from cltransfer.clips.pairs import pair_by_time, pairs
 from cltransfer.errors import InputError
 
 
@@ -27,3 +27,7 @@ def test_pairs_are_those_of_the_distances_between_all(kind, steps, count, other)
 def test_clips_of_hours_are_paired_without_the_distances_between_all():
     times = torch.arange(200_000).double() / 24
     assert torch.equal(pair_by_time(times, times + 0.01), torch.arange(200_000))
+
+
+def test_of_several_frames_of_a_render_the_nearest_is_kept() -> None:
+    assert pairs(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.3, 0.5, 0.7, 1.0]))[1].tolist() == [1, 3]

@@ -17,6 +17,7 @@ from cltransfer.driver.closed_form import (
     LEAD,
     _bridged,
     _led,
+    _stands,
     aimed_at,
     aimed_path,
     closed_form,
@@ -239,3 +240,11 @@ def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
 def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
     job, _ = prepared("static", "search={subject_orbit: null, paper_box: {}}")
     assert job.starts.guide is None
+
+
+def test_an_orbit_that_passes_behind_the_person_goes_on() -> None:
+    yaw = torch.tensor([3.0, 3.1, -3.1, -3.0], dtype=torch.float64)
+    stands = _stands(torch.stack([yaw, 0 * yaw, 0 * yaw], dim=1), torch.arange(4).double())
+    assert stands is not None
+    steps = stands[:, 0].diff()
+    assert 0 < float(steps.min()) <= float(steps.max()) < 0.2

@@ -29,6 +29,7 @@ from cltransfer.scenes.splats import Splats
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.shots import SHOTS, Setup, shot
 from cltransfer.skeleton import JOINTS
+from cltransfer.testing import sample_subject
 
 H, W = 9, 16
 
@@ -289,3 +290,12 @@ def test_things_may_hide_no_more_joints_of_those_shown_than_a_guard_allows() -> 
             "things hide part of the person"
         ] * refused
     assert hidden_share(replace(seen, person=None), shown[..., 2] > 0.5).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("unit", [1.0, 100.0])
+def test_who_stands_inside_the_person_does_so_in_any_unit(unit: float) -> None:
+    person = replace(sample_subject(), joints=sample_subject().joints * unit, height=sample_subject().height * unit)
+    eye = person.anchor[None] + 0.1 * person.height * person.facing
+    camera = Camera.look_at(eye, eye + person.facing, person.up, 0.7, (16, 9))
+    seen = Features((16, 9), depth=torch.full((1, 9, 16), 3.0 * person.height), camera=camera, person=person)
+    assert bool(Guard(person.height).reasons(seen)["the camera stands inside the person"])

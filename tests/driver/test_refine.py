@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cltransfer.driver.refine import Refinement, differences, flat_directions, least_curvature, refine
+from cltransfer.driver.refine import LONGEST, Refinement, differences, flat_directions, least_curvature, refine
 from cltransfer.pipeline.objective import group_norms
 
 GROUPS = torch.tensor([0, 0, 1, 2])
@@ -161,3 +161,15 @@ def test_a_group_is_weighed_by_its_norm_and_not_each_residual_by_itself() -> Non
         None,
     )
     torch.testing.assert_close(found.x, FERMAT, atol=0.12, rtol=0)
+
+
+def test_no_step_goes_farther_than_the_longest() -> None:
+    asked = list[torch.Tensor]()
+
+    def far(x: torch.Tensor) -> torch.Tensor:
+        asked.append(x)
+        return x - 100
+
+    zero = torch.zeros(1, dtype=torch.float64)
+    refine(far, zero, torch.tensor([0]), Refinement(steps=1), torch.ones(1, 1, dtype=torch.float64))
+    assert float(torch.cat(asked).abs().max()) <= LONGEST

@@ -13,6 +13,7 @@ from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import SEARCHES
+from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.testing import sample_features
 from cltransfer.testing.samples import sample_cameras, sample_subject
 
@@ -91,3 +92,9 @@ def test_two_frames_do_not_tell_that_nothing_moves() -> None:
 @pytest.mark.parametrize(("steps", "lean"), [(1, 1), (6, LEAN_STEPS)])
 def test_a_clip_is_followed_leanly_in_no_more_steps_than_the_config_allows(steps: int, lean: int) -> None:
     assert schedule(f"steps={steps}").lean.refinement.steps == lean
+
+
+def test_what_is_below_the_noise_is_not_asked_for() -> None:
+    config = load_config()
+    made = make_schedule(config, SubjectOrbit(), Components.build(config).objective, sample_features(0, 4), noise=10.0)
+    assert made.refinement.tolerance == made.budget.tolerance == 5.0

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.errors import ResourceError
+from cltransfer.fit._training import GridModule
 from cltransfer.fit._views import Views
-from cltransfer.fit.nerf_grid import NerfGridFit
+from cltransfer.fit.nerf_grid import NerfGridFit, empty_grid, filled_cells
 
 OPTIONS = NerfGridFit(first=200, most=200, steps=9, look=3, rays=64, degree=0)
 
@@ -72,3 +74,20 @@ def test_masks_are_held_against_the_memory(views: Views, tmp_path: Path, monkeyp
             OPTIONS.fit(replace(large, counted=counted), tmp_path, lambda *step: None)
         needs += [int(number) for number in re.findall(r"need (\d+) MB", str(refused.value))]
     assert needs[1] - needs[0] == pytest.approx(25 * side**2 / 2**20, abs=1)
+
+
+def test_later_looks_draw_other_rays() -> None:
+    eye = torch.tensor([[0.0, -3, 0]] * 3)
+    cameras = Camera.look_at(eye, torch.zeros(1, 3), torch.tensor([0.0, 0, 1]), 0.7, (8, 8))
+    image = torch.randint(0, 255, (3, 3, 8, 8), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
+    views = Views(cameras, image, torch.tensor([[-1.0] * 3, [1.0] * 3], dtype=torch.float64))
+    grid = empty_grid((3, 3, 3), 0, views.aabb)
+
+    def loss(step: int) -> float:
+        class At(GridModule):
+            global_step = step  # type: ignore[assignment]
+
+        module = At(grid, filled_cells(grid), (views, views), NerfGridFit(rays=4, degree=0))
+        return float(module.training_step(torch.tensor(0), 0).detach())
+
+    assert loss(0) != loss(100)

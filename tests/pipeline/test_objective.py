@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,7 +13,7 @@ from torch import Tensor
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.objective import Objective
-from cltransfer.pipeline.scores import score
+from cltransfer.pipeline.scores import Scores, score
 
 
 @dataclass(frozen=True)
@@ -249,3 +250,7 @@ def test_where_no_loss_weighs_anything_totals_are_zero() -> None:
     totals = score(objective, boxes(1.0, float("nan")), boxes(2.0, 2.0), {}).totals
     assert totals.isnan().tolist() == [False, True]
     assert totals[0] == 0.0
+
+
+def test_a_frame_that_nothing_is_told_of_is_not_perfect() -> None:
+    assert Scores((), torch.tensor([math.nan, 1.0])).total == 1.0

@@ -220,3 +220,9 @@ def test_a_search_of_a_plugin_that_fails_is_not_our_fault(command: Callable[...,
         4,
         "error: KeyError: 'x' (a fault of the plugin mine.py; CLTRANSFER_DEBUG=1 shows where)",
     )
+
+
+def test_a_private_file_of_a_folder_is_not_run(tmp_path: Path) -> None:
+    (tmp_path / "_half.py").write_text("raise SystemExit('was run')")
+    (tmp_path / "mine.py").write_text("")
+    assert allow([str(tmp_path)]) == [str(tmp_path / "mine.py")]

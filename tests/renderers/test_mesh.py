@@ -414,3 +414,13 @@ def test_fewer_threads_draw_where_their_rays_would_not_fit_and_the_pixels_are_th
     monkeypatch.setattr(memory, "free_bytes", lambda: 0)
     with pytest.raises(ResourceError, match=r"^memory: 1x1 rays a pixel .* 0 MB are free .*draw smaller frames\)"):
         Renderer().render(scene, forward_camera((1920, 1080), 500.0), ALL)
+
+
+def test_no_pixel_is_nearer_than_near_of_a_face_that_goes_through_it_aslant() -> None:
+    """Its depth falls along the frame's diagonal, so that no box of pixels ends where it is cut."""
+    places = torch.tensor([[-4.0, -4, 6], [4, -4, 2], [4, 4, -2.0], [-4, 4, 2]])
+    mesh = Mesh.plain(places, torch.tensor([[0, 1, 2], [0, 2, 3]]))
+    camera = Camera(torch.eye(4)[None], intrinsics(torch.tensor([16.0]).double(), (32, 32)), (32, 32))
+    scene = Scene(mesh, None, torch.tensor([0.0, 1, 0]), "quad", "")
+    depth = Renderer(backend="numba", near=1.7).render(scene, camera, frozenset({"depth"})).require("depth")
+    assert float(depth[depth.isfinite()].min()) >= 1.7

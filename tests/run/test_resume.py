@@ -423,3 +423,20 @@ def test_a_journal_is_of_an_extractor_that_bears_the_name_of_a_loss(tmp_path: Pa
         weights.write_text(content)
         told.append(run_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert {key for key in told[0] if told[0][key] != told[1][key]} == {"files of extractor gaze"}
+
+
+def test_a_journal_is_of_the_scene_its_person_and_the_reference() -> None:
+    config, given = load_config(overrides=["preset=fast"]), Inputs("builtin:plaza", "builtin:static")
+    parts, scene = Components.build(config), load_scene("builtin:plaza")
+    reference = read_reference("builtin:static", parts, Reading(2, 64, "scene"))
+    ours = run_header(given, config, parts, SubjectOrbit(), scene, reference)
+    assert scene.subject is not None
+    others = {
+        "scene": (replace(scene, digest="0" * 64), reference),
+        "person": (replace(scene, subject=replace(scene.subject, height=2.0)), reference),
+        "reference": (scene, replace(reference, digest="0")),
+    }
+    for key, other in others.items():
+        header = run_header(given, config, parts, SubjectOrbit(), *other)
+        assert {name for name in header if header[name] != ours.get(name)} == {key}
+    assert {"code of cltransfer", "networks run on"} <= set(ours)

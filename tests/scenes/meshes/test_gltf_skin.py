@@ -6,6 +6,7 @@ import math
 import tracemalloc
 from pathlib import Path
 from time import process_time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from cltransfer.errors import InputError
 from cltransfer.scenes.meshes.asset_files import Beside
 from cltransfer.scenes.meshes.gltf_animation import channels
 from cltransfer.scenes.meshes.gltf_file import Gltf, read_gltf
-from cltransfer.scenes.meshes.gltf_skin import POSED, posed
+from cltransfer.scenes.meshes.gltf_skin import POSED, _local, _skinned, posed
 from cltransfer.scenes.meshes.read_mesh import read_mesh
 
 
@@ -242,3 +243,16 @@ def grown(tree, blob):
     """With 32 more bytes of nothing."""
     tree["buffers"][0]["byteLength"] = len(blob) + 32
     return tree, blob + bytes(32)
+
+
+def test_a_node_is_scaled_along_its_own_axes_before_it_is_turned() -> None:
+    turned = {"rotation": [0, 0, math.sqrt(0.5), math.sqrt(0.5)], "scale": [2, 1, 1]}
+    found = _local(SimpleNamespace(tree={"nodes": [turned]}), {})[0]
+    np.testing.assert_allclose(found[:2, :2], [[0, -1], [2, 0]], atol=1e-9)
+
+
+def test_weights_that_do_not_add_up_to_1_pull_nothing_to_the_origin() -> None:
+    arrays = {0: np.array([[1.0, 2, 3]]), 1: np.array([[0, 1, 0, 0]]), 2: np.array([[0.25, 0.25, 0, 0]])}
+    file = SimpleNamespace(path="man.glb", array=arrays.__getitem__)
+    places, _ = _skinned(file, {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2}, np.stack([np.eye(4)] * 2))
+    np.testing.assert_allclose(places, [[1, 2, 3]])

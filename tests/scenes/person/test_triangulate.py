@@ -110,3 +110,18 @@ def test_fewer_than_two_views_leave_the_point_unknown() -> None:
     found = triangulate(cameras, pixels, torch.tensor([True, False, False, False]), 8.0)
     assert bool(torch.isnan(found.point).all())
     assert not bool(found.agreed.any())
+
+
+def test_a_view_that_looks_away_does_not_agree() -> None:
+    """It is given the pixel at which the point behind it would be drawn."""
+    turn = torch.arange(6, dtype=torch.float64) * (2 * math.pi / 6)
+    eye = torch.stack([4 * torch.cos(turn), 4 * torch.sin(turn), 0.5 + 0.1 * turn], dim=1)
+    aim = torch.zeros(6, 3, dtype=torch.float64)
+    aim[5] = 2 * eye[5]
+    cameras = Camera.look_at(eye, aim, torch.tensor([0.0, 0, 1]), 0.7, (640, 360))
+    point = torch.tensor([[0.2, -0.1, 0.4]], dtype=torch.float64)
+    pixels = cameras.project(point)[0][:, 0]
+    behind = cameras.to_camera(point)[5, 0]
+    pixels[5] = (cameras.K[5] @ behind)[:2] / behind[2]
+    found = triangulate(cameras, pixels, torch.ones(6, dtype=torch.bool), 8.0)
+    assert found.agreed.tolist() == [True] * 5 + [False]

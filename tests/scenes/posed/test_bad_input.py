@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cltransfer.clips.decoding import Frame
 from cltransfer.computer import memory
@@ -336,3 +337,12 @@ def test_many_odd_lines_of_a_calibration_take_no_longer_than_others(tmp_path: Pa
     with pytest.raises(InputError) if "matrix" in entry else nullcontext():
         read_opencv_yaml(path)
     assert time.process_time() - start < 1
+
+
+def test_a_pose_that_mirrors_is_none(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 6)).save(tmp_path / "a.png")
+    pose = [[-1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]
+    frame = {"file_path": "a.png", "transform_matrix": pose}
+    (tmp_path / "transforms.json").write_text(json.dumps({"w": 8, "h": 6, "fl_x": 5.0, "frames": [frame]}))
+    with pytest.raises(InputError, match="expected a rotation"):
+        read_posed(tmp_path)

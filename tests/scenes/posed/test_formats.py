@@ -272,3 +272,11 @@ def test_an_index_that_is_none_is_told_of_a_set_that_is_there(tmp_path: Path, in
     assert named_camera(f"{tmp_path / 'gone'}:{index}", "--init") is None
     (tmp_path / f"a:{index}").mkdir()
     assert named_camera(f"{tmp_path / 'a'}:{index}", "--init") is None
+
+
+def test_a_lens_of_a_frame_goes_before_that_of_the_set_that_is_there_too(tmp_path: Path) -> None:
+    write_transforms(tmp_path)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    data["frames"][1]["fl_x"] = 90.0
+    (tmp_path / "transforms.json").write_text(json.dumps(data))
+    assert read_posed(tmp_path).camera.K[:, 0, 0].tolist() == pytest.approx([FOCAL, 90.0, FOCAL])
