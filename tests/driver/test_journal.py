@@ -180,6 +180,13 @@ def test_a_tail_of_zeros_is_cut_off(tmp_path: Path) -> None:
     with (tmp_path / "j").open("ab") as stream:
         stream.write(bytes(1000))
     assert ask_all(tmp_path / "j", True)[1] == 0
+    ask_all(tmp_path / "whole", False)
+    for name in ("j", "whole"):
+        journal = Journal(tmp_path / name, HEADER, True)
+        for cameras in (*questions(), questions()[0]):  # one more than there are answers
+            journal.answer(cameras, lambda cameras=cameras: values(cameras))
+        del journal
+    assert (tmp_path / "j").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
 def test_another_run_is_refused_by_the_key_that_differs(tmp_path: Path) -> None:
