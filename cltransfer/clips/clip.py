@@ -113,7 +113,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
     Args:
         path: ``.mp4`` (H.264, yuv420p, crf 18, BT.709; an odd side is padded by one repeated row or column)
             or, where ``lossless``, ``.mkv`` (FFV1, RGB exact to the bit).
-        image: RGB, (N, 3, H, W) uint8, upright and with square pixels.
+        image: RGB, (N, 3, H, W) uint8.
         times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv, and where two
             would be one, the later ones that much later.
         lossless: which of the two.
