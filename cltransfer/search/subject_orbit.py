@@ -130,32 +130,37 @@ class SubjectOrbit:
         return (focal < self.widest) | (focal > self.longest)
 
     def aimed(self, x: Tensor, home: Camera, subject: Subject | None, reference: Features) -> Tensor:
-        """The x (B, D) moved so that the subject appears where and as large as in ``reference``, one frame.
+        """The x (B, D) moved so that the subject appears where and as large as in ``reference``, B frames or one.
 
         A fixed point on projected joints, nothing is rendered: screen x and y follow the centroid, and the lens (or,
         where x has none, the distance) follows the size. Fewer than two key joints tell no size, and none no place;
         then all 14 joints do, as far as they are seen. A single joint tells no size; without any x is unchanged.
         """
-        subject = _required(subject)
-        joints = sized_by = subject.key_joints
-        place = extent = _seen(reference, joints, "key")
-        if int(place[..., 2].sum()) < 2:
-            sized_by = torch.cat([subject.joints, subject.confidence[:, None]], dim=1)
-            extent = _seen(reference, sized_by, "all")
-            if not bool(place[..., 2].any()):
-                joints, place = sized_by, extent
-        if not bool(place[..., 2].any()):
-            return x
-        sized = int(extent[..., 2].sum()) > 1
-        x = x.double().clone()
+        subject, x = _required(subject), x.double().clone()
+        few, every = subject.key_joints, torch.cat([subject.joints, subject.confidence[:, None]], dim=1)
+        keys, all_seen = _seen(reference, few, "key", len(x)), _seen(reference, every, "all", len(x))
+        shown = keys[..., 2].sum(1)  # (B,)
+        for here, joints, place, sized_by, extent in (
+            (shown > 1, few, keys, few, keys),
+            (shown == 1, few, keys, every, all_seen),
+            (shown == 0, every, all_seen, every, all_seen),
+        ):
+            if here.any():
+                x[here] = self._moved(x[here], home, subject, (joints, place[here]), (sized_by, extent[here]))
+        return x
+
+    def _moved(
+        self, x: Tensor, home: Camera, subject: Subject, place: tuple[Tensor, Tensor], extent: tuple[Tensor, Tensor]
+    ) -> Tensor:
+        """The x (B, D) placed and sized by joints (J, 4) of the scene each, as seen in B frames, (B, J, 3)."""
         size, sign = (6, 1.0) if x.shape[1] == self.dimensions else (3, -1.0)
         for _ in range(AIM_STEPS):
             cameras = self.cameras(x, home, subject)
-            offset = torch.nan_to_num(centroid_difference(place, _as_seen(joints, cameras, place))).clamp(-0.3, 0.3)
-            d_ref, d_S = key_joint_extents(extent, _as_seen(sized_by, cameras, extent))
+            offset = torch.nan_to_num(centroid_difference(place[1], _as_seen(*place, cameras))).clamp(-0.3, 0.3)
+            d_ref, d_S = key_joint_extents(extent[1], _as_seen(*extent, cameras))  # NaN where fewer than two are seen
             growth = torch.nan_to_num(torch.log(d_ref / d_S.clamp_min(1e-3))).clamp(-0.7, 0.7)
             x[:, 4:6] -= offset / SCALE[4:6]
-            x[:, size] += sized * sign * growth / SCALE[size]
+            x[:, size] += sign * growth / SCALE[size]
         return x
 
     def turned(self, x: Tensor, to: Tensor) -> Tensor:
@@ -192,16 +197,16 @@ class SubjectOrbit:
         return torch.stack([azimuth, elevation, roll, heights.log(), *screen.unbind(1), lens], dim=1) / SCALE
 
 
-def _seen(reference: Features, joints: Tensor, which: Literal["key", "all"]) -> Tensor:
-    """Joints (1, J, 3) of one frame as x/W, y/H and 1; 0 where it does not show, or the scene not know, that joint."""
-    shown = frame_joints(reference, which).double()
+def _seen(reference: Features, joints: Tensor, which: Literal["key", "all"], frames: int) -> Tensor:
+    """Joints (frames, J, 3) as x/W, y/H and 1; 0 where a frame does not show, or the scene not know, that joint."""
+    shown = frame_joints(reference, which).double().expand(frames, -1, -1)
     return torch.cat([shown[..., :2], (visible_joints(shown) & (joints[:, 3] > 0)).double()[..., None]], dim=-1)
 
 
-def _as_seen(joints: Tensor, cameras: Camera, seen: Tensor) -> Tensor:
-    """The scene's ``joints`` (J, 4) from B cameras, where they are ``seen`` (1, J, 3) in the reference, (B, J, 3)."""
+def _as_seen(joints: Tensor, seen: Tensor, cameras: Camera) -> Tensor:
+    """The scene's ``joints`` (J, 4) from B cameras, where they are ``seen`` (B, J, 3) in the reference, (B, J, 3)."""
     pixels = cameras.project(joints[:, :3])[0] / torch.tensor(cameras.size, dtype=torch.float64)
-    return torch.cat([pixels, seen[..., 2:].expand(len(pixels), -1, -1)], dim=-1)
+    return torch.cat([pixels, seen[..., 2:]], dim=-1)
 
 
 def _required(subject: Subject | None) -> Subject:
