@@ -14,20 +14,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..along_clip import along, counted
-from ..features import Features
-from ..orientation import wrap
-from ..placement import frame_joints, visible_joints
-from ..search.subject_orbit import SCALE, SubjectOrbit
-from ..subject import Subject
+from ..search.subject_orbit import SCALE
+from .aiming import aimable, aimed, aimed_at, aimed_path, stands
 from .lookups import STEP, cheapest_along
 from .whole_clip import WholeClip
 
 DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subject heights, 0.5 to 6.8
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
-SLOPE, LEAD = 3, 12  # frames that tell how the person moved in the frame before, and for how many that is believed
-PLACE = slice(4, 6)  # of x: where in the frame the person stands
-LEVELLED, LEVEL = 5, 0.05  # times that a path is raised or lowered at most, and by how much [rad] it is enough
-AIMED_AT = 2  # joints that tell where and how large the person is to be
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
@@ -46,91 +39,27 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Tensor | None
             that shows joints.
     """
     reference = clip.reference
-    if not aimable(clip) or not reference.has("orientation"):
-        return None
-    stands = _stands(reference.require("orientation").double(), counted(len(reference), clip.at))
-    if stands is None:
+    if not aimable(clip) or (read := stands(clip)) is None:
         return None
     x = torch.zeros(len(reference), 7 if free_lens else 6, dtype=torch.float64)  # in the middle, as high as the frame
-    x[:, :3] = stands / SCALE[:3]
+    x[:, :3] = read / SCALE[:3]
     if free_lens:
-        found = _distances(clip, x, samples)
+        found = _distances(clip, x, samples, read[:, 1])
         if found is None:
             return None
         x[:, 3] = found
-    return _as_read(clip, aimed_path(clip, x), stands)
+    return aimed_path(clip, x, read[:, 1])
 
 
-def _as_read(clip: WholeClip, x: Tensor, stands: Tensor) -> Tensor:
-    """The path x (N, D) raised or lowered until angles about what is shown are the ``stands`` (N, 3) that were read."""
-    steps, subject = clip.stage.plan.steps, clip.stage.scene.subject
-    reader = next((step.extractor for step in steps if getattr(step.extractor, "about", "") == "shown"), None)
-    if reader is None:
-        return x
-    for _ in range(LEVELLED):
-        cameras = clip.cameras(x)
-        read = reader(Features(cameras.size, camera=cameras, person=subject), None).require("orientation")
-        off = wrap(stands - read)[:, 1].nan_to_num(0)
-        if float(off.abs().max()) < LEVEL:
-            break
-        raised = x.clone()
-        raised[:, 1] += off / SCALE[1]
-        x = aimed_path(clip, raised)  # which shows more of the body, or less
-    return x
+def _distances(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> Tensor | None:
+    """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any.
 
-
-def aimable(clip: WholeClip) -> bool:
-    """Whether its search can aim at the joints of the reference, and some frame shows enough of them."""
-    known = isinstance(clip.search, SubjectOrbit) and clip.reference.has("keypoints")
-    return known and bool(aimed_at(clip.reference, clip.stage.scene.subject).any())
-
-
-def aimed_path(clip: WholeClip, x: Tensor) -> Tensor:
-    """The path x (N, D) with every frame aimed at the reference's joints, those without any bridged; one has some."""
-    at, subject, aim = counted(len(x), clip.at), clip.stage.scene.subject, clip.search.aimed
-    aimed = torch.cat([aim(x[i : i + 1], clip.home, subject, clip.reference[i]) for i in range(len(x))])
-    known = aimed_at(clip.reference, subject)
-    aimed[:, 3:] = _bridged(aimed[:, 3:], known, at)
-    aimed[:, PLACE] = _led(aimed[:, PLACE], known, at)
-    return aimed
-
-
-def aimed_at(reference: Features, subject: Subject | None) -> Tensor:
-    """Frames (N,) bool that show enough joints to aim at, of those that the scene's person has."""
-    shown = visible_joints(frame_joints(reference, "all"))
-    return (shown if subject is None else shown & (subject.confidence > 0)).sum(1) >= AIMED_AT
-
-
-def _bridged(x: Tensor, known: Tensor, at: Tensor) -> Tensor:
-    """x (N, D) with the frames that are not ``known``, (N,) bool, taken from those around them."""
-    there, stands = at[known].numpy(), at.numpy()
-    return torch.from_numpy(np.stack([np.interp(stands, there, column) for column in x[known].numpy().T], axis=1))
-
-
-def _led(x: Tensor, known: Tensor, at: Tensor) -> Tensor:
-    """Places x (N, D) of all frames, those before any is ``known`` led back: who enters was outside before."""
-    seen = known.nonzero()[:, 0].tolist()
-    if not seen or seen[0] == 0 or len(seen) == 1:
-        return x
-    first, then = seen[0], seen[min(SLOPE, len(seen) - 1)]
-    early = (at[:first] - at[first]).clamp_min(-LEAD).to(x.dtype)[:, None]
-    led = x.clone()
-    led[:first] += early * (x[then] - x[first]) / (at[then] - at[first]).to(x.dtype)
-    return led
-
-
-def _stands(read: Tensor, at: Tensor) -> Tensor | None:
-    """Azimuth, elevation and roll (N, 3) [rad] as read, without turns; None where no frame was read."""
-    known = torch.isfinite(read).all(1)
-    if not bool(known.any()):
-        return None
-    turning = read.clone()
-    turning[known] = torch.from_numpy(np.unwrap(read[known].numpy(), axis=0))
-    return _bridged(turning, known, at)
-
-
-def _distances(clip: WholeClip, x: Tensor, samples: int) -> Tensor | None:
-    """Distances (N,) in the units of x that cost least along the clip; None where no frame is seen from any."""
+    Args:
+        clip: N frames.
+        x: where the cameras stand, (N, D).
+        samples: frames for which distances are looked up.
+        pitch: as the reference was read, (N,) [rad].
+    """
     reference, at = clip.reference, counted(len(x), clip.at)
     frames, told = _spread(len(reference), samples), aimed_at(reference, clip.stage.scene.subject).numpy()
     if samples == 1 or not told[frames].any():  # among those that tell
@@ -139,7 +68,8 @@ def _distances(clip: WholeClip, x: Tensor, samples: int) -> Tensor | None:
 
     def look_up(k: int, tried: NDArray) -> NDArray:
         nonlocal seen
-        costs, found = _costs(clip, int(frames[k]), x[int(frames[k])], logs[tried])
+        frame = int(frames[k])
+        costs, found = _costs(clip, frame, x[frame], logs[tried], pitch[frame])
         seen |= found
         return costs
 
@@ -158,13 +88,16 @@ def _spread(frames: int, samples: int) -> NDArray:
     return np.unique(np.linspace(0, frames - 1, samples).round().astype(int))
 
 
-def _costs(clip: WholeClip, frame: int, x: Tensor, logs: Tensor) -> tuple[NDArray, bool]:
-    """What the losses that need no flow give for one frame, from x (D,) at distances ``logs`` (K,), and if any does."""
+def _costs(clip: WholeClip, frame: int, x: Tensor, logs: Tensor, pitch: Tensor) -> tuple[NDArray, bool]:
+    """What the losses that need no flow give for one frame, from x (D,) at distances ``logs`` (K,), and if any does.
+
+    Each is aimed, and as high as ``pitch`` () [rad] is read from there.
+    """
     wanted, objective = clip.reference[frame], clip.stage.objective
     still = ~objective.of_motion
     tried = x.repeat(len(logs), 1)
     tried[:, 3] = logs / SCALE[3]
-    tried = clip.search.aimed(tried, clip.home, clip.stage.scene.subject, wanted)
+    tried = aimed(clip, tried, wanted, pitch.expand(len(logs)))
     terms = clip.stage.terms(wanted, clip.cameras(tried), None)
     defined = clip.defined[frame] & still
     weighted = objective.weighted(terms, defined)[:, still].sum(1).numpy()

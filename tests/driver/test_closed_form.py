@@ -4,7 +4,6 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,16 +11,7 @@ import torch
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.driver.closed_form import (
-    DISTANCES,
-    LEAD,
-    _bridged,
-    _led,
-    _stands,
-    aimed_at,
-    aimed_path,
-    closed_form,
-)
+from cltransfer.driver.closed_form import DISTANCES, closed_form
 from cltransfer.driver.lookups import COARSE, STEP, cheapest_along
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.progress import silent
@@ -29,7 +19,6 @@ from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
-from cltransfer.skeleton import JOINTS
 from cltransfer.trajectory import Trajectory
 
 FRAMES = 8
@@ -85,24 +74,6 @@ def test_it_is_the_same_from_whatever_view_the_lens_is_taken(prepared: Any, lens
         view = Camera.look_at(eye[None], at[None], subject.up, float(home.vertical_fov[0]), home.size)
         guide = closed_form(WholeClip(job.stage, job.search, job.wanted, view), job.schedule.free_lens, 5)
         torch.testing.assert_close(guide, usual, atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("about", ["body", "shown"])
-def test_a_close_up_stands_where_what_is_shown_is_seen_as_it_was_read(about: str, tmp_path: Path) -> None:
-    subject = load_scene("builtin:plaza").subject
-    assert subject is not None
-    head = subject.anchor + 0.42 * subject.height * subject.up
-    eye = head + 0.5 * subject.height * subject.facing
-    path = Trajectory(Camera.look_at(eye.expand(2, 3), head, subject.up, 0.7, (160, 90)), torch.arange(2.0).double())
-    path.save(tmp_path / "shot.json")
-    small = ["search_side=96", "output_side=96", "threads=1", "extract.verify=false", "zoom=fixed"]
-    config = load_config(overrides=[*small, f"extractors.scene_orientation.about={about}"])
-    job = prepare(Inputs("builtin:plaza", f"builtin:plaza@{tmp_path / 'shot.json'}"), config, Clock(), silent, None)
-    view = path.camera[0].at_size(job.starts.homes[0].size)
-    guide = closed_form(WholeClip(job.stage, job.search, job.wanted, view), False, 5)
-    assert guide is not None
-    center = job.search.cameras(guide, view, job.stage.scene.subject).center
-    torch.testing.assert_close(center, path.camera.center, atol=0.04 * subject.height, rtol=0)
 
 
 def test_it_costs_half_as_many_evaluations_as_there_are_distances_at_most(prepared: Any) -> None:
@@ -180,27 +151,6 @@ def test_a_frame_that_was_not_read_is_taken_from_those_around_it(prepared: Any) 
     assert torch.isfinite(guide).all()
 
 
-def test_who_enters_late_was_on_the_way_before() -> None:
-    frames = torch.arange(40, dtype=torch.float64)[:, None]
-    moving, known = torch.cat([0.1 * frames, 1 + 0 * frames], dim=1), torch.zeros(40, dtype=torch.bool)
-    known[8:] = True
-    torch.testing.assert_close(_led(_bridged(moving, known, frames[:, 0]), known, frames[:, 0]), moving)
-    known[:30] = False
-    led = _led(_bridged(moving, known, frames[:, 0]), known, frames[:, 0])
-    torch.testing.assert_close(led[30 - LEAD :], moving[30 - LEAD :])
-    assert bool((led[: 30 - LEAD] == led[30 - LEAD]).all())  # what moved so for a second need not have before
-    known[:] = False
-    known[20] = True
-    assert bool((_led(_bridged(moving, known, frames[:, 0]), known, frames[:, 0]) == moving[20]).all())
-
-
-def test_who_enters_late_comes_at_a_steady_speed_however_frames_are_spaced() -> None:
-    at = torch.tensor([0.0, 1, 3, 4, 6, 7, 9, 10, 12], dtype=torch.float64)
-    moving, known = 0.1 * at[:, None].expand(9, 2), torch.ones(9, dtype=torch.bool)
-    known[:3] = known[5] = False
-    torch.testing.assert_close(_led(_bridged(moving, known, at), known, at), moving)
-
-
 def test_what_is_read_of_where_a_camera_stands_is_held_before_it_is_known(prepared: Any) -> None:
     """It is noisy: the difference of two readings, twelve times over, would turn a camera that stands still."""
     job, _ = prepared("static")
@@ -209,25 +159,6 @@ def test_what_is_read_of_where_a_camera_stands_is_held_before_it_is_known(prepar
     orientation[3] += 0.1
     guide = found(job, orientation=orientation)
     torch.testing.assert_close(guide[:3, :3], guide[3, :3].expand(3, 3))
-
-
-def test_a_frame_that_shows_only_joints_that_the_scene_lacks_is_bridged(prepared: Any) -> None:
-    job, _ = prepared("push_in")
-    subject = job.stage.scene.subject
-    assert subject is not None
-    arms = [JOINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("elbow", "wrist")]
-    confidence, keypoints = subject.confidence.clone(), job.wanted.require("keypoints").clone()
-    confidence[arms] = 0
-    others = [k for k in range(14) if k not in arms]
-    keypoints[3, others, 2] = 0
-    reference = replace(job.wanted, keypoints=keypoints)
-    assert aimed_at(reference, subject).tolist() == [True] * FRAMES
-    lacking = replace(subject, confidence=confidence)
-    assert aimed_at(reference, lacking).tolist() == [frame != 3 for frame in range(FRAMES)]
-    assert job.starts.guide is not None
-    stage = replace(job.stage, scene=replace(job.stage.scene, subject=lacking))
-    path = aimed_path(WholeClip(stage, job.search, reference, job.starts.homes[0]), job.starts.guide)
-    torch.testing.assert_close(path[3, 3:], (path[2, 3:] + path[4, 3:]) / 2)
 
 
 @pytest.mark.parametrize("name", ["orientation", "keypoints"])
@@ -240,11 +171,3 @@ def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
 def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
     job, _ = prepared("static", "search={subject_orbit: null, paper_box: {}}")
     assert job.starts.guide is None
-
-
-def test_an_orbit_that_passes_behind_the_person_goes_on() -> None:
-    yaw = torch.tensor([3.0, 3.1, -3.1, -3.0], dtype=torch.float64)
-    stands = _stands(torch.stack([yaw, 0 * yaw, 0 * yaw], dim=1), torch.arange(4).double())
-    assert stands is not None
-    steps = stands[:, 0].diff()
-    assert 0 < float(steps.min()) <= float(steps.max()) < 0.2
