@@ -101,7 +101,7 @@ def person_motion(features: Features) -> Tensor:
     In the middle a person who stands aside does not seem to travel while it grows.
     """
     width, height = features.size
-    field = -fit_affine_flow(features.require("flow"), _layers(features)[:, 1:2], width).coefficients[:, 0]
+    field = -fit_affine_flow(features.require("flow"), _layers(features)[:, 1:2], features.size).coefficients[:, 0]
     growth = (field[:, 0, 1] + field[:, 1, 2] * width / height) / 2
     return torch.cat([field[:, :, 0] * width / frame_side(features.size), growth[:, None]], dim=1)
 

@@ -32,16 +32,18 @@ class AffineFlow:
     aspect: float
 
 
-def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tensor | None = None) -> AffineFlow:
+def fit_affine_flow(
+    flow: Tensor, layers: Tensor, size: tuple[int, int], confidence: Tensor | None = None
+) -> AffineFlow:
     """Least-squares affine field of each layer's flow, weighted by its confidence.
 
     It holds what a mean flow is blind to: push, zoom and roll have no mean but a gradient. Pixels without a
-    flow (NaN) are left out. The fit does not depend on the resolution.
+    flow (NaN) are left out. The fit does not depend on the grid that the flow is told on.
 
     Args:
-        flow: (B, 2, H, W) [px of a frame ``width`` wide].
+        flow: (B, 2, H, W) [px of a frame of that ``size``].
         layers: (B, K, H, W) bool.
-        width: frame width that the flow vectors refer to [px].
+        size: (width, height) of the frame that the flow vectors refer to [px].
         confidence: weight of each pixel, (B, H, W) in [0, 1]; None trusts all alike.
 
     Returns:
@@ -64,11 +66,10 @@ def fit_affine_flow(flow: Tensor, layers: Tensor, width: float, confidence: Tens
     ridge = torch.diag(torch.tensor([0, RIDGE, RIDGE], dtype=sums.dtype, device=sums.device))
     empty = count[..., None] == 0  # (B, K, 1, 1)
     moments = torch.where(empty, torch.eye(3).to(sums), moments + ridge)
-    crossed = mean[..., 6:].unflatten(-1, (2, 3)) / width
+    crossed = mean[..., 6:].unflatten(-1, (2, 3)) / size[0]
     coefficients = torch.linalg.solve(moments, crossed.transpose(-1, -2)).transpose(-1, -2)
     area = count[..., 0] / (layers.shape[-1] * layers.shape[-2])
-    aspect = layers.shape[-2] / layers.shape[-1]
-    return AffineFlow(coefficients.masked_fill(empty, float("nan")), moments, area, aspect)
+    return AffineFlow(coefficients.masked_fill(empty, float("nan")), moments, area, size[1] / size[0])
 
 
 def affine_flow_residuals(reference: AffineFlow, rendered: AffineFlow) -> Tensor:

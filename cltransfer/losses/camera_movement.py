@@ -166,7 +166,7 @@ class CameraMovement:
 
     def _fit(self, features: Features) -> AffineFlow:
         layers = self._layers(features)
-        return fit_affine_flow(features.require("flow"), layers, features.size[0], features.flow_confidence)
+        return fit_affine_flow(features.require("flow"), layers, features.size, features.flow_confidence)
 
     def _layers(self, features: Features) -> Tensor:
         """Layers compared, (B, 3, H, W) bool on the pixels of the flow; the whole frame stands in the first place."""

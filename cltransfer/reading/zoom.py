@@ -29,7 +29,7 @@ def lens_range(features: Features) -> float:
         return math.nan
     flow = features.require("flow")
     layers = on_grid(features.require("layers"), flow.shape[-2:])[:, 1:]
-    growth = -fit_affine_flow(flow, layers, features.size[0]).coefficients[:, :, 0, 1]  # of x by x, (N, 2)
+    growth = -fit_affine_flow(flow, layers, features.size).coefficients[:, :, 0, 1]  # of x by x, (N, 2)
     person, behind = growth.double().unbind(1)
     near, far = layer_depths(features, LEAST_AREA)[:, 1:].to(person).unbind(1)
     zoom = (behind * far - person * near) / (far - near)

@@ -80,7 +80,7 @@ def test_closed_form_is_the_mean_squared_difference_of_the_fields_row_11() -> No
     random = torch.Generator().manual_seed(0)
     first, second = (torch.randn(1, 2, 36, 64, generator=random) for _ in range(2))
     layers = sample_features(3, 1).layers
-    a, b = fit_affine_flow(first, layers, 64), fit_affine_flow(second, layers, 64)
+    a, b = fit_affine_flow(first, layers, (64, 36)), fit_affine_flow(second, layers, (64, 36))
     v, u = torch.meshgrid((torch.arange(36) + 0.5) / 36 - 0.5, (torch.arange(64) + 0.5) / 64 - 0.5, indexing="ij")
     basis = torch.stack([torch.ones_like(u), u, v]).double()
     difference = torch.einsum("kcd,dhw->kchw", (b.coefficients - a.coefficients)[0], basis)
@@ -94,7 +94,7 @@ def test_fit_is_least_squares() -> None:
     layers = sample_features(3, 1).layers
     v, u = torch.meshgrid((torch.arange(36) + 0.5) / 36 - 0.5, (torch.arange(64) + 0.5) / 64 - 0.5, indexing="ij")
     basis = torch.stack([torch.ones_like(u), u, v], dim=-1)
-    fitted = fit_affine_flow(flow, layers, 1.0).coefficients[0]
+    fitted = fit_affine_flow(flow, layers, (1, 1)).coefficients[0]
     for k in range(3):
         inside = layers[0, k]
         expected = torch.linalg.lstsq(basis[inside].double(), flow[0, :, inside].T.double()).solution.T
@@ -116,6 +116,17 @@ def test_a_push_is_the_same_in_frames_of_another_shape(size: tuple[int, int]) ->
     assert float(CameraMovement()(other, wide)) < 1e-6
     pushed = moving([[0, 0.03, 0], [0, 0, 0.03 * size[1] / size[0]]], size)
     assert float(CameraMovement()(wide, pushed)) > 1e-3
+
+
+@pytest.mark.parametrize("grid", [(24, 24), (64, 28), (20, 40)])
+def test_a_push_is_the_same_on_a_grid_of_another_shape(grid: tuple[int, int]) -> None:
+    """As networks have one that read every frame as a square."""
+    push = [[0, 0.02, 0], [0, 0, 0.02 * 36 / 64]]
+    whole = moving(push, (64, 36))
+    coarse = moving(push, grid)  # vectors in its own width
+    coarse = replace(coarse, size=(64, 36), flow=coarse.require("flow") * 64 / grid[0])
+    assert float(CameraMovement()(whole, coarse)) < 1e-4
+    assert float(CameraMovement()(coarse, whole)) < 1e-4
 
 
 def test_faithful_rescales_vectors_when_sizes_differ_row_11() -> None:
@@ -208,7 +219,7 @@ def test_confidence_weighs_like_repeated_pixels() -> None:
     v, u = torch.meshgrid((torch.arange(6) + 0.5) / 6 - 0.5, (torch.arange(8) + 0.5) / 8 - 0.5, indexing="ij")
     basis = torch.stack([torch.ones_like(u), u, v], dim=-1).flatten(0, 1).double()
     repeated, values = (x.repeat_interleave(times.flatten(), 0) for x in (basis, flow[0].flatten(1).T.double()))
-    fit = fit_affine_flow(flow, torch.ones(1, 1, 6, 8, dtype=torch.bool), 1.0, times / 3)
+    fit = fit_affine_flow(flow, torch.ones(1, 1, 6, 8, dtype=torch.bool), (1, 1), times / 3)
     expected = torch.linalg.lstsq(repeated, values).solution.T
     torch.testing.assert_close(fit.coefficients[0, 0], expected, rtol=1e-4, atol=1e-5)
     assert float(fit.area) == pytest.approx(float(times.float().mean() / 3))
@@ -217,7 +228,7 @@ def test_confidence_weighs_like_repeated_pixels() -> None:
 def test_a_layer_of_little_confidence_has_the_field_and_moments_of_one_of_much() -> None:
     flow = torch.randn(1, 2, 6, 8, generator=torch.Generator().manual_seed(3))
     layers, trusted = torch.ones(1, 1, 6, 8, dtype=torch.bool), torch.ones(1, 6, 8)
-    much, little = (fit_affine_flow(flow, layers, 1.0, share * trusted) for share in (1.0, 2.0**-20))
+    much, little = (fit_affine_flow(flow, layers, (1, 1), share * trusted) for share in (1.0, 2.0**-20))
     torch.testing.assert_close(little.moments, much.moments)
     torch.testing.assert_close(little.coefficients, much.coefficients)
     assert float(little.area) == 2.0**-20
@@ -225,7 +236,7 @@ def test_a_layer_of_little_confidence_has_the_field_and_moments_of_one_of_much()
 
 def test_a_layer_that_no_confidence_is_left_in_has_no_field() -> None:
     frame = moving(PAN)
-    fit = fit_affine_flow(frame.flow, frame.layers, 64, torch.full((1, 36, 64), NAN))
+    fit = fit_affine_flow(frame.flow, frame.layers, (64, 36), torch.full((1, 36, 64), NAN))
     assert fit.coefficients.isnan().all()
     assert not fit.area.any()
 
@@ -242,7 +253,7 @@ def test_line_of_pixels_has_a_finite_fit() -> None:
     frame = moving(PAN)
     layers = torch.zeros_like(frame.layers)
     layers[:, :, 5, :] = True
-    fit = fit_affine_flow(frame.flow, layers, 64)
+    fit = fit_affine_flow(frame.flow, layers, (64, 36))
     assert fit.coefficients.isfinite().all()
     torch.testing.assert_close(fit.coefficients[0, 0, 0, 0].float(), torch.tensor(0.03), rtol=1e-2, atol=0)
 
@@ -254,9 +265,9 @@ def test_faithful_is_in_pixels_and_priced_so() -> None:
 
 def test_flow_and_layers_on_two_grids_are_refused() -> None:
     with pytest.raises(ValueError, match="flow and layers must share a grid"):
-        fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 4, 8, dtype=torch.bool), 8)
+        fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 4, 8, dtype=torch.bool), (8, 8))
     with pytest.raises(ValueError, match="flow and confidence must share a grid"):
-        fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 8, 8, dtype=torch.bool), 8, torch.ones(1, 4, 8))
+        fit_affine_flow(torch.zeros(1, 2, 8, 8), torch.ones(1, 3, 8, 8, dtype=torch.bool), (8, 8), torch.ones(1, 4, 8))
 
 
 def test_options_out_of_range_are_refused() -> None:
@@ -271,11 +282,11 @@ def test_options_out_of_range_are_refused() -> None:
 def test_fit_takes_less_than_a_millisecond_a_frame(within: Callable[[float, float], bool]) -> None:
     flow = torch.randn(10, 2, 90, 160, generator=torch.Generator().manual_seed(0))
     layers = torch.stack([flow[:, 0] < -0.5, flow[:, 0].abs() <= 0.5, flow[:, 0] > 0.5], dim=1)
-    fit_affine_flow(flow, layers, 160)
+    fit_affine_flow(flow, layers, (160, 90))
     seconds = []
     for _ in range(5):
         start = time.thread_time()
-        fit_affine_flow(flow, layers, 160)
+        fit_affine_flow(flow, layers, (160, 90))
         seconds.append(time.thread_time() - start)
     assert within(min(seconds) / 10, 1e-3)
 
