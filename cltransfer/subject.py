@@ -60,7 +60,7 @@ class Subject:
 
     @cached_property
     def anchor(self) -> Tensor:
-        """Middle of the known key joints, (3,): what an orbit is centred on.
+        """Middle of the known key joints along the body's own axes, (3,): what an orbit is centred on.
 
         Raises:
             ValueError: no joint is known.
@@ -68,7 +68,9 @@ class Subject:
         known = self.key_joints[:, :3][self.key_joints[:, 3] > 0]
         if len(known) == 0:
             raise ValueError("subject has no known key joint; lift it from other views")
-        return (known.amin(0) + known.amax(0)) / 2
+        along = torch.stack([self.left, self.up, self.facing])  # however the scene lies
+        places = known @ along.T
+        return torch.linalg.solve(along, (places.amin(0) + places.amax(0)) / 2)
 
     @property
     def left(self) -> Tensor:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from cltransfer.errors import InputError
 from cltransfer.subject import Subject
+from cltransfer.testing import sample_subject
 
 
 def subject() -> Subject:
@@ -70,3 +73,19 @@ def test_a_damaged_subject_is_refused_by_field(tmp_path: Path, change: dict, mes
         Subject.load(path)
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("pose", ["sitting", "bowing", "stepping"])
+def test_the_middle_of_a_person_turns_with_the_scene(pose: str) -> None:
+    person = sample_subject()
+    joints, ahead = person.joints.clone(), person.height * person.facing
+    if pose == "sitting":
+        joints[8:12] += 0.3 * ahead
+    elif pose == "bowing":
+        joints[[0, 1, 12, 13]] += 0.4 * ahead - 0.2 * person.height * person.up
+    else:
+        joints[[8, 10]] += 0.2 * ahead + 0.1 * person.height * person.left
+    posed = replace(person, joints=joints)
+    for turn in torch.from_numpy(Rotation.random(20, rng=0).as_matrix()):
+        turned = replace(posed, joints=joints @ turn.T, facing=turn @ posed.facing, up=turn @ posed.up)
+        torch.testing.assert_close(turned.anchor, turn @ posed.anchor, rtol=0, atol=1e-12)

@@ -16,7 +16,7 @@ from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..pipeline.components import Components
 from ..progress import Progress, silent
-from ..reading.reference import Reading, is_scene, read_reference
+from ..reading.reference import Reading, about_shown, is_scene, read_reference
 from ..reading.tracks import turned_back
 from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
 from ..subject import Subject
@@ -53,7 +53,7 @@ def describe(
         path = path / TRAJECTORY
     if path.suffix == ".json" and not is_scene(str(path)):
         return describe_path(path, subject, config.frames), None
-    parts = Components.build(config)
+    parts = about_shown(Components.build(config))
     if not source.endswith(".safetensors"):  # which has its features, whatever the config asks for
         _check_needs(source, parts)
     reading = Reading(config.frames, config.output_side, "scene")

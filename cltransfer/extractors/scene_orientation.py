@@ -49,6 +49,8 @@ class SceneOrientation:
 def _off_middle(camera: Camera, person: Subject) -> Tensor:
     """From the middle of the body to that of what is shown of it, (B, 3) in camera axes; smooth in the camera."""
     joints = person.key_joints[person.key_joints[:, 3] > 0, :3]
+    if not bool((joints != joints[0]).any()):  # a single place is the middle of whatever is shown
+        return torch.zeros(len(camera), 3, dtype=joints.dtype)
     part = torch.arange(BETWEEN, dtype=joints.dtype)[:, None] / BETWEEN
     chain = [joints[i] + part * (joints[i + 1] - joints[i]) for i in range(len(joints) - 1)]
     body = camera.to_camera(torch.cat([*chain, joints[-1:]]))  # (B, P, 3)

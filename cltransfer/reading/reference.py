@@ -120,9 +120,14 @@ def beside(rendered: Features, reference: Reference, parts: Components, progress
 
 def as_read(parts: Components, reference: Reference) -> Components:
     """``parts`` whose scene extractors mean by an angle what the readers of ``reference`` do, where nobody says."""
+    return about_shown(parts) if reference.family == "image" else parts
+
+
+def about_shown(parts: Components) -> Components:
+    """``parts`` whose scene extractors have angles about what is shown of the person, where nobody says."""
     extractors = {
         name: replace(extractor, about="shown")
-        if isinstance(extractor, SceneOrientation) and extractor.about == "auto" and reference.family == "image"
+        if isinstance(extractor, SceneOrientation) and extractor.about == "auto"
         else extractor
         for name, extractor in parts.extractors.items()
     }

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.testing import sample_features, sample_subject
+from cltransfer.trajectory import Trajectory
 
 
 def test_a_path_is_described_and_kept(command: Any, tmp_path: Path) -> None:
@@ -43,6 +45,20 @@ def test_a_scene_with_a_path_in_another_folder_is_rendered_and_described(command
     said = command("describe", f"builtin:plaza@{path}", "output_side=96", "--json")
     assert said.code == 0, said.err
     assert json.loads(said.out)["movement"]["name"] == "static"
+
+
+def test_a_path_is_told_alike_with_its_scene_and_with_its_person_alone(command: Any, tmp_path: Path) -> None:
+    """A close-up from the height of the face, which looks down on the body's middle."""
+    person = load_scene("builtin:plaza").subject
+    assert person is not None
+    head = person.key_joints[0, :3]
+    eye = head + 0.4 * person.height * person.facing
+    view = Camera.look_at(eye.expand(2, 3), head, person.up, 0.5, (160, 90))
+    Trajectory(view, torch.arange(2.0, dtype=torch.float64)).save(tmp_path / "trajectory.json")
+    person.save(tmp_path / "subject.json")
+    path = tmp_path / "trajectory.json"
+    told = [command("describe", what, "output_side=96", "--json") for what in (path, f"builtin:plaza@{path}")]
+    assert [json.loads(said.out)["height"]["usual"] for said in told] == ["eye level"] * 2
 
 
 def test_what_could_not_be_read_is_told_in_the_file_too(command: Any, tmp_path: Path) -> None:

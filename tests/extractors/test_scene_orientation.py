@@ -1,6 +1,7 @@
 """The angle from the lifted person: signs as Features states them."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -9,6 +10,7 @@ from cltransfer.camera import Camera
 from cltransfer.extractors.scene_orientation import SceneOrientation
 from cltransfer.features import Features
 from cltransfer.search.subject_orbit import SCALE, SubjectOrbit
+from cltransfer.skeleton import JOINTS
 from cltransfer.testing import sample_subject
 
 UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
@@ -110,3 +112,23 @@ def test_a_head_before_the_camera_is_seen_though_the_body_reaches_behind_it() ->
     camera = Camera.look_at(eye[None], head[None], person.facing, math.radians(60), (64, 36))
     got = SceneOrientation("shown")(Features((64, 36), camera=camera, person=person), None).orientation
     assert float(got[0, 1]) > math.radians(60)
+
+
+@pytest.mark.parametrize("known", [["head_top"], ["head_top", "left_shoulder", "right_shoulder"]])
+def test_a_person_of_whom_one_place_is_known_is_seen_about_that(known: list[str]) -> None:
+    """The head alone, and a chest that a scan has at its place."""
+    person = sample_subject()
+    joints = person.joints.clone()
+    told = [JOINTS.index(name) for name in known]
+    joints[told] = joints[told[:1]]
+    confidence = torch.zeros(14, dtype=torch.float64)
+    confidence[told] = 1
+    person = replace(person, joints=joints, confidence=confidence)
+    eye = person.anchor + person.height * (person.facing + 0.2 * person.up)
+    camera = Camera.look_at(eye[None], person.anchor[None], UP, math.radians(60), (64, 36))
+    seen = Features((64, 36), camera=camera, person=person)
+    first, second = (
+        read(seen, None).require("orientation") for read in (SceneOrientation("body"), SceneOrientation("shown"))
+    )
+    assert float(first[0, 1]) > 0.1
+    torch.testing.assert_close(first, second, rtol=0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The paper's Eq. 3-14 in plain loops over one frame, written from the text and from nothing else.
+"""The paper's Eq. 3-14 in plain loops over one frame, written from the text, but that Eq. 10 counts log depths.
 
 A joint is (x, y, confidence) in pixels, an image is a list of rows. Where the text leaves a choice, the comment
 says which was taken: it is the same as in ``faithful`` mode.
@@ -43,9 +43,10 @@ def framing(joints_ref, size_ref, joints_S, size_S):
 
 
 def representative_depth(depths, pixels):
-    """Eq. 10 with a Gaussian kernel and Scott's bandwidth over log depth (row 8), on a fine grid.
+    """Eq. 10 with a Gaussian kernel and Scott's bandwidth over log depth, on a fine grid.
 
-    The text names no bandwidth. Scott's rule counts as if the frame had 160x90 instead of ``pixels`` pixels.
+    The text has it over depth, whose mode moves where a network gives inverse depth; it names no bandwidth (row
+    8). Scott's rule counts as if the frame had 160x90 instead of ``pixels`` pixels.
     """
     values = [math.log(d) for d in depths]
     count = len(values)

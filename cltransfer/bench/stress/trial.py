@@ -187,7 +187,7 @@ def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor
             path = rebuilt(load_config().build_one("renderer"), teacher, Trajectory(path, clip.case.times))
         path = replayed(path, given.view, clip.scale, drift)
         return path, torch.zeros(len(path), dtype=torch.bool)
-    config = config_of(trial.method, trial.pupil, trial.seed, (*trial.options, KNOWN))
+    config = config_of(trial.method, trial.pupil, trial.seed, (KNOWN, *trial.options))
     with tempfile.TemporaryDirectory() as folder:
         result = transfer(_on_disk(given, Path(folder)), config)
     pinned = pinned_frames(result.kept.x, config.build_one("search").bounds(), next(iter(config.search)))

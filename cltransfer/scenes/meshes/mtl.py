@@ -17,7 +17,7 @@ from .asset_files import Beside, read_limited
 from .glow import GLOWS, library_with_glow, named, tell_library_light
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
-from .textures import FORMATS, image_of, image_size
+from .textures import FORMATS, decodes, image_of
 
 WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
 JOINED = "the libraries of this file"  # that it names, as one
@@ -90,10 +90,9 @@ class ObjFiles(Beside):
     def _shows(self, name: str) -> bool:
         """Whether the image ``name`` is there, and one that is decoded."""
         try:
-            image_size(self.place(name))
+            return decodes(self.place(name))
         except InputError:
             return False
-        return True
 
 
 def _without_options(name: str) -> str:

@@ -49,6 +49,19 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
     return size
 
 
+def decodes(path: Path) -> bool:
+    """Whether the file is an image that is read, all of it, and not too large."""
+    from PIL import Image
+
+    try:
+        image_size(path)
+        with Image.open(path, formats=FORMATS) as image:
+            image.load()
+    except (InputError, *_DAMAGED):
+        return False
+    return True
+
+
 def check_size(path: Path, size: tuple[int, int]) -> None:
     """Refuse a texture of more pixels than one may have.
 

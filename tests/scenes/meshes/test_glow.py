@@ -170,13 +170,14 @@ def test_a_black_material_of_a_library_shows_the_image_of_its_light(stage):
     assert [one.name for one in file.files] == ["stage.obj", "stage.mtl", "wood.png"]
 
 
-@pytest.mark.parametrize("image", ["none.png", "gone.png", "sky.exr", "../wood.png", "wood.tga", "maps"])
+@pytest.mark.parametrize("image", ["none.png", "gone.png", "sky.exr", "../wood.png", "wood.tga", "maps", "cut.png"])
 @pytest.mark.parametrize("library", ["stage.mtl", "stage.mtl more.mtl"])
 def test_a_light_whose_image_cannot_be_read_is_told_and_not_shown(stage, tmp_path, caplog, image, library):
     path = stage(f"newmtl lamp\nKd 0 0 0\nKe 1 1 1\nmap_Ke -s 2 2 {image}\n", FACE.replace("stage.mtl", library))
     (tmp_path / "more.mtl").write_text("newmtl other\nKd 1 0 0\n")
     (tmp_path / "sky.exr").write_bytes(b"v/1\x01")
     (tmp_path / "maps").mkdir()
+    (tmp_path / "cut.png").write_bytes((tmp_path / "wood.png").read_bytes()[:-30])
     Image.new("RGB", (2, 2)).save(tmp_path / "wood.tga")
     file = read_mesh(path)
     assert (file.mesh.colors.unique().tolist(), file.mesh.textures) == ([0], ())
