@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..features import Features
-from ..registry import SEARCHES
+from ..search import limits
 from ..skeleton import VISIBLE
 
 JOINTS_FOUND = 0.5  # of the joints that the reference shows
@@ -69,12 +70,11 @@ def failed_frames(
     return dict(zip(REASONS, (~finite, found, bare, small, near, pinned)))
 
 
-def pinned_frames(x: Tensor, bounds: tuple[Tensor, Tensor], search: str) -> Tensor:
+def pinned_frames(x: Tensor, search: Any) -> Tensor:
     """Whether a parameter stands at a finite bound that means something, (N,) bool, of vectors x (N, D)."""
-    low, high = (bound[: x.shape[1]] for bound in bounds)
+    low, high = limits(search, x.shape[1])
     margin = PINNED * (high - low)
     at_bound = torch.isfinite(margin) & ((x <= low + margin) | (x >= high - margin))
-    at_bound[:, getattr(SEARCHES.get(search), "unbounded", slice(0))] = False
     return at_bound.any(1)
 
 

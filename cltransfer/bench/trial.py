@@ -124,7 +124,7 @@ def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
     config = config_of(trial.method, trial.pupil, trial.seed, options)
     result = transfer(Inputs(f"builtin:{trial.pupil}", f"builtin:{trial.teacher}@{shots}"), config)
     if drift is None:
-        pinned = pinned_frames(result.kept.x, config.build_one("search").bounds(), next(iter(config.search)))
+        pinned = pinned_frames(result.kept.x, result.search)
         return Take(result.trajectory, pinned, _spent(result, trial.frames))
     scale = person(clip.pupil).height / person(clip.teacher).height
     begun, path = time.perf_counter(), clip.reference.camera

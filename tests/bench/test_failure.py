@@ -87,11 +87,11 @@ def test_a_free_azimuth_and_an_axis_at_its_bound_are_not_pinned():
     x = torch.zeros(3, 7, dtype=torch.float64)
     x[0, 0] = 1e6
     x[1, 3] = SubjectOrbit().bounds()[1][3]
-    assert pinned_frames(x, SubjectOrbit().bounds(), "subject_orbit").tolist() == [False, True, False]
+    assert pinned_frames(x, SubjectOrbit()).tolist() == [False, True, False]
     box = torch.zeros(2, 8, dtype=torch.float64)
     box[0, 4] = 1.0
     box[1, 7] = 1.0
-    assert pinned_frames(box, PaperBox().bounds(), "paper_box").tolist() == [False, True]
+    assert pinned_frames(box, PaperBox()).tolist() == [False, True]
 
 
 @pytest.mark.parametrize(("failed", "expected"), [(2, False), (3, True)])
@@ -107,7 +107,7 @@ def test_a_clip_without_a_finite_total_has_failed():
 def test_of_jaws_parameters_only_the_lens_has_a_bound() -> None:
     """A path that has gone far from the first view is no failure of its own."""
     x = torch.tensor([[1.0e6, 0, 0, 0, 0, 1, 3.0, 1.0], [0, 0, 0, 0, 0, 1, 0, 6.0]], dtype=torch.float64)
-    assert pinned_frames(x, Se3Jaws().bounds(), "se3_jaws").tolist() == [False, True]
+    assert pinned_frames(x, Se3Jaws()).tolist() == [False, True]
 
 
 @pytest.mark.parametrize(("pixels", "failed"), [(1, True), (2, False)])
@@ -134,7 +134,7 @@ def test_a_parameter_is_pinned_within_a_thousandth_of_its_range(inside: float, p
     low, high = PaperBox().bounds()
     x = ((low + high) / 2)[None].clone()
     x[0, 0] = high[0] - inside / 2 * (high[0] - low[0])
-    assert bool(pinned_frames(x, (low, high), "paper_box")) == pinned
+    assert bool(pinned_frames(x, PaperBox())) == pinned
 
 
 def test_a_clip_may_lose_a_tenth_of_its_frames_and_reach_half_of_what_random_views_have() -> None:

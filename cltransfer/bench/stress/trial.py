@@ -190,7 +190,7 @@ def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor
     config = config_of(trial.method, trial.pupil, trial.seed, (KNOWN, *trial.options))
     with tempfile.TemporaryDirectory() as folder:
         result = transfer(_on_disk(given, Path(folder)), config)
-    pinned = pinned_frames(result.kept.x, config.build_one("search").bounds(), next(iter(config.search)))
+    pinned = pinned_frames(result.kept.x, result.search)
     return resized(result.trajectory.camera, clip.path.size), pinned
 
 

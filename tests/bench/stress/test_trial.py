@@ -68,8 +68,9 @@ def test_a_search_is_given_the_stressed_case_and_judged_by_the_clip_before_it(
         read = FeatureFile.load(str(inputs.reference)).features
         given.append(parts(read, load_scene(inputs.scene, inputs.up), Trajectory.load(inputs.init)))
         view, times = cases[0].view, cases[0].times
-        held: Any = SimpleNamespace(trajectory=Trajectory(view[[0] * len(times)], times))
-        held.kept = SimpleNamespace(x=torch.zeros(len(times), config.build_one("search").dimensions))
+        search = config.build_one("search")
+        held: Any = SimpleNamespace(trajectory=Trajectory(view[[0] * len(times)], times), search=search)
+        held.kept = SimpleNamespace(x=torch.zeros(len(times), search.dimensions))
         return cast(Result, held)
 
     monkeypatch.setitem(STRESSORS, name, replace(STRESSORS[name], strain=kept(STRESSORS[name].strain, cases)))
