@@ -179,15 +179,16 @@ def _measured(key: str, run: Run) -> Row:
         path = Path(folder) / "shot.json"
         true.save(path)
         result = transfer(Inputs(TARGETS[run.target], f"{TEACHER}@{path}"), settings(run.preset, run.seed))
-    return {"frames": run.frames, **_row(_clip(run, result, true, subject))}
+    return {"frames": run.frames, **row_of(_clip(run, result, true, subject))}
 
 
 def _named(row: Row) -> str:
     return f"{row['preset']}, {row['target']}, {row['shot']} {row['seed']}, total {row['total']:.3f}"
 
 
-def _row(clip: Clip) -> Row:
-    return {name: None if value != value else value for name, value in asdict(clip).items()}  # NaN is null in JSON
+def row_of(clip: Clip) -> Row:
+    """The clip in plain values: what is NaN is None, null in JSON."""
+    return {name: None if value != value else value for name, value in asdict(clip).items()}
 
 
 def clips_of(rows: Sequence[Row]) -> list[Clip]:

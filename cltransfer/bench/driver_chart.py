@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import cycle
@@ -10,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..report.svg import SMALL, svg
-from ..storage.files import write_text
-from .driver import Clip
+from ..storage.files import csv_text, write_text
+from .driver import Clip, row_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,17 +24,13 @@ LOWEST = 1e-3  # total below which nobody cares
 
 def write_driver_chart(clips: Sequence[Clip], folder: Path) -> None:
     """Write ``driver.svg`` and ``driver.csv``, one row a clip, into ``folder``."""
-    rows = [",".join(COLUMNS)]
-    rows += [",".join(_cell(getattr(clip, column)) for column in COLUMNS) for clip in clips]
-    write_text(folder / "driver.csv", "\n".join(rows) + "\n")
+    write_text(folder / "driver.csv", driver_csv(clips))
     write_text(folder / "driver.svg", svg(lambda figure: _draw(figure, clips), (9.0, 6.4), SMALL))
 
 
-def _cell(value: object) -> str:
-    """As the CSV has it; empty for NaN, which a jerk of fewer than four frames is."""
-    if isinstance(value, float):
-        return "" if math.isnan(value) else f"{value:.6g}"
-    return str(value)
+def driver_csv(clips: Sequence[Clip]) -> str:
+    """One line a clip; a cell is empty for NaN, which a jerk of fewer than four frames is."""
+    return csv_text([COLUMNS, *(row_of(clip).values() for clip in clips)], 6)
 
 
 def _draw(figure: Figure, clips: Sequence[Clip]) -> None:

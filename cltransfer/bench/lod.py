@@ -6,8 +6,6 @@ of its candidates, so that is what is measured beside the images.
 
 from __future__ import annotations
 
-import csv
-import io
 import statistics
 import time
 from collections.abc import Iterator, Sequence
@@ -26,7 +24,7 @@ from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.simplify import working_set
-from ..storage.files import csv_cell, write_text
+from ..storage.files import csv_text, write_text
 from .synthetic_room import synthetic_room
 from .truth import middle
 
@@ -203,9 +201,4 @@ def _ranking(few: Features, whole: Features) -> list[float]:
 
 def write_csv(rows: Sequence[LodRow], path: Path) -> None:
     """Write the rows as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [f.name for f in fields(LodRow)], lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({name: f"{v:.5g}" if isinstance(v, float) else csv_cell(v) for name, v in asdict(row).items()})
-    write_text(path, text.getvalue())
+    write_text(path, csv_text([[f.name for f in fields(LodRow)], *(asdict(row).values() for row in rows)], 5))

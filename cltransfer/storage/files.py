@@ -163,10 +163,20 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def csv_text(lines: Iterable[Iterable[Any]]) -> str:
-    """``lines`` as CSV, each cell as :func:`csv_cell` has it; None is an empty one."""
+def csv_text(lines: Iterable[Iterable[Any]], digits: int | None = None) -> str:
+    """``lines`` as CSV, each cell as :func:`csv_cell` has it; None is an empty one.
+
+    Floats have so many ``digits``, or all.
+
+    >>> csv_text([["-a", -1 / 3, None]], 3)
+    "'-a,-0.333,\\n"
+    """
+
+    def cell(value: Any) -> Any:
+        return f"{value:.{digits}g}" if digits and isinstance(value, float) else csv_cell(value)
+
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([csv_cell(value) for value in line] for line in lines)
+    csv.writer(text, lineterminator="\n").writerows(map(cell, line) for line in lines)
     return text.getvalue()
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 
+from ...storage.files import csv_text
 from ..trial import Row
 
 COLUMNS = ("method", "stressor", "level", "value", "shot", "teacher", "pupil", "seed", "frames", "total",
@@ -17,17 +16,10 @@ def trials_csv(rows: Sequence[Row]) -> str:
 
     A level of 0 is without stress; ``reasons`` is empty where no frame failed by itself.
     """
-    text = io.StringIO()
-    sheet = csv.writer(text, lineterminator="\n")
-    sheet.writerow(COLUMNS)
-    for row in rows:
-        sheet.writerow(_cell(row.get(name)) for name in COLUMNS)
-    return text.getvalue()
+    return csv_text([COLUMNS, *([_cell(row.get(name)) for name in COLUMNS] for row in rows)], 5)
 
 
 def _cell(value: object) -> object:
     if isinstance(value, dict):
         return " ".join(f"{name}:{count}" for name, count in value.items())
-    if isinstance(value, float):
-        return f"{value:.5g}"
     return int(value) if isinstance(value, bool) else value
