@@ -7,8 +7,6 @@ and the paper's setting on the same features is what the others are held against
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import re
 import tempfile
@@ -30,6 +28,7 @@ from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .judge import Reader, judge
 from .methods import ON_ROBUST_LOSSES, judge_config
+from .protocol import row_key
 from .rows import kept_rows
 from .trial import Row
 from .truth import path_errors
@@ -66,8 +65,7 @@ class Run:
         """Digest of the run, the config it comes to, and what the judge reads and scores by."""
         judge = judge_config(TARGETS[self.target])
         config = to_yaml(settings(self.preset, self.seed))
-        text = json.dumps([VERSION, asdict(self), config, judge.extractors, judge.losses], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return row_key(VERSION, asdict(self), config, judge.extractors, judge.losses)
 
 
 @dataclass(frozen=True)

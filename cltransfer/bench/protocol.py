@@ -79,8 +79,12 @@ class Trial:
         if networks:
             readers = judge_config(self.pupil, HELD_OUT["networks"]).build("extractors").values()
             told += [READ, *(reading(extractor) for extractor in readers)]
-        text = json.dumps(told, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return row_key(*told)
+
+
+def row_key(*told: object) -> str:
+    """Digest of all that a row depends on, plain values."""
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def drawn_start(shot: str, teacher: str, seed: int) -> tuple[str, Setup]:

@@ -6,8 +6,6 @@ hides or shows.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -37,7 +35,7 @@ from ...transfer import Inputs, transfer
 from ..failure import Shown, cover, failed_clip, failed_frames, pinned_frames
 from ..judge import Reader, Verdict, judge, random_total
 from ..methods import config_of, config_text, method
-from ..protocol import FPS, SIZE, drawn_start
+from ..protocol import FPS, SIZE, drawn_start, row_key
 from ..replay import rebuilt, replayed
 from ..trial import Row, person
 from .case import Case, Film, Stressor
@@ -102,8 +100,7 @@ class StressTrial:
         """Digest of the trial, the stress it is put under, the config it comes to, and what it is judged by."""
         config = config_text(self.method, self.pupil, self.seed, self.options)
         value = STRESSORS[self.stressor].levels[self.level - 1] if self.stressor else 0.0
-        text = json.dumps([VERSION, asdict(self), value, config, _judge_text()], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return row_key(VERSION, asdict(self), value, config, _judge_text())
 
 
 @lru_cache(maxsize=1)
