@@ -30,7 +30,7 @@ from .judge import Reader, judge
 from .methods import ON_ROBUST_LOSSES, judge_config
 from .protocol import row_key
 from .rows import kept_rows
-from .trial import Row
+from .trial import Row, spent_on
 from .truth import path_errors
 from .warm_up import warm_up
 
@@ -221,8 +221,7 @@ def _clip(run: Run, result: Result, true: Trajectory, subject: Subject) -> Clip:
     if run.target == "self":
         errors = path_errors(result.trajectory.camera, true.camera, subject.height)
         position, rotation, focal = errors.position, errors.rotation, math.expm1(errors.log_focal)
-    evaluations = result.spent.evaluations / len(result.trajectory)
-    seconds = sum(result.seconds.get(step, 0.0) for step in ("floaters", "initial view", "search"))
+    evaluations, seconds = spent_on(result, len(result.trajectory)).values()
     total, judged = result.searched.total, _judged(run, result, true)
     kept = result.kept
     height = subject.height if result.scene.subject is None else result.scene.subject.height

@@ -125,19 +125,19 @@ def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
     result = transfer(Inputs(f"builtin:{trial.pupil}", f"builtin:{trial.teacher}@{shots}"), config)
     if drift is None:
         pinned = pinned_frames(result.kept.x, result.search)
-        return Take(result.trajectory, pinned, _spent(result, trial.frames))
+        return Take(result.trajectory, pinned, spent_on(result, trial.frames))
     scale = person(clip.pupil).height / person(clip.teacher).height
     begun, path = time.perf_counter(), clip.reference.camera
     if method(trial.method).rebuilt:
         path = rebuilt(judge_config(trial.teacher).build_one("renderer"), clip.teacher, clip.reference)
-    spent = _spent(result, trial.frames)
+    spent = spent_on(result, trial.frames)
     spent["seconds"] += time.perf_counter() - begun
     camera = replayed(path, result.trajectory.camera[0], scale, drift)
     still = torch.zeros(trial.frames, dtype=torch.bool)
     return Take(Trajectory(camera, clip.reference.times), still, spent)
 
 
-def _spent(result: Result, frames: int) -> dict[str, float]:
+def spent_on(result: Result, frames: int) -> dict[str, float]:
     """Evaluations a frame, and seconds of the search, with those of the initial view and of finding floaters."""
     seconds = sum(result.seconds.get(step, 0.0) for step in ("floaters", "initial view", "search"))
     return {"evaluations": result.spent.evaluations / frames, "seconds": seconds}
