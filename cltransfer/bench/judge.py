@@ -37,16 +37,16 @@ class Reader:
 
     Args:
         parts: of the judge's config.
-        side: longer side of the frames [px].
+        size: (W, H) of the frames [px].
     """
 
     parts: Components
-    side: int = SIDE
+    size: tuple[int, int]
 
     @classmethod
     def of(cls, scene: str, overrides: tuple[str, ...] = (), side: int = SIDE) -> Reader:
-        """A reader of takes in the built-in scene called ``scene``."""
-        return cls(Components.build(judge_config(scene, overrides)), side)
+        """A reader of takes in the built-in scene called ``scene``, in frames of 16:9 that are ``side`` wide [px]."""
+        return cls(Components.build(judge_config(scene, overrides)), (side, round(side * 9 / 16)))
 
     @property
     def objective(self) -> Objective:
@@ -55,8 +55,7 @@ class Reader:
 
     def stage(self, scene: Scene, shared: frozenset[str] | None = None) -> Stage:
         """The stage of a scene; ``shared`` names the features of the side that was read before."""
-        size = (self.side, round(self.side * 9 / 16))
-        return Stage(scene, self.parts.renderer, self.parts.plan("scene", shared), self.objective, size)
+        return Stage(scene, self.parts.renderer, self.parts.plan("scene", shared), self.objective, self.size)
 
     def read(self, scene: Scene, cameras: Camera, shared: frozenset[str] | None = None) -> Features:
         """Features of N frames."""
@@ -77,8 +76,8 @@ class Reader:
 
     def _drawn(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> list[Features]:
         """Buffers of one frame after the other."""
-        size = self.stage(scene).size
-        return [self.parts.renderer.render(scene, cameras[i].at_size(size), buffers) for i in range(len(cameras))]
+        small = cameras.at_size(self.size)
+        return [self.parts.renderer.render(scene, small[i], buffers) for i in range(len(small))]
 
 
 @dataclass(frozen=True)

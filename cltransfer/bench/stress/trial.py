@@ -16,23 +16,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...camera import Camera, resized
+from ...camera import Camera, fitted_size, resized
 from ...computer.threads import set_threads
 from ...config import load_config, to_yaml
-from ...driver.stage import Stage, read_path
 from ...errors import UsageError
-from ...features import Features
 from ...pipeline.components import Components
 from ...pipeline.objective import Objective
 from ...reading.feature_file import FeatureFile
-from ...scenes import Scene
 from ...scenes.load import load_scene
 from ...scenes.ply import write_splats
 from ...shots import shot
 from ...storage.run_files import LABELS, SUBJECT
 from ...trajectory import Trajectory
 from ...transfer import Inputs, transfer
-from ..failure import Shown, cover, failed_clip, failed_frames, pinned_frames
+from ..failure import failed_clip, failed_frames, pinned_frames
 from ..judge import Reader, Verdict, judge, random_total
 from ..methods import config_of, config_text, method
 from ..protocol import FPS, SIZE, drawn_start, row_key
@@ -119,7 +116,7 @@ class _Clip:
     path: Camera  # of the reference
     true: Camera  # the same program about the person of the target
     scale: float  # height of the person in the target over that in the reference
-    stage: Stage  # the judge's, on the target
+    reader: Reader  # the judge's
 
 
 def run_stress(trial: StressTrial) -> Row:
@@ -136,11 +133,12 @@ def run_stress(trial: StressTrial) -> Row:
     rng = np.random.Generator(np.random.PCG64([trial.seed, trial.level, *trial.stressor.encode()]))
     given = stressor.strain(clip.case, value, rng) if stressor else clip.case
     cameras, pinned = _taken(trial, clip, given)
-    rendered = read_path(clip.stage, cameras)
-    verdict = judge(clip.stage.objective, clip.case.reference, rendered)
+    reader, reference, scene = clip.reader, clip.case.reference, clip.case.scene
+    rendered = reader.read(scene, cameras, reference.names())
+    verdict = judge(reader.objective, reference, rendered)
     finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
-    shown = _shown(clip.stage, cameras, rendered)
-    failed = failed_frames(clip.case.reference, shown, _cover(clip.stage, clip.true), finite, pinned)
+    shown, covered = reader.shown(scene, cameras, rendered), reader.cover(scene, clip.true)
+    failed = failed_frames(reference, shown, covered, finite, pinned)
     reasons = torch.stack(list(failed.values())).any(0)
     total, chance = float(verdict.totals.mean()), _chance(trial.clip, trial.frames)
     return {
@@ -153,7 +151,7 @@ def run_stress(trial: StressTrial) -> Row:
         "failed": failed_clip(reasons, total, chance),
         "reasons": {name: int(frames.sum()) for name, frames in failed.items() if frames.any()},
         "totals": verdict.totals.tolist(),
-        "terms": _weighted(verdict, clip.stage.objective),
+        "terms": _weighted(verdict, reader.objective),
     }
 
 
@@ -162,16 +160,9 @@ def _drawn(clip: ClipName, film: Film) -> _Clip:
     teacher, pupil = (load_scene(f"builtin:{scene}") for scene in (taught_by, taught))
     _, setup = drawn_start(name, taught_by, seed)
     path, true = (shot(name, person(scene), film.size, film.frames, FPS, setup) for scene in (teacher, pupil))
-    parts = Components.build(load_config())
-    reference = read_path(_stage(teacher, parts, film.size), path.camera)
-    stage = _stage(pupil, parts, film.size, reference.names())
-    case = Case(replace(reference, camera=None, person=None), path.times, pupil, true.camera[0])
-    return _Clip(case, path.camera, true.camera, person(pupil).height / person(teacher).height, stage)
-
-
-def _stage(scene: Scene, parts: Components, size: tuple[int, int], shared: frozenset[str] | None = None) -> Stage:
-    small = (max(1, round(SIDE * size[0] / max(size))), max(1, round(SIDE * size[1] / max(size))))
-    return Stage(scene, parts.renderer, parts.plan("scene", shared), parts.objective, small)
+    reader = Reader(Components.build(load_config()), fitted_size(film.size, SIDE))
+    case = Case(replace(reader.read(teacher, path.camera), camera=None, person=None), path.times, pupil, true.camera[0])
+    return _Clip(case, path.camera, true.camera, person(pupil).height / person(teacher).height, reader)
 
 
 def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor]:
@@ -208,18 +199,6 @@ def _on_disk(case: Case, folder: Path) -> Inputs:
         subject=folder / SUBJECT,
         up=tuple(scene.up.tolist()),
     )
-
-
-def _shown(stage: Stage, cameras: Camera, features: Features) -> Shown:
-    buffers = frozenset({"alpha", "label", "depth"})
-    drawn = stage.renderer.render(stage.scene, cameras.at_size(stage.size), buffers)
-    return Shown(features, drawn.alpha, drawn.label, drawn.depth, person(stage.scene).height)
-
-
-def _cover(stage: Stage, cameras: Camera) -> Tensor:
-    """Share of each frame that the scene covers, (N,)."""
-    drawn = stage.renderer.render(stage.scene, cameras.at_size(stage.size), frozenset({"alpha"}))
-    return cover(drawn.require("alpha"))
 
 
 @lru_cache(maxsize=64)
