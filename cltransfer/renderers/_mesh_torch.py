@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import torch
 from kornia.utils import create_meshgrid
@@ -17,14 +18,25 @@ from .kernels.mesh_raster import FLAT, HOLE, INSIDE
 CHUNK = 2_000_000  # pairs of a face and a pixel tested together
 
 
+class Lens(NamedTuple):
+    """Pinhole of a camera, on the device of the mesh."""
+
+    focal: Tensor  # (2,) [px]
+    middle: Tensor  # (2,) [px]
+    size: tuple[int, int]  # (W, H) [px]
+
+
 def render_one(mesh: Mesh, camera: Camera, settings: Settings) -> dict[str, Tensor]:
     """Buffers of one camera, float32: depth, expected_depth, alpha, label (H, W) and image (3, H, W)."""
     n = settings.samples
+    device = mesh.vertices.device  # a camera lies on the CPU
     fine = camera.at_size((n * camera.size[0], n * camera.size[1]))
-    corners = camera.to_camera(mesh.vertices)[0][mesh.faces.long()]  # (F, 3, 3)
-    face, depth = _nearest(mesh, corners, fine, settings.near)
+    K = fine.K[0].to(device)
+    lens = Lens(K.diagonal()[:2], K[:2, 2], fine.size)
+    corners = camera.to_camera(mesh.vertices)[0].to(device)[mesh.faces.long()]  # (F, 3, 3)
+    face, depth = _nearest(mesh, corners, lens, settings.near)
     hit = face >= 0
-    image = _image(mesh, corners, fine, face, settings.headlight)
+    image = _image(mesh, corners, lens, face, settings.headlight)
     label = hit.float()
     label[hit] = mesh.label.float()[face[hit]]
     planes = {"alpha": hit.float(), "label": label, "depth": depth, "expected_depth": depth, "image": image}
@@ -40,10 +52,10 @@ def _pooled(name: str, plane: Tensor, n: int) -> Tensor:
     return rays.nanmean(-3)  # only a depth is ever NaN
 
 
-def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
+def _nearest(mesh: Mesh, corners: Tensor, lens: Lens, near: float) -> tuple[Tensor, Tensor]:
     """Face (H, W) int64 (-1: none) and depth (H, W) float32 (NaN: none)."""
-    width, height = camera.size
-    parts = [_hits(mesh, corners, camera, near, chunk) for chunk in _chunks(corners, camera, near)]
+    width, height = lens.size
+    parts = [_hits(mesh, corners, lens, near, chunk) for chunk in _chunks(corners, lens, near)]
     pixel, face, inverse = (torch.cat(column) for column in zip(*parts))
     inverse = inverse.float()  # of faces at one place the first is seen
     nearest = inverse.new_zeros(height * width).scatter_reduce(0, pixel, inverse, "amax")
@@ -53,22 +65,22 @@ def _nearest(mesh: Mesh, corners: Tensor, camera: Camera, near: float) -> tuple[
     return seen, torch.where(nearest > 0, 1 / nearest, torch.nan).reshape(height, width)
 
 
-def _chunks(corners: Tensor, camera: Camera, near: float) -> Iterator[tuple[Tensor, Tensor, int]]:
+def _chunks(corners: Tensor, lens: Lens, near: float) -> Iterator[tuple[Tensor, Tensor, int]]:
     """Faces (M,), the first pixel (M, 2) of the square each may cover, and the squares' common side."""
-    low, high = _boxes(corners, camera, near)
-    size = low.new_tensor(camera.size)
+    low, high = _boxes(corners, lens, near)
+    size = low.new_tensor(lens.size)
     low = (low - 0.5).ceil().clamp(min=torch.zeros_like(size), max=size).long()
     high = (high - 0.5).floor().clamp(min=-torch.ones_like(size), max=size - 1).long()
     side = (high - low + 1).amin(1).clamp(max=1) * (high - low + 1).amax(1)  # 0 where no pixel centre is in the box
     smaller = 0
-    for most in [2**k for k in range(1, max(camera.size).bit_length() + 1)]:
+    for most in [2**k for k in range(1, max(lens.size).bit_length() + 1)]:
         rows = ((side > smaller) & (side <= most)).nonzero()[:, 0]
         smaller = most
         for index in rows.split(max(1, CHUNK // most**2)):
             yield index, low[index], most
 
 
-def _boxes(corners: Tensor, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
+def _boxes(corners: Tensor, lens: Lens, near: float) -> tuple[Tensor, Tensor]:
     """Bounds (F, 2) [px] of each face's part beyond the near plane; empty where there is none."""
     after = corners.roll(-1, dims=1)
     share = ((near - corners[..., 2]) / (after[..., 2] - corners[..., 2]))[..., None]
@@ -76,15 +88,15 @@ def _boxes(corners: Tensor, camera: Camera, near: float) -> tuple[Tensor, Tensor
     points = torch.cat([corners, cut], dim=1)
     kept = torch.cat([corners[..., 2] >= near, (corners[..., 2] >= near) != (after[..., 2] >= near)], dim=1)
     depth = torch.cat([corners[..., 2:], torch.full_like(cut[..., 2:], near)], dim=1)
-    pixels = points[..., :2] / depth * camera.K[0].diagonal()[:2] + camera.K[0, :2, 2]
+    pixels = points[..., :2] / depth * lens.focal + lens.middle
     low = torch.where(kept[..., None], pixels, torch.inf).amin(1)
     high = torch.where(kept[..., None], pixels, -torch.inf).amax(1)
     return low, high
 
 
-def _rays(pixels: Tensor, camera: Camera) -> Tensor:
+def _rays(pixels: Tensor, lens: Lens) -> Tensor:
     """Directions (..., 3) of depth 1 through the centres of integer pixels (..., 2)."""
-    flat = (pixels + 0.5 - camera.K[0, :2, 2]) / camera.K[0].diagonal()[:2]
+    flat = (pixels + 0.5 - lens.middle) / lens.focal
     return torch.nn.functional.pad(flat, (0, 1), value=1.0)
 
 
@@ -98,14 +110,14 @@ def _weights(corners: Tensor, rays: Tensor) -> Tensor:
 
 
 def _hits(
-    mesh: Mesh, corners: Tensor, camera: Camera, near: float, chunk: tuple[Tensor, Tensor, int]
+    mesh: Mesh, corners: Tensor, lens: Lens, near: float, chunk: tuple[Tensor, Tensor, int]
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Pixel, face and 1 / depth (N,) wherever a face of the chunk covers a pixel of its square."""
     index, first, side = chunk
-    width, height = camera.size
+    width, height = lens.size
     grid = create_meshgrid(side, side, normalized_coordinates=False, device=first.device, dtype=torch.float64)
     pixels = first[:, None] + grid.reshape(1, -1, 2).long()  # (M, P, 2)
-    over = _weights(corners[index, None], _rays(pixels, camera))
+    over = _weights(corners[index, None], _rays(pixels, lens))
     inverse = over.sum(-1)
     inside = (inverse > 0) & (inverse <= 1 / near) & (over.amin(-1) >= INSIDE * inverse)
     inside &= (pixels[..., 0] < width) & (pixels[..., 1] < height)
@@ -131,11 +143,11 @@ def _holes(mesh: Mesh, face: Tensor, weights: Tensor) -> Tensor:
     return hole
 
 
-def _image(mesh: Mesh, corners: Tensor, camera: Camera, seen: Tensor, headlight: float) -> Tensor:
+def _image(mesh: Mesh, corners: Tensor, lens: Lens, seen: Tensor, headlight: float) -> Tensor:
     """Colour (3, H, W) float32 of the faces seen."""
     row, column = (seen >= 0).nonzero(as_tuple=True)
     face = seen[row, column]
-    rays = _rays(torch.stack([column, row], dim=1), camera)
+    rays = _rays(torch.stack([column, row], dim=1), lens)
     weights = _weights(corners[face], rays)
     weights = weights / weights.sum(-1, keepdim=True)
     edges = corners[face, 1:] - corners[face, :1]

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves, tree_map
 
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.computer.cuda import moved, on_device
@@ -21,8 +23,10 @@ from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes import Scene
 from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.scenes.nerf_grid import NerfGrid
+from cltransfer.scenes.splats import Splats
 
 CAMERA = room_cameras(1, (20, 14))
+Draw = Callable[[Any], dict[str, Tensor]]
 
 
 def textured_wall() -> Mesh:
@@ -44,16 +48,62 @@ def grid() -> NerfGrid:
     return NerfGrid(torch.rand(shape, generator=random), sh, torch.zeros(shape), aabb)
 
 
-def draw_splats() -> dict[str, Tensor]:
-    return _splats_torch.render_one(ROOM, CAMERA.w2c[0], CAMERA.K[0], CAMERA.size, GaussianSplats().settings)
+def draw_splats(room: Splats) -> dict[str, Tensor]:
+    return _splats_torch.render_one(room, CAMERA.w2c[0], CAMERA.K[0], CAMERA.size, GaussianSplats().settings)
 
 
-def draw_mesh() -> dict[str, Tensor]:
-    return _mesh_torch.render_one(WALL, CAMERA, MeshRenderer(samples=2).settings)
+def draw_mesh(wall: Mesh) -> dict[str, Tensor]:
+    return _mesh_torch.render_one(wall, CAMERA, MeshRenderer(samples=2).settings)
 
 
-def draw_grid() -> dict[str, Tensor]:
-    return _nerf_grid_torch.render_camera(FIELD, CAMERA, NerfGridRenderer().settings)
+def draw_grid(field: NerfGrid) -> dict[str, Tensor]:
+    return _nerf_grid_torch.render_camera(field, CAMERA, NerfGridRenderer().settings)
+
+
+class There(Tensor):
+    """A tensor that says that it lies elsewhere; what it holds lies here."""
+
+    held: Tensor
+
+    @staticmethod
+    def __new__(cls, held: Tensor) -> There:
+        wrapper: There = Tensor._make_wrapper_subclass(  # type: ignore[attr-defined]
+            cls, held.size(), strides=held.stride(), dtype=held.dtype, device="meta"
+        )
+        wrapper.held = held
+        return wrapper
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func is Tensor.new_tensor:  # which goes round the mode that sees every other call
+            return torch.tensor(args[1], dtype=args[0].dtype).to("meta")
+        with torch._C.DisableTorchFunctionSubclass():
+            return func(*args, **(kwargs or {}))
+
+    @classmethod
+    def __torch_dispatch__(cls, func: Any, *given: Any) -> Any:  # type: ignore[override]
+        raise AssertionError(f"{func} outside of SecondDevice")
+
+
+class SecondDevice(TorchDispatchMode):
+    """Tensors on "meta" are :class:`There`, and mix with none that lie here, as on a device that we have not.
+
+    Beside single numbers: those and places to read from may lie here, as for CUDA.
+    """
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = dict(kwargs or {})
+        tensors = [value for value in tree_leaves((args, kwargs)) if isinstance(value, Tensor)]
+        away = [isinstance(value, There) for value in tensors]
+        copies, reads = func is torch.ops.aten._to_copy.default, func is torch.ops.aten.index.Tensor
+        if any(away) and not copies and not (reads and away[0]):
+            assert all(far or value.dim() == 0 for value, far in zip(tensors, away)), f"{func} of two devices"
+        ends_there = any(away) if kwargs.get("device") is None else torch.device(kwargs["device"]).type == "meta"
+        if kwargs.get("device") is not None:
+            kwargs["device"] = "cpu"
+        args, kwargs = tree_map(lambda value: value.held if isinstance(value, There) else value, (args, kwargs))
+        made = func(*args, **kwargs)
+        return tree_map(lambda value: There(value) if ends_there and isinstance(value, Tensor) else value, made)
 
 
 @dataclass(frozen=True)
@@ -73,11 +123,24 @@ def nowhere() -> Iterator[None]:
         yield
 
 
-@pytest.mark.parametrize("draw", [draw_splats, draw_mesh, draw_grid])
-def test_what_is_drawn_is_made_on_the_device_of_the_scene(draw: Callable[[], dict[str, Tensor]], nowhere: None) -> None:
-    planes = draw()
+DRAWN = [(draw_splats, ROOM), (draw_mesh, WALL), (draw_grid, FIELD)]
+
+
+@pytest.mark.parametrize(("draw", "geometry"), DRAWN)
+def test_what_is_drawn_is_made_on_the_device_of_the_scene(draw: Draw, geometry: Any, nowhere: None) -> None:
+    planes = draw(geometry)
     assert {plane.device.type for plane in planes.values()} == {"cpu"}
     assert float(planes["alpha"].max()) > 0.5
+
+
+@pytest.mark.parametrize(("draw", "geometry"), DRAWN)
+def test_a_scene_is_drawn_elsewhere_than_its_cameras_lie(draw: Draw, geometry: Any) -> None:
+    with SecondDevice():
+        planes: dict[str, Any] = draw(moved(geometry, "meta"))
+    here = draw(geometry)
+    assert {name: plane.device.type for name, plane in planes.items()} == dict.fromkeys(here, "meta")
+    for name, plane in planes.items():
+        torch.testing.assert_close(plane.held, here[name], rtol=0, atol=0, equal_nan=True)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
