@@ -5,15 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from torch import Tensor
 
 from ..registry.plugin_code import code_of
 from ..subject import Subject
-
-if TYPE_CHECKING:
-    from .splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +27,7 @@ class Scene:
         read_by: SHA-256 of the plugin's code that has read it, empty where we have.
     """
 
-    geometry: Splats | Any
+    geometry: Any
     subject: Subject | None
     up: Tensor  # (3,)
     name: str
