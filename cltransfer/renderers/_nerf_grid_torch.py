@@ -48,7 +48,7 @@ def camera_rays(camera: Camera) -> Rays:
     return Rays(camera.center[:, None].expand_as(direction).flatten(0, 1), direction.flatten(0, 1))
 
 
-def render_camera(grid: NerfGrid, camera: Camera, settings: Settings) -> dict[str, Tensor]:
+def render_one(grid: NerfGrid, camera: Camera, settings: Settings) -> dict[str, Tensor]:
     """All buffers of one camera: image (3, H, W), the others (H, W)."""
     rays = Rays(*(value.to(grid.density) for value in camera_rays(camera)))
     parts = [march(grid, Rays(*part), settings) for part in zip(*(value.split(CHUNK) for value in rays))]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..camera import Camera
 from ..scenes.splats import Splats
 from .kernels.splat_composite import MAX_ALPHA, MIN_COVER, MIN_TRANSMITTANCE
 from .kernels.splat_cull import LOW_PASS, TANGENT_MARGIN, Settings
@@ -15,22 +16,14 @@ from .kernels.splat_pack import MIN_ALPHA
 from .kernels.splat_project import MAX_DETERMINANT, TILE
 
 
-def render_one(splats: Splats, w2c: Tensor, K: Tensor, size: tuple[int, int], settings: Settings) -> dict[str, Tensor]:
+def render_one(splats: Splats, camera: Camera, settings: Settings) -> dict[str, Tensor]:
     """All buffers of one camera, differentiable in the camera and the Gaussians (median depth in depth only).
 
-    Args:
-        splats: the scene.
-        w2c: (4, 4), OpenCV axes.
-        K: (3, 3) [px].
-        size: (W, H) [px].
-        settings: near plane, fade and antialiasing.
-
-    Returns:
-        image (3, H, W) in [0, 1]; alpha, label (H, W) in [0, 1]; depth (median) and expected_depth (H, W), scene
-        units, NaN where undefined.
+    image (3, H, W) in [0, 1]; alpha, label (H, W) in [0, 1]; depth (median) and expected_depth (H, W), scene units, NaN
+    where undefined.
     """
-    ellipses = _project(splats, w2c, K, size, settings)
-    width, height = size
+    ellipses = _project(splats, camera.w2c[0], camera.K[0], camera.size, settings)
+    width, height = camera.size
     rows = []
     for top in range(0, height, TILE):
         lefts = range(0, width, TILE)

@@ -8,14 +8,14 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
-from ..computer.cuda import moved, on_device, require_cuda, require_gsplat
+from ..computer.cuda import on_device, require_gsplat
 from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.splats import Splats
 from . import _splats_gsplat, _splats_torch
-from ._request import check_device, check_request
+from ._request import check_device, check_request, drawn_in_torch
 from .kernels import splats as kernels
 
 
@@ -97,16 +97,8 @@ class GaussianSplats:
         self.require_backend()
         if len(splats) == 0:  # gsplat refuses them
             return self._torch(splats, cameras, buffers)
-        drawn = _splats_gsplat.render(on_device(splats, "cuda"), moved(cameras, "cuda"), self.settings, buffers)
+        drawn = _splats_gsplat.render(on_device(splats, "cuda"), cameras, self.settings, buffers)
         return {name: drawn[name].cpu() for name in buffers}
 
     def _torch(self, splats: Splats, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
-        if self.device == "cuda":
-            require_cuda("renderer gaussian_splats", "device=cpu")
-        splats, cameras = on_device(splats, self.device), moved(cameras, self.device)
-        # camera by camera: 150 ms each at 10k Gaussians and 160x90, so the loop itself costs nothing
-        frames = [
-            _splats_torch.render_one(splats, w2c, K, cameras.size, self.settings)
-            for w2c, K in zip(cameras.w2c, cameras.K)
-        ]
-        return {name: torch.stack([frame[name] for frame in frames]).cpu() for name in buffers}
+        return drawn_in_torch(self, _splats_torch.render_one, splats, cameras, buffers)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ..camera import Camera
-from ..computer.cuda import moved, on_device, require_cuda
 from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.meshes.mesh import Mesh as Triangles
 from . import _mesh_torch
-from ._request import check_device, check_request
+from ._request import check_device, check_request, drawn_in_torch
 from .kernels import mesh as kernels
 
 
@@ -69,28 +67,22 @@ class Mesh:
             ValueError: there is no camera, or one is not finite or has skew.
         """
         check_request("mesh", scene, cameras, buffers, self.provides)
-        triangles = cast(Triangles, scene.geometry)
         draw = self._numba if self.backend == "numba" else self._torch
-        drawn = draw(triangles, cameras, "image" in buffers)
-        kept: dict[str, Any] = {name: drawn[name] for name in buffers}
-        return Features(cameras.size, **kept, camera=cameras, person=scene.subject)
+        drawn = draw(scene.geometry, cameras, buffers)
+        return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     @property
     def settings(self) -> kernels.Settings:
         """What the backends share."""
         return kernels.Settings(self.near, self.headlight, self.samples)
 
-    def _numba(self, mesh: Triangles, cameras: Camera, color: bool) -> dict[str, Tensor]:
+    def _numba(self, mesh: Triangles, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
         K = cameras.K.detach().cpu().numpy()
         lens = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
         views = kernels.Views(cameras.w2c.detach().cpu().numpy(), lens, cameras.size)
-        out = kernels.render(mesh.packed, views, self.settings, color, self.threads or thread_count())
-        return {name: torch.from_numpy(plane) for name, plane in out._asdict().items()}
+        threads = self.threads or thread_count()
+        out = kernels.render(mesh.packed, views, self.settings, "image" in buffers, threads)._asdict()
+        return {name: torch.from_numpy(out[name]) for name in buffers}
 
-    def _torch(self, mesh: Triangles, cameras: Camera, color: bool) -> dict[str, Tensor]:
-        if self.device == "cuda":
-            require_cuda("renderer mesh", "device=cpu")
-        mesh, cameras = on_device(mesh, self.device), moved(cameras, self.device)
-        # camera by camera: 22 ms each at 100k faces and 160x90, so the loop itself costs nothing
-        frames = [_mesh_torch.render_one(mesh, cameras[i], self.settings) for i in range(len(cameras))]
-        return {name: torch.stack([frame[name] for frame in frames]).cpu() for name in frames[0]}
+    def _torch(self, mesh: Triangles, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
+        return drawn_in_torch(self, _mesh_torch.render_one, mesh, cameras, buffers)

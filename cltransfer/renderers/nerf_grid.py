@@ -8,14 +8,13 @@ from typing import Any, ClassVar, Literal
 import torch
 
 from ..camera import Camera
-from ..computer.cuda import moved, on_device, require_cuda
 from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
 from ..scenes.nerf_grid import NerfGrid
 from . import _nerf_grid_torch
-from ._request import check_device, check_request
+from ._request import check_device, check_request, drawn_in_torch
 from .kernels import grids as kernels
 
 
@@ -66,8 +65,7 @@ class NerfGridRenderer:
         """
         check_request("nerf_grid", scene, cameras, buffers, self.provides)
         draw = self._numba if self.backend == "numba" else self._torch
-        grid: Any = scene.geometry  # checked: a NerfGrid
-        drawn = draw(grid, cameras, buffers)
+        drawn = draw(scene.geometry, cameras, buffers)
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     @property
@@ -83,9 +81,4 @@ class NerfGridRenderer:
         return {name: torch.from_numpy(out[name]) for name in buffers}
 
     def _torch(self, grid: NerfGrid, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
-        if self.device == "cuda":
-            require_cuda("renderer nerf_grid", "device=cpu")
-        grid, cameras = on_device(grid, self.device), moved(cameras, self.device)
-        # camera by camera: half a second each at 128^3 and 160x90, so the loop itself costs nothing
-        frames = [_nerf_grid_torch.render_camera(grid, cameras[i], self.settings) for i in range(len(cameras))]
-        return {name: torch.stack([frame[name] for frame in frames]).cpu() for name in buffers}
+        return drawn_in_torch(self, _nerf_grid_torch.render_one, grid, cameras, buffers)

@@ -49,7 +49,7 @@ def grid() -> NerfGrid:
 
 
 def draw_splats(room: Splats) -> dict[str, Tensor]:
-    return _splats_torch.render_one(room, CAMERA.w2c[0], CAMERA.K[0], CAMERA.size, GaussianSplats().settings)
+    return _splats_torch.render_one(room, CAMERA, GaussianSplats().settings)
 
 
 def draw_mesh(wall: Mesh) -> dict[str, Tensor]:
@@ -57,7 +57,7 @@ def draw_mesh(wall: Mesh) -> dict[str, Tensor]:
 
 
 def draw_grid(field: NerfGrid) -> dict[str, Tensor]:
-    return _nerf_grid_torch.render_camera(field, CAMERA, NerfGridRenderer().settings)
+    return _nerf_grid_torch.render_one(field, CAMERA, NerfGridRenderer().settings)
 
 
 class There(Tensor):

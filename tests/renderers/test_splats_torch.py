@@ -34,7 +34,8 @@ def test_the_oracles_gradient_in_the_pose_is_the_slope_of_its_values(name):
     camera = Camera(torch.eye(4).double()[None], intrinsics(torch.tensor([12.0]).double(), size), size)
 
     def mean(w2c: Tensor) -> Tensor:
-        return render_one(splats, w2c, camera.K[0], camera.size, Settings(0.1, 0.3, True))[name][..., 2:8, 2:8].mean()
+        moved = Camera(w2c[None], camera.K, camera.size)
+        return render_one(splats, moved, Settings(0.1, 0.3, True))[name][..., 2:8, 2:8].mean()
 
     w2c = camera.w2c[0].clone().requires_grad_()
     (gradient,) = torch.autograd.grad(mean(w2c), w2c)

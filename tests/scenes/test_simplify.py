@@ -167,7 +167,7 @@ def test_importance_is_the_slope_of_the_oracle_where_one_pixel_is_looked_at() ->
     room, cameras = synthetic_room(2_000), room_cameras(1, (8, 6))
     found = importance(room, [make_view(cameras.w2c[0].numpy(), cameras.K[0].numpy(), (8, 6), SETTINGS)])
     label = room.label.clone().requires_grad_()
-    drawn = render_one(room.with_label(label), cameras.w2c[0], cameras.K[0], (8, 6), SETTINGS)["label"]
+    drawn = render_one(room.with_label(label), cameras, SETTINGS)["label"]
     slopes = [torch.autograd.grad(pixel, label, retain_graph=True)[0] for pixel in drawn.flatten()]
     torch.testing.assert_close(found, torch.stack(slopes).amax(0), rtol=1e-3, atol=2e-4)
     assert float(found.max()) > 0.2
