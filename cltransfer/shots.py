@@ -253,6 +253,5 @@ def builtin_reference(name: str, size: tuple[int, int], frames: int = 24) -> tup
     from .scenes.builtin import builtin_scene
 
     scene = builtin_scene("plaza")
-    assert scene.subject is not None
     start = Setup(azimuth=-20 * _DEG if name == "orbit" else 30 * _DEG)
-    return scene, shot(name, scene.subject, size, frames, setup=start)
+    return scene, shot(name, scene.person, size, frames, setup=start)

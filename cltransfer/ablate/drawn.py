@@ -30,11 +30,10 @@ def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
             if reference.startswith(DRAWN):
                 name = reference.removeprefix(DRAWN)
                 scene = f"builtin:plaza-{seed}"
-                subject = load_scene(scene).subject
-                assert subject is not None
+                person = load_scene(scene).person
                 # by its frames too: another sweep in this folder is not to change what this one's trials will read
                 path = folder.resolve() / DRAWN_REFERENCES / f"{name}-{seed}-{frames}.json"
-                shot(name, subject, SIZE, frames, setup=drawn_setup(name, seed)).save(path)
+                shot(name, person, SIZE, frames, setup=drawn_setup(name, seed)).save(path)
                 made[reference, seed] = f"{scene}@{path}"
     return made
 

@@ -80,23 +80,21 @@ def run_describe(
 
 
 def _answers(label: str, path: Trajectory, features: Features, scene: Scene, at: Answer) -> Iterator[Answer]:
-    assert scene.subject is not None
     where = (at.reader, at.scene, at.seed)
     if label in NAMES:
         yield Answer("movement", *where, NAMES[label], movement(flow_motion(features, path.times)).name or "nothing")
-    truth = true_scale(path.camera, scene.subject)
+    truth = true_scale(path.camera, scene.person)
     for i, j in zip(truth.tolist(), shot_scale(features).tolist()):
         yield Answer("scale", *where, SCALES[i], SCALES[j] if j >= 0 else "nothing")
 
 
 def _clips(scene: Scene, seed: int, size: tuple[int, int]) -> Iterator[tuple[str, Trajectory]]:
     """Canonical shots from a place of their own, then one still clip of each shot size."""
-    assert scene.subject is not None
     random = torch.Generator().manual_seed(seed)
     for name in SHOTS:
-        yield name, shot(name, scene.subject, size, FRAMES, setup=_setup(random, seed))
+        yield name, shot(name, scene.person, size, FRAMES, setup=_setup(random, seed))
     for scale in SCALES:
-        yield scale, shot("static", scene.subject, size, FRAMED_FRAMES, setup=framed(scale, random, seed))
+        yield scale, shot("static", scene.person, size, FRAMED_FRAMES, setup=framed(scale, random, seed))
 
 
 def _setup(random: torch.Generator, seed: int) -> Setup:

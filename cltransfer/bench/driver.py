@@ -169,8 +169,7 @@ def run_driver(bench: Bench, folder: Path, jobs: int = 1, told: Callable[[str], 
 
 def _measured(key: str, run: Run) -> Row:
     set_threads(1)
-    subject = load_scene(TEACHER).subject
-    assert subject is not None
+    subject = load_scene(TEACHER).person
     true = shot(run.shot, subject, SIZE, run.frames, setup=drawn(run.shot, run.seed))
     warm_up(TARGETS[run.target])
     with tempfile.TemporaryDirectory() as folder:

@@ -114,8 +114,7 @@ def rendered_pairs(scenes: Sequence[str], seeds: Sequence[int], shots: Sequence[
 
 
 def _pairs(scene: Scene, renderer: Any, move: str, seed: int) -> Iterator[Pair]:
-    assert scene.subject is not None  # it was lifted
-    cameras = shot(move, scene.subject, SIZE, FRAMES, setup=drawn(move, seed)).camera
+    cameras = shot(move, scene.person, SIZE, FRAMES, setup=drawn(move, seed)).camera
     indices = [MIDDLE, *(MIDDLE - step for step in STEPS)]
     buffers = frozenset({"image", "depth", "label"})
     frames = renderer_of(scene, renderer).render(scene, cameras[indices], buffers)

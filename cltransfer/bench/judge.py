@@ -67,8 +67,7 @@ class Reader:
         alpha, label, depth = (
             torch.cat([getattr(frame, name) for frame in seen]) for name in ("alpha", "label", "depth")
         )
-        assert scene.subject is not None
-        return Shown(features, alpha, label, depth, scene.subject.height)
+        return Shown(features, alpha, label, depth, scene.person.height)
 
     def cover(self, scene: Scene, cameras: Camera) -> Tensor:
         """Share of each frame that the scene covers, (N,)."""
@@ -114,11 +113,9 @@ def random_total(reader: Reader, reference: Features, scene: Scene, seed: int) -
     high = [np.pi, np.radians(45), 0.0, np.log(8.0), 0.4, 0.4, np.log(2.0)]
     x = torch.from_numpy(rng.uniform(low, high, (RANDOM_VIEWS, 7)))
     stage = reader.stage(scene, reference.names())
-    assert scene.subject is not None
-    home = Camera.look_at(
-        scene.subject.anchor + scene.subject.facing[None], scene.subject.anchor, scene.up, 0.7, stage.size
-    )
-    views = SubjectOrbit().cameras(x / SCALE, home, scene.subject)
+    person = scene.person
+    home = Camera.look_at(person.anchor + person.facing[None], person.anchor, scene.up, 0.7, stage.size)
+    views = SubjectOrbit().cameras(x / SCALE, home, person)
     held = Features.concatenate([_standing(stage.features(views[i], None)) for i in range(len(views))])
     defined = reader.objective.defined(reference)
     totals = [

@@ -19,7 +19,6 @@ from ..features import Features
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..shots import shot
-from ..subject import Subject
 from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
 from .failure import failed_clip, failed_frames, pinned_frames
@@ -55,7 +54,7 @@ class Clip:
         """The clip of ``trial``."""
         teacher, pupil = (load_scene(f"builtin:{name}") for name in (trial.teacher, trial.pupil))
         start, setup = drawn_start(trial.shot, trial.teacher, trial.seed)
-        paths = [shot(trial.shot, person(scene), SIZE, trial.frames, FPS, setup) for scene in (teacher, pupil)]
+        paths = [shot(trial.shot, scene.person, SIZE, trial.frames, FPS, setup) for scene in (teacher, pupil)]
         return cls(teacher, pupil, start, *paths)
 
 
@@ -94,7 +93,7 @@ def run_trial(trial: Trial, key: str, folder: Path, networks: bool = False) -> R
     warm_up(trial.pupil)
     take = _taken(trial, clip, shots)
     take.trajectory.save(folder / "paths" / f"{key}.json")
-    cameras, height = take.trajectory.camera, person(clip.pupil).height
+    cameras, height = take.trajectory.camera, clip.pupil.person.height
     readings = ("dis_flow", "networks") if networks else ("dis_flow",)
     return _plain(
         {
@@ -105,16 +104,10 @@ def run_trial(trial: Trial, key: str, folder: Path, networks: bool = False) -> R
             "held_out": {name: _held_out(clip, take, trial, name) for name in readings},
             "truth": asdict(path_errors(cameras, clip.true.camera, height)),
             "jerk": jerk(cameras, height),
-            "reference_jerk": jerk(clip.reference.camera, person(clip.teacher).height),
+            "reference_jerk": jerk(clip.reference.camera, clip.teacher.person.height),
             **take.spent,
         }
     )
-
-
-def person(scene: Scene) -> Subject:
-    """The subject of a built-in scene, which always has one."""
-    assert scene.subject is not None
-    return scene.subject
 
 
 def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
@@ -126,7 +119,7 @@ def _taken(trial: Trial, clip: Clip, shots: Path) -> Take:
     if drift is None:
         pinned = pinned_frames(result.kept.x, result.search)
         return Take(result.trajectory, pinned, spent_on(result, trial.frames))
-    scale = person(clip.pupil).height / person(clip.teacher).height
+    scale = clip.pupil.person.height / clip.teacher.person.height
     begun, path = time.perf_counter(), clip.reference.camera
     if method(trial.method).rebuilt:
         path = rebuilt(judge_config(trial.teacher).build_one("renderer"), clip.teacher, clip.reference)

@@ -182,11 +182,10 @@ def align_parts(parts: Components, scene: Scene, views: int = VIEWS) -> tuple[Co
         InputError: the views do not tell.
         ModelError: the network is missing or refused.
     """
-    assert scene.subject is not None
     setup = Setup(azimuth=0.0, distance=3.0, coverage=0.5)
     around = {name: torch.ones(views, dtype=torch.float64) * (name in ("dolly", "follow", "zoom")) for name in MOVES}
     around["azimuth"] = torch.arange(views, dtype=torch.float64) * (2 * math.pi / views)
-    ring = cameras(scene.subject, SIZE, setup, Moves(**around))
+    ring = cameras(scene.person, SIZE, setup, Moves(**around))
     network = parts.extractors[DEPTH]
     extractor, found = align_to_scene(network, scene, renderer_of(scene, parts.renderer), ring, network.align)
     return replace(parts, extractors={**parts.extractors, DEPTH: extractor}), found

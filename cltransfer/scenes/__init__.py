@@ -35,6 +35,17 @@ class Scene:
     read_by: str = ""
 
     @property
+    def person(self) -> Subject:
+        """The subject of a scene that must have one.
+
+        Raises:
+            ValueError: nobody was lifted.
+        """
+        if self.subject is None:
+            raise ValueError(f"expected a scene with a person, {self.name} has none")
+        return self.subject
+
+    @property
     def code(self) -> str:
         """SHA-256 of the plugin's code that the geometry comes from, empty for ours: it may make another tomorrow."""
         return self.read_by or code_of(self.geometry)

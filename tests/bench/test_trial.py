@@ -55,7 +55,7 @@ def test_who_loses_the_person_pays_in_a_held_out_reading_too(monkeypatch: pytest
     trial = Trial("fast", "push_in", "plaza-2000", "plaza-2000", 1000, 2)
     clip = plain.Clip.drawn(trial)
     eye, scene = clip.true.camera.center, clip.pupil
-    away = Camera.look_at(eye, 2 * eye - plain.person(scene).anchor, scene.up, 0.7, SIZE)
+    away = Camera.look_at(eye, 2 * eye - scene.person.anchor, scene.up, 0.7, SIZE)
     take = plain.Take(Trajectory(away, clip.true.times), torch.zeros(2, dtype=torch.bool), {})
     read = plain._held_out(clip, take, trial, "joints")
     for name in ("shot_size", "framing"):

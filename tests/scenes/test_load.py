@@ -19,6 +19,8 @@ def test_a_ply_becomes_a_scene_named_and_keyed_by_its_file(tmp_path):
     assert len(scene.geometry) == 200
     assert scene.up.tolist() == [0, -1, 0]
     assert scene.digest == hashlib.sha256(path.read_bytes()).hexdigest()
+    with pytest.raises(ValueError, match="expected a scene with a person, stage has none"):
+        _ = scene.person
 
 
 def test_up_is_made_a_unit_vector(tmp_path):

@@ -11,7 +11,6 @@ from torch import Tensor
 from ...scenes.columns import SH0
 from ...scenes.simplify import PARTS, joined, subset
 from ...scenes.splats import Splats
-from ...subject import Subject
 from .case import Case, Stressor
 
 SPACING = 0.02  # subject heights between the Gaussians of an occluder
@@ -27,7 +26,7 @@ def pruned(case: Case, share: float, rng: np.random.Generator) -> Case:
 
 def floaters(case: Case, count: float, rng: np.random.Generator) -> Case:
     """So many large, half transparent Gaussians hang in the air about the person."""
-    subject, n = _subject(case), round(count)
+    subject, n = case.scene.person, round(count)
     directions = rng.normal(size=(n, 3))
     drawn = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(0.5, REACH, (n, 1))
     offset = torch.from_numpy(drawn)
@@ -42,7 +41,7 @@ def floaters(case: Case, count: float, rng: np.random.Generator) -> Case:
 
 def occluder(case: Case, width: float, rng: np.random.Generator) -> Case:
     """A board ``width`` subject heights wide, as high as the person, stands halfway to the first view."""
-    subject = _subject(case)
+    subject = case.scene.person
     middle = (subject.anchor + case.view.center[0]) / 2
     right, down, _ = case.view.w2c[0, :3, :3]
     steps = [torch.arange(-e / 2, e / 2, SPACING, dtype=torch.float64) for e in (width, 1.0)]
@@ -56,7 +55,7 @@ def occluder(case: Case, width: float, rng: np.random.Generator) -> Case:
 
 def second_person(case: Case, apart: float, rng: np.random.Generator) -> Case:
     """The person's double, of whom nobody knows, stands ``apart`` subject heights to one side."""
-    splats, subject = _splats(case), _subject(case)
+    splats, subject = _splats(case), case.scene.person
     double = subset(splats, (splats.label > 0.5).nonzero()[:, 0])
     side = float(rng.choice([-1.0, 1.0])) * apart * subject.height * subject.left
     double = replace(double, means=double.means + side.to(double.means), label=torch.zeros_like(double.label))
@@ -68,12 +67,6 @@ def _splats(case: Case) -> Splats:
     if not isinstance(geometry, Splats):
         raise ValueError(f"scenes are stressed as splats, got {type(geometry).__name__}")
     return geometry
-
-
-def _subject(case: Case) -> Subject:
-    if case.scene.subject is None:
-        raise ValueError("the scene has no person")
-    return case.scene.subject
 
 
 def _add(splats: Splats, means: Tensor, scales: Tensor, opacity: Tensor, colour: Tensor) -> Splats:

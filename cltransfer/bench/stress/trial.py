@@ -34,7 +34,7 @@ from ..judge import Reader, Verdict, judge, random_total
 from ..methods import config_of, config_text, method
 from ..protocol import FPS, SIZE, drawn_start, row_key
 from ..replay import rebuilt, replayed
-from ..trial import Row, person
+from ..trial import Row
 from .case import Case, Film, Stressor
 from .filming import FILMING
 from .reading import READING
@@ -159,10 +159,10 @@ def _drawn(clip: ClipName, film: Film) -> _Clip:
     name, taught_by, taught, seed = clip
     teacher, pupil = (load_scene(f"builtin:{scene}") for scene in (taught_by, taught))
     _, setup = drawn_start(name, taught_by, seed)
-    path, true = (shot(name, person(scene), film.size, film.frames, FPS, setup) for scene in (teacher, pupil))
+    path, true = (shot(name, scene.person, film.size, film.frames, FPS, setup) for scene in (teacher, pupil))
     reader = Reader(Components.build(load_config()), fitted_size(film.size, SIDE))
     case = Case(replace(reader.read(teacher, path.camera), camera=None, person=None), path.times, pupil, true.camera[0])
-    return _Clip(case, path.camera, true.camera, person(pupil).height / person(teacher).height, reader)
+    return _Clip(case, path.camera, true.camera, pupil.person.height / teacher.person.height, reader)
 
 
 def _taken(trial: StressTrial, clip: _Clip, given: Case) -> tuple[Camera, Tensor]:
@@ -188,7 +188,7 @@ def _on_disk(case: Case, folder: Path) -> Inputs:
 
     scene = case.scene
     write_splats(folder / "scene.ply", scene.geometry)
-    person(scene).save(folder / SUBJECT)
+    scene.person.save(folder / SUBJECT)
     save_file({"label": (scene.geometry.label > 0.5).to(torch.uint8)}, folder / LABELS)
     FeatureFile(case.reference, case.times, "stress").save(folder / "reference.safetensors")
     Trajectory(case.view, torch.zeros(1, dtype=torch.float64)).save(folder / "view.json")

@@ -15,8 +15,7 @@ from .case import Case, Stressor
 
 def turned_view(case: Case, degrees: float, rng: np.random.Generator) -> Case:
     """The first view, led about the person by so many degrees to one side."""
-    subject = case.scene.subject
-    assert subject is not None
+    subject = case.scene.person
     angle = math.radians(degrees) * float(rng.choice([-1.0, 1.0]))
     turn = torch.eye(4, dtype=torch.float64)
     turn[:3, :3] = axis_angle_to_rotation_matrix((angle * subject.up)[None])[0]
@@ -36,8 +35,7 @@ def farther_view(case: Case, share: float, rng: np.random.Generator) -> Case:
 
 def _at_distance(case: Case, factor: float) -> Case:
     """The first view, as it looks, at so many times its distance to the person."""
-    subject = case.scene.subject
-    assert subject is not None
+    subject = case.scene.person
     center = subject.anchor + factor * (case.view.center[0] - subject.anchor)
     w2c = case.view.w2c.clone()
     w2c[0, :3, 3] = -w2c[0, :3, :3] @ center
