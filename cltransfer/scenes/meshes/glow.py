@@ -15,6 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from .gltf_places import GLOSSY
+from .mtl_text import blocks, key_of, materials, said
 
 UNLIT = "KHR_materials_unlit"
 STRENGTH = "KHR_materials_emissive_strength"
@@ -109,53 +110,33 @@ def library_with_glow(text: str, shows: Callable[[str], bool]) -> str:
         shows: whether the image that a material names can be read; without it the light is not.
     """
     lines = list[str]()
-    for block in _blocks(text):
-        said = _said(block)
-        light = _library_light(said) if _is_library_black(said) else []
-        if light and "map_ke" in said and not shows(said["map_ke"]):
+    for block in blocks(text):
+        about = said(block)
+        light = _library_light(about) if _is_library_black(about) else []
+        if light and "map_ke" in about and not shows(about["map_ke"]):
             light = []
-        lines += [line for line in block if not light or _key(line) != "kd"]
+        lines += [line for line in block if not light or key_of(line) != "kd"]
         if light:
             lines += [f"Kd {' '.join(map(str, light))}", f"{GLOWS} 1"]
-            lines += [f"map_Kd {said['map_ke']}"] if "map_ke" in said else []
+            lines += [f"map_Kd {about['map_ke']}"] if "map_ke" in about else []
     return "\n".join([*lines, ""])
 
 
 def tell_library_light(library: Path, text: str, shown: set[str]) -> None:
     """Tell which of the materials that are ``shown`` have a light that is not read."""
-    blocks = [_said(block) for block in _blocks(text)]
-    dark = {" ".join(said.get("newmtl", "").split()): GLOWS in said or not _library_light(said) for said in blocks}
-    if names := [name for name, is_dark in dark.items() if name in shown and not is_dark]:
+    told = {name: said(block) for name, block in materials(text).items() if name in shown}
+    if names := [name for name, about in told.items() if GLOWS not in about and _library_light(about)]:
         _log.warning("%s: Ke of material %s: %s", library, named(names), _PASSED_OVER)
 
 
-def _blocks(text: str) -> list[list[str]]:
-    """The lines of each material, after those of none."""
-    blocks = [list[str]()]
-    for line in text.splitlines():
-        if _key(line) == "newmtl":
-            blocks.append([])
-        blocks[-1].append(line)
-    return blocks
-
-
-def _key(line: str) -> str:
-    return "".join(line.split(maxsplit=1)[:1]).lower()
-
-
-def _said(block: Sequence[str]) -> dict[str, str]:
-    """What follows the keys of a material: of one that is there twice the last counts."""
-    return {_key(line): words[1].strip() for line in block if len(words := line.split(maxsplit=1)) == 2}
-
-
-def _library_light(said: Mapping[str, str]) -> list[float]:
+def _library_light(about: Mapping[str, str]) -> list[float]:
     """Of what a material of an MTL says; see :func:`_light`."""
-    light = _numbers(said.get("ke", "1" if "map_ke" in said else "0"))
+    light = _numbers(about.get("ke", "1" if "map_ke" in about else "0"))
     return _within(np.array(light * 3 if len(light) == 1 else light)) if len(light) in (1, 3) else []
 
 
-def _is_library_black(said: Mapping[str, str]) -> bool:
-    return "map_kd" not in said and _numbers(said.get("kd", "")) in ([0.0], [0.0] * 3)
+def _is_library_black(about: Mapping[str, str]) -> bool:
+    return "map_kd" not in about and _numbers(about.get("kd", "")) in ([0.0], [0.0] * 3)
 
 
 def _numbers(words: str) -> list[float]:

@@ -17,6 +17,7 @@ from .asset_files import Beside, read_limited
 from .glow import GLOWS, library_with_glow, named, tell_library_light
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
+from .mtl_text import key_of, materials, said
 from .textures import FORMATS, decodes, image_of
 
 WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
@@ -107,15 +108,8 @@ def _options(name: str) -> str:
 
 def _plain(text: str, material: str) -> str:
     """What a library says of ``material``, under its name for faces without places, without an image."""
-    lines = [f"\nnewmtl {material}{WITHOUT}"]
-    current = None
-    for line in text.splitlines():
-        key, *words = line.split() or [""]
-        if key.lower() == "newmtl":
-            current = " ".join(words)
-        elif current == material and key.lower() != "map_kd":
-            lines.append(line)
-    return "\n".join([*lines, ""])
+    kept = [line for line in materials(text).get(material, []) if key_of(line) not in ("newmtl", "map_kd")]
+    return "\n".join([f"\nnewmtl {material}{WITHOUT}", *kept, ""])
 
 
 def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
@@ -196,14 +190,6 @@ def tell_passed_over(libraries: Mapping[Path, str], visuals: Iterable[Any]) -> N
 
 
 def _images(text: str, kind: str = "map_kd") -> dict[str, str]:
-    """Name of the image file by name of the material, read as trimesh reads them: of one name the last counts."""
-    found: dict[str, str] = {}
-    material = None
-    for line in text.splitlines():
-        key, *words = line.split() or [""]
-        if key.lower() == "newmtl" and words:
-            material = " ".join(words)
-            found.pop(material, None)
-        elif key.lower() == kind and words and material is not None:
-            found[material] = line.strip()[len(key) :].strip()
-    return found
+    """Name of the image file by name of the material."""
+    told = {name: said(block) for name, block in materials(text).items()}
+    return {name: about[kind] for name, about in told.items() if kind in about}

@@ -213,3 +213,12 @@ def test_two_libraries_shine_as_one_does(stage, tmp_path):
     mesh = read_mesh(path).mesh
     assert mesh.colors.tolist() == [[0, 1, 0]] * 3
     assert not mesh.shaded.any()
+
+
+def test_a_material_of_a_library_begins_with_a_name(stage, caplog):
+    mesh = read_mesh(stage("newmtl lamp\nKe 0 1 0\nnewmtl\nKd 0 0 0\n")).mesh
+    assert mesh.colors.tolist() == [[0, 1, 0]] * 3
+    assert caplog.messages == []
+    path = stage("newmtl lamp\nKd 1 0 0\nnewmtl\nKe 1 1 1\n")
+    read_mesh(path)
+    assert caplog.messages == [f"{path.with_suffix('.mtl')}: Ke of material 'lamp': {TOLD}"]

@@ -159,3 +159,11 @@ def test_a_link_that_leads_out_of_the_folder_is_not_followed_by_a_backslash(stag
     (inner / "maps").symlink_to(tmp_path)
     with pytest.raises(InputError, match="is a link out of the folder"):
         read_mesh(inner / "stage.obj")
+
+
+@pytest.mark.parametrize(
+    "library", ["newmtl dark wood\nnewmtl\nKd 1 0 0\n", "newmtl dark wood\nd 0\nNEWMTL dark  wood\nKd 1 0 0"]
+)
+def test_faces_with_and_without_places_show_one_material(stage, library):
+    mesh = read_mesh(stage(library, FACE + "f 1 3 2\n")).mesh
+    assert (len(mesh), mesh.colors.unique(dim=0).tolist()) == (2, [[1, 0, 0]])
