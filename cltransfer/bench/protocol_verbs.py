@@ -43,13 +43,13 @@ def bench_table1(
     """Table 1: JAWS against ours on the five metrics, clip by clip, with and without the frames that failed."""
     from ..storage.files import check_out
     from .protocol import TIERS
-    from .rows import Bench, run_trials
+    from .rows import run_trials
     from .table1 import duels, markdown, write_table1
 
     check_out(rows)
     baselines = baseline or ["jaws_clean"]
     trials = TIERS[tier].trials([*baselines, ours], seed or (), form)
-    measured = run_trials(trials, Bench(rows, jobs, networks), _told)
+    measured = run_trials(trials, rows, jobs, _told, networks)
     found = duels(measured, baselines, ours)
     write_table1(measured, found, rows, out, command_line())
     print("\n".join(markdown(found)))
@@ -66,11 +66,11 @@ def bench_chart(
     from ..storage.files import check_out
     from .chart import CHART_TIERS, SETTINGS, SMOKE_SETTINGS, chart_trials, points, points_csv
     from .chart_svg import write_chart
-    from .rows import Bench, run_trials
+    from .rows import run_trials
 
     check_out(rows)
     settings = SMOKE_SETTINGS if tier == "smoke" else SETTINGS
-    measured = run_trials(chart_trials(settings, CHART_TIERS[tier], seed or ()), Bench(rows, jobs), _told)
+    measured = run_trials(chart_trials(settings, CHART_TIERS[tier], seed or ()), rows, jobs, _told)
     write_chart(measured, settings, rows, out, command_line())
     print(points_csv(points(settings, measured)), end="")
 

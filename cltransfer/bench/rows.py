@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -102,31 +100,21 @@ def measured_at(rows: Iterable[Row]) -> str:
     return f"Rows measured at {', '.join(sorted({row.get('commit', 'an earlier one') for row in rows}))}."
 
 
-@dataclass(frozen=True)
-class Bench:
-    """Where and how trials are run.
-
-    Args:
-        folder: of the rows; what is there is not run again.
-        jobs: trials at a time, each on one thread.
-        networks: results are also read by the networks.
-    """
-
-    folder: Path
-    jobs: int = 1
-    networks: bool = False
-
-
-def run_trials(trials: list[Trial], bench: Bench, told: Callable[[str], None] = lambda line: None) -> list[Row]:
-    """Rows of all trials, in their order; see :func:`kept_rows`."""
-    if bench.networks and trials:  # one that is missing shows at once
+def run_trials(
+    trials: list[Trial],
+    folder: Path,
+    jobs: int = 1,
+    told: Callable[[str], None] = lambda line: None,
+    networks: bool = False,
+) -> list[Row]:
+    """Rows of all trials, in their order; see :func:`kept_rows`. With ``networks`` these read the results too."""
+    if networks and trials:  # one that is missing shows at once
         Reader.of(trials[0].pupil, HELD_OUT["networks"]).parts.plan("image").load_networks()
-    tasks = {trial.key(bench.networks): trial for trial in trials}
-    measure = partial(_measured, folder=bench.folder, networks=bench.networks)
     return kept_rows(
-        tasks, measure, bench.folder, bench.jobs, told, lambda row: f"{row['method']}, {row['shot']}, {row['pupil']}"
+        {trial.key(networks): trial for trial in trials},
+        lambda key, trial: run_trial(trial, key, folder, networks),
+        folder,
+        jobs,
+        told,
+        lambda row: f"{row['method']}, {row['shot']}, {row['pupil']}",
     )
-
-
-def _measured(key: str, trial: Trial, folder: Path, networks: bool) -> Row:
-    return run_trial(trial, key, folder, networks)

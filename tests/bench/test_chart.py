@@ -11,7 +11,7 @@ from cltransfer.bench.chart import CHART_TIERS, SETTINGS, Point, Setting, chart_
 from cltransfer.bench.chart_svg import _draw_points, write_chart
 from cltransfer.bench.methods import METHODS
 from cltransfer.bench.protocol import Tier
-from cltransfer.bench.rows import Bench, run_trials
+from cltransfer.bench.rows import run_trials
 from cltransfer.config import presets
 
 
@@ -107,7 +107,7 @@ def test_the_chart_is_drawn_from_trials(tmp_path, command, monkeypatch):
     settings = (Setting("presets", "fast", "fast"), Setting("resolution", "48 px", "fast", ("search_side=48",)))
     tier = Tier(("pan",), (("room", "room"),), 1, 1, 2)
     monkeypatch.setattr("os.getloadavg", lambda: (0.0, 3.7, 0.0))
-    rows = run_trials(chart_trials(settings, tier, (7,)), Bench(tmp_path / "rows"))
+    rows = run_trials(chart_trials(settings, tier, (7,)), tmp_path / "rows")
     monkeypatch.setitem(CHART_TIERS, "smoke", tier)
     monkeypatch.setattr(chart, "SMOKE_SETTINGS", settings)
     words = ("bench", "chart", "--tier", "smoke", "--seed", 7, "--rows", tmp_path / "rows")

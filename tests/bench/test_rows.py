@@ -5,7 +5,7 @@ import json
 import pytest
 
 from cltransfer.bench.protocol import Trial
-from cltransfer.bench.rows import FILE, Bench, kept_rows, read_rows, run_trials
+from cltransfer.bench.rows import FILE, kept_rows, read_rows, run_trials
 from cltransfer.errors import InputError, ModelError, ResourceError
 from cltransfer.storage.alone import alone
 from cltransfer.storage.kept_lines import keep
@@ -22,13 +22,13 @@ def test_a_damaged_line_is_one_error_that_says_where(tmp_path):
 
 def test_a_bench_goes_on_where_it_was_stopped(tmp_path):
     heard: list[str] = []
-    first = run_trials(TRIALS[:1], Bench(tmp_path), heard.append)
-    both = run_trials(TRIALS, Bench(tmp_path), heard.append)
+    first = run_trials(TRIALS[:1], tmp_path, told=heard.append)
+    both = run_trials(TRIALS, tmp_path, told=heard.append)
     assert both[0] == first[0]
     assert heard[0] == "1 trials, 0 of them done before"
     assert heard[2] == "2 trials, 1 of them done before"
     assert len(heard) == 4
-    again = run_trials(TRIALS, Bench(tmp_path))
+    again = run_trials(TRIALS, tmp_path)
     assert again == both
     assert len((tmp_path / FILE).read_text().splitlines()) == 2
     for row, trial in zip(both, TRIALS):
@@ -46,7 +46,7 @@ def test_a_network_that_is_missing_shows_before_anything_is_run(tmp_path, monkey
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
     heard: list[str] = []
     with pytest.raises(ModelError, match="onnx"):
-        run_trials(TRIALS, Bench(tmp_path, networks=True), heard.append)
+        run_trials(TRIALS, tmp_path, told=heard.append, networks=True)
     assert not heard
 
 
