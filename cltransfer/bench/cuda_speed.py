@@ -15,10 +15,11 @@ from ..computer.cuda import require_gsplat
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes import Scene
 from ..scenes.load import load_scene
-from .section import quartiles
+from .pages import SECTIONS
+from .section import machine, quartiles, table, write_section
 from .speed import ALL, cameras_around
 from .synthetic_room import room_cameras, synthetic_room
-from .timing import GEOMETRY, write_rows
+from .timing import GEOMETRY
 
 SIZE = (160, 90)
 CANDIDATES = (10, 64)
@@ -112,4 +113,5 @@ def write_cuda(rows: Sequence[CudaRow], path: Path, command: str) -> None:
         f"Made by `{command}`. 160x90, wall time until all is back on",
         f"the CPU; a {torch.cuda.get_device_name()}; numba on the same computer's processor, in the same run.",
     ]
-    write_rows(rows, CudaRow.HEADER.split(" | "), path, "cuda", told)
+    lines = table(CudaRow.HEADER.split(" | "), [row.cells() for row in rows])
+    write_section(path, SECTIONS["cuda"], [*told, *machine(), "", *lines])

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -126,13 +126,6 @@ class SpeedRow:
         return " | ".join(self.cells())
 
 
-class Timed(Protocol):
-    """A row of a table: a setting and what it took."""
-
-    def cells(self) -> list[str]:
-        """What the table shows, in the order of its columns."""
-
-
 def room(geometry: Any, name: str, seed: int) -> Posed:
     """A synthetic room, z up, and the cameras of a search in it, at the smallest of ``SIZES``."""
     scene = Scene(geometry, None, torch.tensor([0.0, 0.0, 1.0]), name, f"{name}:{seed}")
@@ -172,18 +165,5 @@ def write_benchmarks(rows: Sequence[SpeedRow], path: Path, command: str) -> None
     bench = rows[0].bench
     columns = ["scene", "size", "setting", "threads", *bench.columns, "ms a frame (quartiles)", "against torch"]
     told = [f"Made by `{command}`. {bench.told[0]}", *bench.told[1:]]
-    write_rows(rows, [*columns, bench.compared[0]], path, bench.name, told)
-
-
-def write_rows(rows: Sequence[Timed], header: Sequence[str], path: Path, name: str, told: Sequence[str]) -> None:
-    """Put the rows into the section of the Markdown file ``path`` that is theirs.
-
-    Args:
-        rows: of one kind.
-        header: names of the columns.
-        path: of the page.
-        name: of the bench.
-        told: lines above the table: the command and what it measures.
-    """
-    lines = [*told, *machine(), "", *table(header, [row.cells() for row in rows])]
-    write_section(path, SECTIONS[name], lines)
+    lines = table([*columns, bench.compared[0]], [row.cells() for row in rows])
+    write_section(path, SECTIONS[bench.name], [*told, *machine(), "", *lines])
