@@ -13,7 +13,11 @@ from typing import SupportsIndex
 
 import torch
 from kornia.geometry.camera import project_points, unproject_points
-from kornia.geometry.conversions import camtoworld_graphics_to_vision_4x4, camtoworld_vision_to_graphics_4x4
+from kornia.geometry.conversions import (
+    Rt_to_matrix4x4,
+    camtoworld_graphics_to_vision_4x4,
+    camtoworld_vision_to_graphics_4x4,
+)
 from kornia.geometry.linalg import inverse_transformation, transform_points
 from torch import Tensor
 
@@ -127,11 +131,13 @@ class Camera:
         right = unit(torch.linalg.cross(forward, up.to(eye).expand_as(eye)))
         down = torch.linalg.cross(forward, right)
         rotation = torch.stack([right, down, forward], dim=1)
-        w2c = torch.eye(4, dtype=torch.float64, device=eye.device).repeat(len(eye), 1, 1)
-        w2c[:, :3, :3] = rotation
-        w2c[:, :3, 3] = -(rotation @ eye[..., None])[..., 0]
         fov = torch.as_tensor(vertical_fov, dtype=torch.float64, device=eye.device).expand(len(eye))
-        return cls(w2c, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
+        return cls(w2c_of(rotation, eye), intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
+
+
+def w2c_of(R: Tensor, center: Tensor) -> Tensor:
+    """World to camera, (B, 4, 4), of rotations (B, 3, 3) of that kind and centres in the world (B, 3)."""
+    return Rt_to_matrix4x4(R, -(R @ center[..., None]))
 
 
 def batch_index(index: SupportsIndex | slice | Sequence[int] | Tensor) -> int | slice | Tensor:

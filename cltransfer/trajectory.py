@@ -11,7 +11,7 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_axis_angle
 from torch import Tensor
 
-from .camera import Camera
+from .camera import Camera, w2c_of
 from .errors import InputError
 from .storage.files import read_json, write_json
 
@@ -78,9 +78,7 @@ class Trajectory:
         center, focal, middle = (_between(self.times, v, times) for v in (camera.center, focal, camera.K[:, :2, 2]))
         K = camera.K[:1].repeat(len(times), 1, 1)
         K[:, [0, 1], [0, 1]], K[:, :2, 2] = focal.exp(), middle
-        w2c = torch.eye(4, dtype=torch.float64).repeat(len(times), 1, 1)
-        w2c[:, :3, :3], w2c[:, :3, 3] = R, -(R @ center[:, :, None])[..., 0]
-        return Trajectory(Camera(w2c, K, camera.size), times)
+        return Trajectory(Camera(w2c_of(R, center), K, camera.size), times)
 
     def _turned(self, R: Tensor, times: Tensor) -> Tensor:
         """Rotations (N, 3, 3) of the frames at other moments, (M, 3, 3): by their quaternions, the short way round."""

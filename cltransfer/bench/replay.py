@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..camera import Camera, intrinsics
+from ..camera import Camera, intrinsics, w2c_of
 from ..reading.reference import quantised
 from ..scenes import Scene
 from ..sfm import NoPathError
@@ -77,14 +77,10 @@ def replayed(path: Camera, home: Camera, scale: float, drift: float = 1.0) -> Ca
     """
     if not (scale > 0 and drift > 0):
         raise ValueError(f"scale and drift must be positive, got {scale} and {drift}")
-    count = len(path)
     steps = path[0].to_camera(path.center)[0].diff(dim=0)  # (N - 1, 3) in the axes of the first camera
-    growth = torch.linspace(0, 1, count, dtype=torch.float64)[1:, None]
+    growth = torch.linspace(0, 1, len(path), dtype=torch.float64)[1:, None]
     moved = torch.cat([steps.new_zeros(1, 3), (scale * drift**growth * steps).cumsum(0)])
     R_home = home.w2c[0, :3, :3]
     R = path.w2c[:, :3, :3] @ path.w2c[0, :3, :3].T @ R_home
     center = home.center + moved @ R_home
-    w2c = torch.eye(4, dtype=torch.float64).repeat(count, 1, 1)
-    w2c[:, :3, :3] = R
-    w2c[:, :3, 3] = -(R @ center[..., None])[..., 0]
-    return Camera(w2c, intrinsics(home.focal * path.focal / path.focal[0], home.size), home.size)
+    return Camera(w2c_of(R, center), intrinsics(home.focal * path.focal / path.focal[0], home.size), home.size)

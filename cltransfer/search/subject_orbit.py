@@ -11,7 +11,7 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
-from ..camera import Camera, intrinsics
+from ..camera import Camera, intrinsics, w2c_of
 from ..features import Features
 from ..losses.framing import centroid_difference
 from ..losses.shot_size import key_joint_extents
@@ -117,10 +117,7 @@ class SubjectOrbit:
         aspect = home.size[0] / home.size[1]
         R = _place(p[:, 4], p[:, 5], focal, aspect) @ _roll(p[:, 2]) @ aimed
         center = subject.anchor + heights[:, None] * subject.height * outward
-        w2c = torch.eye(4, dtype=torch.float64).repeat(len(p), 1, 1)
-        w2c[:, :3, :3] = R
-        w2c[:, :3, 3] = -(R @ center[..., None])[..., 0]
-        return Camera(w2c, intrinsics(focal * home.size[1], home.size), home.size)
+        return Camera(w2c_of(R, center), intrinsics(focal * home.size[1], home.size), home.size)
 
     def limited(self, x: Tensor) -> Tensor:
         """Which of x (B, 7) or (B, 6) ask for a shorter or longer lens than there is, (B,) bool."""
