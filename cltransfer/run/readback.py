@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..camera import Camera, concatenate
+from ..camera import Camera
 from ..clips.decoding import PIXEL_LIMIT
 from ..clips.part import BYTE_LIMIT
 from ..computer.memory import require_free
@@ -135,7 +135,7 @@ def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera)
     the result has, as depth that is read off the movement: it would pay the penalty, or be read by another rule, and
     anything would beat it.
     """
-    twice, reference = still(cameras, min(2, len(cameras))), shown.reference
+    twice, reference = cameras[[0] * min(2, len(cameras))], shown.reference
     if "camera" in shown.read.names:
         seen = read_path(replace(stage, size=cameras.size), twice)
     else:
@@ -147,8 +147,3 @@ def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera)
         return None
     features = seen[[0] + [1] * (len(cameras) - 1)]
     return score(stage.objective, reference.features, features, reference.missing)
-
-
-def still(camera: Camera, count: int) -> Camera:
-    """The first camera held for ``count`` frames: what a transfer has to beat."""
-    return concatenate([camera[0]] * count)

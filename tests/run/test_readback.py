@@ -24,7 +24,7 @@ from cltransfer.reading.reference import Reference
 from cltransfer.registry import LOSSES
 from cltransfer.run import readback
 from cltransfer.run.kept_reading import Read
-from cltransfer.run.readback import RENDER_BATCH, Readback, check_frames, check_result, read_held, render_frames, still
+from cltransfer.run.readback import RENDER_BATCH, Readback, check_frames, check_result, read_held, render_frames
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 
@@ -161,5 +161,5 @@ def test_a_view_that_is_held_is_rendered_twice_and_scored_for_every_frame(frames
     before = stage.spent.renders
     held = read_held(replace(stage, recent=Recent()), parts, shown, cameras)
     assert stage.spent.renders - before == min(2, frames)
-    every = score(stage.objective, features, read_path(own, still(cameras, frames)), {})
+    every = score(stage.objective, features, read_path(own, cameras[[0] * frames]), {})
     torch.testing.assert_close(held.totals, every.totals, rtol=0, atol=0, equal_nan=True)
