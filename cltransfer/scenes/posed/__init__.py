@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...camera import Camera
+from ...camera import Camera, fitted_size
 from ...clips.decoding import Frame, decode
 from ...computer.array_type import Array
 from ...computer.memory import require_free
@@ -107,9 +107,7 @@ class PosedImages:
 
     def _size(self, side: int) -> tuple[int, int]:
         """Of the images (W, H) whose longer side is at most ``side``."""
-        scale = min(1.0, side / max(self.camera.size))
-        width, height = (max(1, round(length * scale)) for length in self.camera.size)
-        return width, height
+        return fitted_size(self.camera.size, min(side, max(self.camera.size)))
 
     def _image(self, index: int, size: tuple[int, int]) -> Tensor:
         file = self.files[index]
