@@ -17,7 +17,7 @@ from ..scenes import Scene
 from ..search.subject_orbit import SCALE, SubjectOrbit
 from .failure import Shown, cover
 from .methods import judge_config
-from .truth import middle
+from .truth import median
 
 SIDE = 240  # longer side of the judged frames [px]; no method searches at it
 NETWORK_SIDE = 640
@@ -121,7 +121,7 @@ def random_total(reader: Reader, reference: Features, scene: Scene, seed: int) -
     totals = [
         reader.objective.totals(reader.objective.terms(reference[i], held), defined[i]) for i in range(len(reference))
     ]
-    return middle(torch.stack(totals).mean(0))
+    return median(torch.stack(totals).mean(0))
 
 
 def _standing(frame: Features) -> Features:

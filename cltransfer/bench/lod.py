@@ -26,7 +26,7 @@ from ..scenes.load import load_scene
 from ..scenes.simplify import working_set
 from ..storage.files import csv_text, write_text
 from .synthetic_room import synthetic_room
-from .truth import middle
+from .truth import median
 
 SIZE = (160, 90)
 AWAY = 2.0  # steps from the middle of the candidates to what they are after
@@ -169,10 +169,10 @@ def _row(scene: Scene, k: float, crowds: list[list[Camera]], full: list[list[Fea
         build=build if k else 0.0,
         milliseconds=statistics.median(times),
         speedup=statistics.median(full_times) / statistics.median(times),
-        psnr=middle(-10 * error.log10()),
-        depth_median=middle(depth),
+        psnr=median(-10 * error.log10()),
+        depth_median=median(depth),
         depth_p95=float(np.percentile(depth.numpy(), 95)),
-        mask_area=middle(area),
+        mask_area=median(area),
         early=float(ranks[0, 0]),
         middle=float(ranks[1, 0]),
         late=float(ranks[2, 0]),

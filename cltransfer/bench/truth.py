@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from kornia.geometry.linalg import inverse_transformation
 from kornia.metrics import angle_error_mat
@@ -49,16 +50,15 @@ def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
     scale = true_spread / spread if min(spread, true_spread) > STANDING else 1.0
     turned = angle_error_mat(aligned[:, :3, :3].transpose(1, 2), true.w2c[:, :3, :3])
     return PathErrors(
-        position=middle(position),
-        rotation=middle(rotation),
-        log_focal=middle(focal),
+        position=median(position),
+        rotation=median(rotation),
+        log_focal=median(focal),
         path_position=float((scale * moved - wanted).pow(2).sum(1).mean().sqrt()),
-        path_rotation=middle(turned),
+        path_rotation=median(turned),
         path_scale=scale,
     )
 
 
-def middle(values: Tensor) -> float:
-    """Median of N values, of an even number the mean of the two in the middle (``Tensor.median`` takes the lower)."""
-    low, high = (values.double().quantile(0.5, interpolation=side) for side in ("lower", "higher"))
-    return float((low + high) / 2)  # of two that are infinite too, as the PSNR of equal images
+def median(values: Tensor) -> float:
+    """Of N values, of an even number the mean of the two in the middle (``Tensor.median`` takes the lower)."""
+    return float(np.median(values.double().numpy()))

@@ -6,7 +6,7 @@ import pytest
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 
-from cltransfer.bench.truth import middle, path_errors
+from cltransfer.bench.truth import median, path_errors
 from cltransfer.camera import Camera, intrinsics
 from cltransfer.trajectory import jerk
 
@@ -48,8 +48,8 @@ def test_the_opposite_direction_is_no_matter_of_scale():
 
 
 def test_the_median_of_what_is_infinite_is_infinite_and_of_what_is_undefined_undefined():
-    assert middle(torch.tensor([math.inf, math.inf])) == math.inf
-    assert math.isnan(middle(torch.tensor([1.0, math.nan, 3.0])))
+    assert median(torch.tensor([math.inf, math.inf])) == math.inf
+    assert math.isnan(median(torch.tensor([1.0, math.nan, 3.0])))
 
 
 def test_of_an_even_number_of_frames_the_median_is_between_the_two_in_the_middle():
