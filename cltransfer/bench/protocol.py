@@ -63,11 +63,6 @@ class Trial:
     frames: int = 24
     options: tuple[str, ...] = ()
 
-    @property
-    def clip(self) -> tuple[str, str, str, int, int]:
-        """What is equal for all methods: trials are paired by it."""
-        return self.shot, self.teacher, self.pupil, self.seed, self.frames
-
     def key(self, networks: bool = False) -> str:
         """Digest of the trial, the config it comes to, what the judge reads and scores by, and the protocol.
 

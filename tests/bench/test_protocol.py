@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from cltransfer.bench.chart import CHART_TIERS
-from cltransfer.bench.measures import is_self
+from cltransfer.bench.measures import clip_of, is_self
 from cltransfer.bench.methods import METHODS, config_of, config_text, renderer_override
 from cltransfer.bench.protocol import CROSS, FIRST_SEED, SELF, STARTS, TIERS, Trial, drawn_start
 from cltransfer.bench.trial import Clip
@@ -17,7 +17,8 @@ from cltransfer.shots import SHOTS
 
 FIRST = ["LS", "CU", "LS", "MS", "LS", "CU"]  # where a pan in room-0 begins, by seeds 0 to 5
 TABLE1, CHART = list(TIERS["standard"].clips()), list(CHART_TIERS["standard"].clips([1000, 1001]))  # as published
-TRIAL = Trial("fast", "pan", "plaza-2000", "room-2001", 1000)
+CLIP = ("pan", "plaza-2000", "room-2001", 1000)
+TRIAL = Trial("fast", *CLIP)
 
 
 def test_cma_is_balanced_but_for_the_search_of_its_frames_and_paper_leaves_its_path_as_found():
@@ -120,19 +121,19 @@ def test_the_cameras_of_a_published_clip_stay_where_they_were():
 
 def test_every_method_gets_the_same_clips():
     trials = TIERS["smoke"].trials(["fast", "balanced"])
-    assert [t.clip for t in trials[::2]] == [t.clip for t in trials[1::2]]
+    assert [clip_of(asdict(t)) for t in trials[::2]] == [clip_of(asdict(t)) for t in trials[1::2]]
     assert len(trials) == 6
 
 
 def test_a_key_tells_trials_and_configs_apart():
     others = [
-        Trial("balanced", *TRIAL.clip[:4]),
-        Trial("fast", *TRIAL.clip[:4], options=("steps=2",)),
-        Trial("fast", *TRIAL.clip[:4], frames=8),
-        Trial("fast", "tilt", *TRIAL.clip[1:4]),
+        Trial("balanced", *CLIP),
+        Trial("fast", *CLIP, options=("steps=2",)),
+        Trial("fast", *CLIP, frames=8),
+        Trial("fast", "tilt", *CLIP[1:]),
     ]
     assert len({TRIAL.key(), *(trial.key() for trial in others)}) == 5
-    assert TRIAL.key() == Trial("fast", *TRIAL.clip[:4]).key()
+    assert TRIAL.key() == Trial("fast", *CLIP).key()
     assert TRIAL.key(networks=True) != TRIAL.key()
 
 
@@ -144,7 +145,7 @@ def test_a_row_that_other_networks_read_is_another_one(monkeypatch):
 
 
 def test_a_key_tells_how_far_a_replay_drifts(monkeypatch):
-    trial = Trial("replay_drift", *TRIAL.clip[:4])
+    trial = Trial("replay_drift", *CLIP)
     before = trial.key()
     monkeypatch.setitem(METHODS, "replay_drift", replace(METHODS["replay_drift"], drift=3.0))
     config_text.cache_clear()
@@ -153,7 +154,7 @@ def test_a_key_tells_how_far_a_replay_drifts(monkeypatch):
 
 
 def test_a_key_tells_whether_what_is_replayed_was_rebuilt():
-    keys = {Trial(name, *TRIAL.clip[:4]).key() for name in ("replay", "replay_rebuilt")}
+    keys = {Trial(name, *CLIP).key() for name in ("replay", "replay_rebuilt")}
     texts = {config_text(name, "room-1", 3, ()) for name in ("replay", "replay_rebuilt")}
     assert len(keys) == len(texts) == 2
 
