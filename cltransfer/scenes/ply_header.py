@@ -21,7 +21,7 @@ SIZES = {  # bytes
     **{"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "float32": 4, "float64": 8},
 }
 Table = np.ndarray[Any, np.dtype[Any]]
-_REMARKS = ([b"comment"], [b"obj_info"])  # words that begin a line that may hold anything
+REMARKS = ([b"comment"], [b"obj_info"])  # words that begin a line that may hold anything
 _HINT = "is it a Gaussian-splat PLY?"
 
 
@@ -65,7 +65,7 @@ def check_header(path: Path) -> dict[str, Element]:
         reason = f"longer than {HEADER_LIMIT} bytes" if long else "cut off before 'end_header'"
         crlf = b"\nend_header\r" in start
         raise InputError(path, "header", "expected lines that end in LF, got CR" if crlf else reason)
-    lines = [line for line in header.splitlines()[1:] if line.split()[:1] not in _REMARKS]
+    lines = [line for line in header.splitlines()[1:] if line.split()[:1] not in REMARKS]
     try:
         elements = _parse(path, [line.decode("ascii") for line in lines])
     except UnicodeDecodeError:
@@ -95,12 +95,17 @@ def read_columns(path: Path, elements: Mapping[str, Element], name: str, columns
     return table
 
 
+def header_of(data: bytes) -> bytes:
+    """Bytes of a file before the word that ends its header."""
+    return data[:HEADER_LIMIT].partition(b"end_header")[0]
+
+
 def has_faces(path: Path) -> bool:
     """Whether a PLY says it holds a mesh; False too where it is no PLY or not there, which its reader reports."""
     if not path.is_file():
         return False
     with path.open("rb") as stream:
-        header = stream.read(HEADER_LIMIT).partition(b"end_header")[0]
+        header = header_of(stream.read(HEADER_LIMIT))
     lines = [line.split() for line in header.splitlines()]
     return any(line[:2] == [b"element", b"face"] and line[2:] != [b"0"] for line in lines)
 

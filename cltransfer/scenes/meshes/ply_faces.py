@@ -10,7 +10,8 @@ import numpy as np
 
 from ...computer.array_type import Array
 from ...errors import InputError
-from .ply_remarks import AsciiHeader, header_of, in_utf8, with_remarks
+from ..ply_header import header_of
+from .ply_remarks import AsciiHeader, in_utf8, with_remarks
 from .polygons import fan_of, fans_hold, triangles_of
 
 CORNERS = ("vertex_indices", "vertex_index")

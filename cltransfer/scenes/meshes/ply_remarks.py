@@ -5,16 +5,10 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
-from ..ply_header import FORMAT, HEADER_LIMIT
+from ..ply_header import FORMAT, REMARKS, header_of
 
 _ASCII = bytes(byte if byte < 128 else ord("?") for byte in range(256))
 _FIRST = f"ply\nformat {FORMAT}\n".encode()
-_REMARKS = ([b"comment"], [b"obj_info"])  # words that begin one
-
-
-def header_of(data: bytes) -> bytes:
-    """Bytes of the file before the word that ends its header."""
-    return data[:HEADER_LIMIT].partition(b"end_header")[0]
 
 
 class AsciiHeader(io.BufferedReader):
@@ -44,5 +38,5 @@ def in_utf8(data: bytes) -> bytes:
 def with_remarks(written: memoryview, header: bytes) -> bytes:
     """A little-endian PLY that was ``written`` without remarks, with those of ``header``."""
     lines = in_utf8(header).splitlines()
-    remarks = [line + b"\n" for line in lines if line.split()[:1] in _REMARKS]
+    remarks = [line + b"\n" for line in lines if line.split()[:1] in REMARKS]
     return b"".join([written[: len(_FIRST)], *remarks, written[len(_FIRST) :]])

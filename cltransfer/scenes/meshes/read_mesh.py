@@ -15,7 +15,7 @@ import torch
 from ...computer.array_type import Array
 from ...errors import InputError, ResourceError
 from ...subject import Subject
-from ..ply_header import HEADER_LIMIT
+from ..ply_header import header_of
 from ..steps import check_steps
 from .asset_files import Beside, read_limited
 from .gltf_figure import Skeleton
@@ -131,7 +131,7 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters is raised below
     try:
         # vertices of a PLY are split, and their colours lost, only where there is a texture to be shown
-        split: dict[str, Any] = {"fix_texture": _names_texture(data)} if suffix == ".ply" else {}
+        split: dict[str, Any] = {"fix_texture": b"texturefile" in header_of(data).lower()} if suffix == ".ply" else {}
         scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False, **split)
         if isinstance(files, Beside) and files.refused is not None:
             raise files.refused
@@ -153,11 +153,6 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
     except Exception as error:  # trimesh lets any exception of its parsers through
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
         raise InputError(path, "", f"cannot be read as {suffix[1:]}: {reason}") from None
-
-
-def _names_texture(data: bytes) -> bool:
-    """Whether the header of a PLY names the file of a texture."""
-    return b"texturefile" in data[:HEADER_LIMIT].partition(b"end_header")[0].lower()
 
 
 def _is_invented(visual: Any) -> bool:
