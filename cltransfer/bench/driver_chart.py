@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44", "#66ccee", "#bbbbbb")
+COLORS = ("#4477aa", "#ee6677", "#228833", "#aa3377", "#ccbb44", "#66ccee", "#bbbbbb")
 COSTS = (("evaluations", "evaluations a frame"), ("seconds", "seconds a clip, search"))
 COLUMNS = tuple(field.name for field in fields(Clip))
 LOWEST = 1e-3  # total below which nobody cares
@@ -35,29 +35,29 @@ def driver_csv(clips: Sequence[Clip]) -> str:
 
 def _draw(figure: Figure, clips: Sequence[Clip]) -> None:
     targets = list(dict.fromkeys(clip.target for clip in clips))
-    colours = dict(zip(dict.fromkeys(clip.preset for clip in clips), cycle(COLOURS)))
+    colors = dict(zip(dict.fromkeys(clip.preset for clip in clips), cycle(COLORS)))
     grid = figure.subplots(len(targets), len(COSTS), sharey="row", squeeze=False)
     for row, target in zip(grid, targets):
         for ax, (cost, label) in zip(row, COSTS):
-            _panel(ax, [clip for clip in clips if clip.target == target], cost, colours)
+            _panel(ax, [clip for clip in clips if clip.target == target], cost, colors)
             ax.set_xlabel(label)
         row[0].set_ylabel(f"{target}: mean total of a clip")
     shown = {label: dot for ax in grid[:, 0] for dot, label in zip(*ax.get_legend_handles_labels())}
     grid[0][0].legend(list(shown.values()), list(shown), frameon=False, fontsize=8)
 
 
-def _panel(ax: Axes, clips: Sequence[Clip], cost: str, colours: Mapping[str, str]) -> None:
+def _panel(ax: Axes, clips: Sequence[Clip], cost: str, colors: Mapping[str, str]) -> None:
     """Each clip a dot, each preset's median a ring."""
     from statistics import median
 
     from .plain_axis import plain
 
     for preset in dict.fromkeys(clip.preset for clip in clips):
-        colour = colours[preset]
+        color = colors[preset]
         mine = [clip for clip in clips if clip.preset == preset]
         x, y = [getattr(clip, cost) for clip in mine], [max(clip.total, LOWEST) for clip in mine]
-        ax.scatter(x, y, 9, color=colour, alpha=0.45, linewidths=0, label=preset)
-        ax.scatter([median(x)], [median(y)], 90, facecolors="none", edgecolors=colour, linewidths=2)
+        ax.scatter(x, y, 9, color=color, alpha=0.45, linewidths=0, label=preset)
+        ax.scatter([median(x)], [median(y)], 90, facecolors="none", edgecolors=color, linewidths=2)
     ax.set_xscale("log")
     ax.set_yscale("log")
     plain(ax.xaxis)

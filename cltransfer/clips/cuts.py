@@ -20,7 +20,7 @@ from .source import ClipSource
 SIZE = (32, 18)  # of the small pictures that are compared [px]
 BINS = 8  # of each colour's histogram
 DIFFERENT = 0.45  # one minus correlation of two small pictures, in [0, 2]
-RECOLOURED = 0.08  # part of the pixels that changed their bin
+RECOLORED = 0.08  # part of the pixels that changed their bin
 FLASH = 2  # pictures at most that are no shot where what was seen before is seen after them
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
@@ -63,17 +63,17 @@ def _shots(small: np.ndarray) -> list[tuple[int, int]]:
     if len(shown) < 2:
         return [(int(only), int(only)) for only in shown]
     pictures = small[shown]
-    change, recolour = _changes(pictures[:-1], pictures[1:])
+    change, recolor = _changes(pictures[:-1], pictures[1:])
     if (mixed := _blended(pictures, change)).any():
         shown = shown[~mixed]
         pictures = small[shown]
-        change, recolour = _changes(pictures[:-1], pictures[1:])
+        change, recolor = _changes(pictures[:-1], pictures[1:])
     apart = np.flatnonzero(np.diff(shown) > 1)  # maybe faded: as if their colours were in full
     if len(apart):
-        _, recolour[apart] = _changes(_full_range(pictures[apart]), _full_range(pictures[apart + 1]))
+        _, recolor[apart] = _changes(_full_range(pictures[apart]), _full_range(pictures[apart + 1]))
     told = np.flatnonzero(~_repeats(change))
-    change, recolour = change[told], recolour[told]
-    candidates = np.flatnonzero((change > DIFFERENT) & (recolour > RECOLOURED)).tolist()
+    change, recolor = change[told], recolor[told]
+    candidates = np.flatnonzero((change > DIFFERENT) & (recolor > RECOLORED)).tolist()
     cuts = [k for k in candidates if _stands_out(change, k) and _stays(pictures, told, k)]
     begins = [0, *(int(told[k]) + 1 for k in cuts if not _whips(pictures, told, change, k))]
     return [(int(shown[a]), int(shown[b - 1])) for a, b in pairwise([*begins, len(shown)])]

@@ -47,8 +47,8 @@ def _legend(width: int) -> np.ndarray:
     )
     scale = min(0.5, width / 1300)
     line, x = np.zeros((LEGEND, width, 3), np.uint8), 8
-    for text, colour in words:
-        cv2.putText(line, text, (x, 20), cv2.FONT_HERSHEY_DUPLEX, scale, colour, 1, cv2.LINE_AA)
+    for text, color in words:
+        cv2.putText(line, text, (x, 20), cv2.FONT_HERSHEY_DUPLEX, scale, color, 1, cv2.LINE_AA)
         x += cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)[0][0] + round(48 * scale)
     return line
 

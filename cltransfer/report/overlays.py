@@ -68,7 +68,7 @@ def draw_flow(features: Features, fastest: float) -> np.ndarray:
         (H, W, 3) uint8 RGB, with the wheel of directions in the lower left corner, as far as it fits there.
     """
     flow = features.require("flow")[0].permute(1, 2, 0).numpy()
-    picture = _wheel_colours(flow, fastest)
+    picture = _wheel_colors(flow, fastest)
     side = min(picture.shape[:2])
     radius = min(max(6, side // 8), (side - 2) // 2)
     if radius < 1:
@@ -76,19 +76,19 @@ def draw_flow(features: Features, fastest: float) -> np.ndarray:
     y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1].astype(np.float32)
     inside = x**2 + y**2 <= radius**2
     corner = picture[-2 * radius - 2 : -1, 1 : 2 * radius + 2]
-    corner[inside] = _wheel_colours(np.stack([x, y], -1) * fastest / radius, fastest)[inside]
+    corner[inside] = _wheel_colors(np.stack([x, y], -1) * fastest / radius, fastest)[inside]
     return picture
 
 
-def _wheel_colours(flow: np.ndarray, fastest: float) -> np.ndarray:
+def _wheel_colors(flow: np.ndarray, fastest: float) -> np.ndarray:
     known = np.isfinite(flow).all(-1)
     x, y = np.where(known[..., None], flow, 0.0).astype(np.float32).transpose(2, 0, 1)
     hue = (np.arctan2(y, x) / (2 * math.pi) % 1.0) * 180
     strength = np.clip(np.hypot(x, y) / fastest, 0, 1) * 255
     hsv = np.stack([hue, strength, np.full_like(hue, 255)], -1).astype(np.uint8)
-    colours = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)
-    colours[~known] = 128
-    return colours
+    colors = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)
+    colors[~known] = 128
+    return colors
 
 
 def _box(picture: np.ndarray, box: list[float], thick: int) -> None:
@@ -101,13 +101,13 @@ def _skeleton(picture: np.ndarray, joints: list[list[float]], thick: int) -> Non
     for a, b in BONES:
         if _placed(joints[a]) and _placed(joints[b]):
             sure = min(joints[a][2], joints[b][2]) > VISIBLE
-            colour = _side(a, b) if sure else UNSURE
+            color = _side(a, b) if sure else UNSURE
             start, end = ((round(joints[j][0]), round(joints[j][1])) for j in (a, b))
-            cv2.line(picture, start, end, colour, 2 * thick if sure else thick, cv2.LINE_AA)
+            cv2.line(picture, start, end, color, 2 * thick if sure else thick, cv2.LINE_AA)
     for i, joint in enumerate(joints):
         if _placed(joint):
-            colour = _side(i, i) if joint[2] > VISIBLE else UNSURE
-            cv2.circle(picture, (round(joint[0]), round(joint[1])), 2 * thick + 1, colour, -1, cv2.LINE_AA)
+            color = _side(i, i) if joint[2] > VISIBLE else UNSURE
+            cv2.circle(picture, (round(joint[0]), round(joint[1])), 2 * thick + 1, color, -1, cv2.LINE_AA)
 
 
 def _placed(joint: list[float]) -> bool:
@@ -135,6 +135,6 @@ def _gizmo(picture: np.ndarray, angles: list[float], thick: int) -> None:
         return
     length = GIZMO * min(picture.shape[:2])
     middle = picture.shape[1] - 1.4 * length, picture.shape[0] - 1.4 * length
-    for axis, colour in sorted(zip(body_axes(*angles).tolist(), AXES), key=lambda pair: -pair[0][2]):
+    for axis, color in sorted(zip(body_axes(*angles).tolist(), AXES), key=lambda pair: -pair[0][2]):
         tip = round(middle[0] + length * axis[0]), round(middle[1] + length * axis[1])
-        cv2.arrowedLine(picture, (round(middle[0]), round(middle[1])), tip, colour, 2 * thick, cv2.LINE_AA, 0, 0.2)
+        cv2.arrowedLine(picture, (round(middle[0]), round(middle[1])), tip, color, 2 * thick, cv2.LINE_AA, 0, 0.2)

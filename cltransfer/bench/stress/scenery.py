@@ -34,9 +34,9 @@ def floaters(case: Case, count: float, rng: np.random.Generator) -> Case:
     offset = offset + (upward.abs() - upward)[:, None] * subject.up  # none below the ground
     sizes = torch.from_numpy(rng.uniform(0.04, 0.16, (n, 1))).expand(n, 3)
     opacity = torch.from_numpy(rng.uniform(0.5, 0.9, n))
-    colour = torch.from_numpy(rng.uniform(0, 1, (n, 3)))
+    color = torch.from_numpy(rng.uniform(0, 1, (n, 3)))
     means = subject.anchor + subject.height * offset
-    return _with(case, _add(_splats(case), means, subject.height * sizes, opacity, colour))
+    return _with(case, _add(_splats(case), means, subject.height * sizes, opacity, color))
 
 
 def occluder(case: Case, width: float, rng: np.random.Generator) -> Case:
@@ -69,10 +69,10 @@ def _splats(case: Case) -> Splats:
     return geometry
 
 
-def _add(splats: Splats, means: Tensor, scales: Tensor, opacity: Tensor, colour: Tensor) -> Splats:
+def _add(splats: Splats, means: Tensor, scales: Tensor, opacity: Tensor, color: Tensor) -> Splats:
     """The splats and M more, unturned, of one colour (M, 3) in [0, 1] each, none of them the person."""
     sh = torch.zeros(len(means), *splats.sh.shape[1:], dtype=torch.float64)
-    sh[:, 0] = (colour - 0.5) / SH0
+    sh[:, 0] = (color - 0.5) / SH0
     quats = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64).expand(len(means), 4)
     more = Splats(means, scales, quats, opacity, sh, torch.zeros(len(means)))
     return joined(splats, replace(more, **{name: getattr(more, name).to(getattr(splats, name)) for name in PARTS}))

@@ -43,9 +43,7 @@ def with_glow(path: Path, tree: dict[str, Any]) -> dict[str, Any]:
             passed_over.append(str(about.get("name", index)))
     if passed_over:
         _log.warning("%s: emission of material %s: %s", path, named(passed_over), _PASSED_OVER)
-    meshes = [
-        {**mesh, "primitives": [_uncoloured(one, solid) for one in mesh["primitives"]]} for mesh in tree["meshes"]
-    ]
+    meshes = [{**mesh, "primitives": [_uncolored(one, solid) for one in mesh["primitives"]]} for mesh in tree["meshes"]]
     return {**tree, "materials": materials, "meshes": meshes} if materials else tree
 
 
@@ -94,7 +92,7 @@ def _glowing(about: dict[str, Any], light: list[float]) -> dict[str, Any]:
     return {**kept, "pbrMetallicRoughness": {**base, **image}, "extensions": extensions, **whole}
 
 
-def _uncoloured(primitive: dict[str, Any], solid: set[int]) -> dict[str, Any]:
+def _uncolored(primitive: dict[str, Any], solid: set[int]) -> dict[str, Any]:
     """Without the colours of its vertices, which multiply a base colour and no light, where a material is ``solid``."""
     if primitive.get("material") not in solid:
         return primitive

@@ -91,7 +91,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
         check_images(files.libraries, visuals)
         tell_passed_over(files.libraries, visuals)
         looks = looks_of(visuals)
-        visuals = [_with_vertex_colours(geometry, looks) for _, _, geometry in found]
+        visuals = [_with_vertex_colors(geometry, looks) for _, _, geometry in found]
     least = {name: look.least for name, look in looks.items()}
     textures = Textures(path, [getattr(visual, "material", None) for visual in visuals], least)
     parts = [_part(path, looks, textures, *part) for part in found]
@@ -146,7 +146,7 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
                 if suffix == ".ply" and (invented or visual.kind in ("face", "vertex")):
                     geometry.visual = own_visual(path, geometry)
                 elif invented:
-                    geometry.visual = _own_colours(geometry)
+                    geometry.visual = _own_colors(geometry)
                 yield str(node), transform, geometry
     except (InputError, ResourceError, MemoryError):
         raise
@@ -161,16 +161,16 @@ def _is_invented(visual: Any) -> bool:
     return image is not None and image.format is None
 
 
-def _with_vertex_colours(geometry: Any, looks: Mapping[str, Look]) -> Any:
+def _with_vertex_colors(geometry: Any, looks: Mapping[str, Look]) -> Any:
     """The look of an OBJ: the colours of its vertices, if any, where its material is drawn without an image."""
     material = getattr(geometry.visual, "material", None)
     bare = material is not None and image_of(material) is None and looks[material.name].cutoff == 0
     if bare and geometry.vertex_attributes.get("color") is not None:
-        geometry.visual = _own_colours(geometry)
+        geometry.visual = _own_colors(geometry)
     return geometry.visual
 
 
-def _own_colours(geometry: Any) -> Any:
+def _own_colors(geometry: Any) -> Any:
     """The look of an OBJ as it were without texture coordinates."""
     from trimesh.visual import create_visual
 
