@@ -65,7 +65,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         schedule=job.schedule,
         note=note,
         noise=job.noise,
-        read_by="image" if job.by_networks or config.extract.inner == "image" else "geometry",
+        family="image" if job.by_networks or config.extract.inner == "image" else "scene",
         spent=stage.spent,
         seconds=clock.seconds,
         alignment=job.alignment,

@@ -69,13 +69,13 @@ def _poor(result: Result) -> Iterator[Flag]:
     elif total > WORSE * held.total:
         yield Flag(None, f"worse than the first view held still: the total is {total:.3g} for {held.total:.3g}")
     read = result.kept.shown.features
-    gone = nobody(read) & ~nobody(result.reference.features) & (result.read_by == "image")
+    gone = nobody(read) & ~nobody(result.reference.features) & (result.family == "image")
     if bool(gone.any()):
         frames = f"{int(gone.sum())} of {len(read)} frames"
         told = f"the networks see nobody in {frames} of the render, and each term that is missing costs its penalty"
         yield Flag(None, f"{told}: the total is {total:.3g}, for {searched:.3g} in the search")
     elif total > OTHERWISE * searched + MUCH:
-        where = "as it is read back, " if result.read_by == "image" else ""
+        where = "as it is read back, " if result.family == "image" else ""
         told = f"the total is {total:.3g}, {where}for {searched:.3g} in the search, most of it {_most(result)}"
         yield Flag(None, f"{told}: the search and the reading do not see the same")
 

@@ -110,7 +110,7 @@ def report_data(folder: Path, result: Result, inputs: Inputs, plugins: Sequence[
     totals = [round(attempt.shown.scores.total, 4) for attempt in result.attempts]
     spent["noise floor"] = round(result.noise, 4)
     spent["total by round"] = ", ".join(map(str, totals)) + (f" (kept {result.best + 1})" if len(totals) > 1 else "")
-    spent["read by"] = "networks" if result.read_by == "image" else "geometry"
+    spent["read by"] = "networks" if result.family == "image" else "geometry"
     spent["total in the search"] = round(result.searched.total, 4)
     return ReportData(
         title=f"{result.reference.name} in {result.scene.name}",

@@ -10,6 +10,7 @@ from torch import Tensor
 from ..driver.schedule import Schedule
 from ..driver.stage import Spent
 from ..pipeline.objective import Objective
+from ..pipeline.plan import Family
 from ..pipeline.scores import Scores
 from ..reading.depth_alignment import DepthAlignment
 from ..reading.reference import Reference
@@ -36,7 +37,7 @@ class Result:
         note: why there were fewer rounds than the config asks for; empty where there were not, and where geometry read
             the reference, so that there is no bias to correct.
         noise: total that cannot be told apart, because networks read both sides; 0 where geometry did.
-        read_by: image (networks read the result too) or geometry (a scene taught a scene, or ``extract.verify=false``).
+        family: which extractors read the result: image (networks) or scene (geometry, as of ``extract.verify=false``).
         spent: what it cost.
         seconds: by step.
         alignment: of the depth network, where the scene told it.
@@ -56,7 +57,7 @@ class Result:
     schedule: Schedule
     note: str
     noise: float
-    read_by: str
+    family: Family
     spent: Spent
     seconds: dict[str, float]
     alignment: DepthAlignment | None = None

@@ -73,7 +73,7 @@ def test_a_known_bias_is_aimed_off_once_and_the_networks_read_less_of_it(transfe
     result = transferred(5, "preset=fast", "extract.corrections=1")
     first, second = means(result)
     assert second < 0.8 * first
-    assert (result.best, result.note, result.read_by) == (1, "", "image")
+    assert (result.best, result.note, result.family) == (1, "", "image")
     assert float(result.verified.totals.mean()) == second
     assert torch.equal(result.image, result.attempts[1].shown.image)
     assert not torch.equal(result.image, result.attempts[0].shown.image)
@@ -130,7 +130,7 @@ def test_the_papers_setting_has_every_candidate_read_by_networks(transferred: Tr
     assert spent.network_passes == PASSES * spent.renders + 2 * PASSES
     assert spent.network_passes > PASSES * spent.evaluations
     assert spent.evaluations < sum(looks) <= spent.network_passes + 2 * PASSES  # no pose where nobody is found
-    assert (len(result.attempts), result.read_by) == (1, "image")  # no bias between two networks
+    assert (len(result.attempts), result.family) == (1, "image")  # no bias between two networks
     assert result.note == "no correction: extract.inner=image searches by the networks themselves"
     assert all(term.defined for term in result.verified.terms if term.name != "filmic_space")
 
@@ -197,4 +197,4 @@ def test_presets_that_no_other_test_runs_come_nearer_than_standing_still(preset:
     assert all(term.defined for term in result.verified.terms)
     assert float(result.verified.totals.mean()) < float(result.held.totals.mean())
     assert result.spent.generations > 0
-    assert (result.spent.network_passes, len(result.attempts), result.read_by) == (0, 1, "geometry")
+    assert (result.spent.network_passes, len(result.attempts), result.family) == (0, 1, "scene")

@@ -278,7 +278,7 @@ def test_that_nobody_is_read_in_the_render_is_told(plain: Result) -> None:
     )
     scores = replace(shown.scores, terms=terms, totals=torch.full((2,), 62.0))
     gone = replace(shown, read=replace(shown.read, features=replace(shown.features, keypoints=points), scores=scores))
-    told = [flag.reason for flag in run_flags(kept(replace(plain, read_by="image"), shown=gone)) if flag.frame is None]
+    told = [flag.reason for flag in run_flags(kept(replace(plain, family="image"), shown=gone)) if flag.frame is None]
     assert [
         reason for reason in told if "see nobody in 2 of 2 frames of the render" in reason and "total is 62" in reason
     ]
