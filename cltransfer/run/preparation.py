@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..along_clip import places
-from ..camera import fitted_size, resized
+from ..camera import Camera, fitted_size, resized
 from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
 from ..drawing import check_renderer
@@ -81,6 +81,20 @@ class Job:
         return 0 if left is whole else len(whole.geometry) - len(left.geometry)
 
 
+@dataclass(frozen=True)
+class _Given:
+    """What a transfer is given, read."""
+
+    parts: Components  # that read the reference
+    family: Family  # of the extractors that the search asks
+    scene: Scene  # with its person where one is needed
+    view: Camera | None  # that a start was named by
+    reference: Reference
+    wanted: Features  # see :class:`Job`
+    by_networks: bool  # whether networks read the result
+    alignment: DepthAlignment | None
+
+
 def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress, record: Record | None) -> Job:
     """Everything a search starts from.
 
@@ -92,10 +106,44 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     """
     own_code()  # of the journal: as it lies here before anything is read, which takes its time
     set_threads(config.threads or default_count())
-    parts = Components.build(config)
-    family: Family = "scene" if config.extract.inner == "geometric" else "image"
-    search = config.build_one("search")
+    parts, search = Components.build(config), config.build_one("search")
     _check_still(config, search)
+    given = _read(inputs, config, parts, search, clock, progress)
+    parts, scene, reference, wanted = given.parts, given.scene, given.reference, given.wanted
+    solid = scene
+    if config.floaters == "drop":
+        solid = without_floaters(scene)
+        clock.lap("floaters")
+    stage = _stage(config, parts, scene, reference, given.family)
+    output = fitted_size(reference.features.size, config.output_side)
+    check_result(len(reference), output)  # rather than after the search
+    if record is not None:
+        held = {} if given.view is None else {VIEW: fingerprint(given.view)}
+        header = run_header(inputs, config, parts, search, scene, reference) | held
+        stage = replace(stage, journal=record.open(header))
+    noise = noise_floor(stage.objective, reference.features, wanted, reference.times)
+    schedule = make_schedule(config, search, stage.objective, wanted, noise)
+    view = None if given.view is None else resized(given.view, output)
+    home = any_view(scene.subject, output) if view is None and scene.subject is not None else view
+    if home is not None:
+        check_search(search, home, scene.subject)
+    if view is not None and search.needs_subject and scene.subject is not None:
+        tell_turned_away(inputs.init, view, scene.subject)
+    at = places(reference.times)
+    starting = Starting(search, schedule, config.guide, view, output, reference.family == "image", at)
+    starts = starting.starts(replace(stage, scene=solid), wanted)
+    clock.lap("initial view")
+    return Job(
+        parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts,
+        given.by_networks, given.alignment,
+    )  # fmt: skip
+
+
+def _read(
+    inputs: Inputs, config: RunConfig, parts: Components, search: Any, clock: Clock, progress: Progress
+) -> _Given:
+    """Scene, first view, reference and person, each as soon as what is wrong with it can show."""
+    family: Family = "scene" if config.extract.inner == "geometric" else "image"
     scene = given_scene(inputs)  # read before the reference: what is wrong with it shows at once
     check_renderer(parts.renderer, scene)
     if config.lod > 0:
@@ -114,41 +162,16 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     by_networks = reference.family == "image" and config.extract.verify
     if by_networks or family == "image":
         parts.plan("image").load_networks()
-    at = places(reference.times)
     wanted = reference.features
     if reference.family == "image":
-        wanted = cleaned(wanted, config.clean, at, reference.times)
+        wanted = cleaned(wanted, config.clean, places(reference.times), reference.times)
     for step in parts.plan(family, reference.features.names()).steps:
         check_single(step)  # rather than at the first candidate
     clock.lap("reference")
     if family == "scene" or search.needs_subject or view is None or isinstance(inputs.subject, int):
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))
         clock.lap("lift")
-    solid = scene
-    if config.floaters == "drop":
-        solid = without_floaters(scene)
-        clock.lap("floaters")
-    stage = _stage(config, parts, scene, reference, family)
-    output = fitted_size(reference.features.size, config.output_side)
-    check_result(len(reference), output)  # rather than after the search
-    if record is not None:
-        held = {} if view is None else {VIEW: fingerprint(view)}
-        header = run_header(inputs, config, parts, search, scene, reference) | held
-        stage = replace(stage, journal=record.open(header))
-    noise = noise_floor(stage.objective, reference.features, wanted, reference.times)
-    schedule = make_schedule(config, search, stage.objective, wanted, noise)
-    given, read = None if view is None else resized(view, output), reference.family == "image"
-    home = any_view(scene.subject, output) if given is None and scene.subject is not None else given
-    if home is not None:
-        check_search(search, home, scene.subject)
-    if given is not None and search.needs_subject and scene.subject is not None:
-        tell_turned_away(inputs.init, given, scene.subject)
-    starting = Starting(search, schedule, config.guide, given, output, read, at)
-    starts = starting.starts(replace(stage, scene=solid), wanted)
-    clock.lap("initial view")
-    return Job(
-        parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts, by_networks, alignment
-    )
+    return _Given(parts, family, scene, view, reference, wanted, by_networks, alignment)
 
 
 def _check_still(config: RunConfig, search: Any) -> None:
