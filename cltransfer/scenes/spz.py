@@ -15,6 +15,7 @@ import numpy as np
 
 from ..computer.array_type import Array
 from ..errors import InputError
+from ..storage.files import check_size
 from .columns import Columns, affordable_degree, drawable
 from .splats import Splats
 
@@ -52,10 +53,7 @@ def read_spz(path: Path) -> Splats:
         InputError: the file is missing, damaged, of another version, or holds more or less than its header says.
         ResourceError: it does not fit in memory even without harmonics.
     """
-    if not path.is_file():
-        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
-    if path.stat().st_size > BYTE_LIMIT:
-        raise InputError(path, "size", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
+    check_size(path, BYTE_LIMIT)
     stream = zlib.decompressobj(wbits=31)
     with path.open("rb") as packed:
         header = _header(path, _inflated(path, stream, packed, HEADER.size))

@@ -9,6 +9,7 @@ from urllib.parse import unquote
 
 from ...computer.memory import require_free
 from ...errors import CltransferError, InputError, ResourceError
+from ...storage.files import check_size
 
 LIMIT = 2**30  # bytes of one file
 
@@ -40,13 +41,10 @@ def read_limited(path: Path, limit: int = LIMIT) -> bytes:
         InputError: it is no file, empty, or larger than ``limit`` bytes.
         ResourceError: it is larger than what is free.
     """
-    if not path.is_file():
-        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
+    check_size(path, limit)
     size = path.stat().st_size
     if size == 0:
         raise InputError(path, "", "file is empty")
-    if size > limit:
-        raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
     require_free(size, path, "its bytes", "make the file smaller")
     return path.read_bytes()
 

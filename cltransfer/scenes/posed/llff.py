@@ -10,6 +10,7 @@ import numpy as np
 from ...clips.decoding import IMAGE_SUFFIXES
 from ...computer.array_type import Array
 from ...errors import InputError
+from ...storage.files import check_size
 from . import PosedImages
 from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, names_in, posed_images, rigid
 
@@ -44,10 +45,7 @@ def read_llff(path: Path) -> PosedImages:
 
 
 def _rows(path: Path) -> Array:
-    if not path.is_file():
-        raise InputError(path, "", "no such file")
-    if path.stat().st_size > BYTE_LIMIT:
-        raise InputError(path, "", f"expected at most {BYTE_LIMIT} bytes, got {path.stat().st_size}")
+    check_size(path, BYTE_LIMIT)
     try:
         rows = np.lib.format.open_memmap(path, mode="r")  # by map: a shape larger than the file is refused
     except (ValueError, OSError, OverflowError, TokenError, MemoryError, RecursionError) as error:
