@@ -31,7 +31,8 @@ class Extractor(Protocol):
     #   doubts_boxes: True if it gives NaN of a box in which nobody is: where all that read a ``box`` do, frames in
     #     which the detector loses the person have one that is guessed
     #   network: what it runs, a cached_property, looked at before any frame is read so that it is loaded by then
-    #   whole_clip: True if it reads whole clips only; it then has, instead of __call__,
+    #   whole_clip: True if it reads whole clips only, as `evaluate` does: a search, which looks at single renders,
+    #     refuses it where no scene extractor provides the same. It then has, instead of __call__,
     #     read_clip(found, load) -> found with what it provides, or with the reasons why not: ``found`` has the N frames
     #     without pixels, ``load(start, stop)`` gives the pixels of a few
 

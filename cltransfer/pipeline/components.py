@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..config.options import RunConfig
@@ -12,8 +12,9 @@ from ..features import NAMES
 from ..registry import EXTRACTORS
 from ..registry.declared import names_of
 from ..registry.typed import nearest
+from .graph import check_single
 from .objective import Objective
-from .plan import CLIP_SOURCE, Family, Plan, make_plan
+from .plan import CLIP_SOURCE, Family, Plan, Step, make_plan
 
 SCENE_SOURCE = frozenset({"camera", "person"})
 
@@ -85,6 +86,25 @@ class Components:
                 wanted.update(loss.requires)
                 uses.update(getattr(loss, "uses", ()))
         return make_plan(frozenset(wanted), self.extractors, source, family, shared, frozenset(uses))
+
+    def check_single(self, family: Family, shared: frozenset[str]) -> None:
+        """Refuse an extractor of whole clips that a search would read renders by; ``shared`` as in :meth:`plan`.
+
+        Raises:
+            UsageError: there is one; what to do without it is told.
+        """
+        for step in self.plan(family, shared).steps:
+            check_single(step, self._without(step, family, shared) if step.whole_clip else "")
+
+    def _without(self, step: Step, family: Family, shared: frozenset[str]) -> str:
+        """How a search does without an extractor of whole clips: by the scene itself, or without what needs it."""
+        if family == "image" and not self.plan("scene", shared).reads_whole_clip:
+            return "use extract.inner=geometric"
+        alone = {name: replace(self, losses={name: loss}).plan(family, shared) for name, loss in self.losses.items()}
+        asking = [f"losses.{n}" for n, plan in alone.items() if any(one.name == step.name for one in plan.steps)]
+        given = " and ".join(map(repr, step.extractor.provides))
+        without = " and ".join(asking) or f"extractors.{step.name}"
+        return f"leave out {without}, which `evaluate` takes, or provide {given} by a scene extractor"
 
 
 def _asked(kind: str, parts: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

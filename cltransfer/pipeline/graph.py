@@ -18,14 +18,13 @@ CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB
 Load = Callable[[int, int], Features]
 
 
-def check_single(step: Step) -> None:
-    """Refuse an extractor that single renders cannot be read by.
+def check_single(step: Step, hint: str = "") -> None:
+    """Refuse an extractor that single renders cannot be read by; ``hint`` tells what to do without it.
 
     Raises:
         UsageError: it reads whole clips only.
     """
     if step.whole_clip:
-        hint = "use extract.inner=geometric"
         raise UsageError("", f"extractor {step.name}", "reads a whole clip, not single renders", hint)
 
 

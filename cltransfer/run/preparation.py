@@ -24,7 +24,6 @@ from ..driver.starts import Starting, Starts
 from ..errors import UsageError
 from ..features import Features
 from ..pipeline.components import Components
-from ..pipeline.graph import check_single
 from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
 from ..pipeline.scores import frame_totals
@@ -165,8 +164,7 @@ def _read(
     wanted = reference.features
     if reference.family == "image":
         wanted = cleaned(wanted, config.clean, places(reference.times), reference.times)
-    for step in parts.plan(family, reference.features.names()).steps:
-        check_single(step)  # rather than at the first candidate
+    parts.check_single(family, reference.features.names())  # rather than at the first candidate
     clock.lap("reference")
     if family == "scene" or search.needs_subject or view is None or isinstance(inputs.subject, int):
         scene = lift(scene, progress=lambda step: progress(step, 0, 0))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import pytest
 
 from cltransfer.config import load_config
-from cltransfer.errors import ModelError
+from cltransfer.errors import ModelError, UsageError
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.plan import Plan, Step
 from cltransfer.registry import EXTRACTORS, LOSSES
@@ -116,6 +116,27 @@ def test_what_compares_neighbouring_frames_is_told_by_the_extractors_not_by_a_na
     whole = type("Gazer", (), {"provides": ("gaze",), "requires": ("flow",), "whole_clip": True})()
     moved = replace(parts, extractors={**parts.extractors, "gazer": whole})
     assert not moved.objective.moves(moved.losses["mine"])
+
+
+def test_an_extractor_of_whole_clips_is_refused_with_what_a_search_does_without_it(loss: Callable[..., None]) -> None:
+    whole = {"requires": ("image",), "family": "image", "whole_clip": True, "read_clip": method}
+    drift, told = _frozen({**whole, "provides": ("drift",)})(), r"^extractor drift: reads a whole clip, .* \(%s"
+    loss("drift")
+    EXTRACTORS.register("drift")(type(drift))
+    try:
+        parts = Components.build(load_config(overrides=[*MINE, "extractors.drift={}"]))
+    finally:
+        EXTRACTORS._classes.pop("drift")
+    shared = parts.plan("image").wanted
+    without = r"leave out losses\.mine, which `evaluate` takes, or provide 'drift' by a scene extractor\)$"
+    for family in ("scene", "image"):
+        with pytest.raises(UsageError, match=told % without):
+            parts.check_single(family, shared)
+    known = _frozen({"requires": ("person",), "family": "scene", "provides": ("drift",), "__call__": method})()
+    beside = replace(parts, extractors={**parts.extractors, "known": known})
+    beside.check_single("scene", shared)
+    with pytest.raises(UsageError, match=told % r"use extract\.inner=geometric\)$"):
+        beside.check_single("image", shared)
 
 
 def test_of_a_clip_without_depth_what_would_read_it_is_named() -> None:
