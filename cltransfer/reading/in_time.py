@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -41,14 +42,14 @@ class InTime:
 def in_time(plan: Plan, original: Tensor, shown: Tensor) -> Plan:
     """``plan`` for frames whose steps take ``shown`` [s], with the flow of steps of ``original`` [s], (N - 1,) each.
 
-    What is read from flow is read from that, but for what reads whole clips. Steps that differ by no more than their
-    times are rounded are the same.
+    What is read from flow is read from that, but for what reads whole clips, which may be geometry. Steps that differ
+    by no more than their times are rounded are the same.
     """
     if not in_other_steps(original, shown) or not any("flow" in step.extractor.provides for step in plan.steps):
         return plan
     other = _other(original, shown)
     share = torch.cat([torch.ones(1, dtype=original.dtype), torch.where(other, original / shown, 1.0)])
-    after = _after(plan, {"flow"})
+    after = _in_time(plan)
     before = [step for step in plan.steps if step not in after]
     return replace(plan, steps=(*before, Step("in_time", InTime(share)), *after))
 
@@ -85,12 +86,20 @@ def own_steps(plan: Plan, losses: Mapping[str, Any]) -> list[str]:
     return [name for name, loss in losses.items() if not names.isdisjoint(loss.requires)]
 
 
-def _after(plan: Plan, names: set[str]) -> list[Step]:
-    """Steps that follow from any of ``names``, in order."""
+def _in_time(plan: Plan) -> list[Step]:
+    """Steps that are to have the flow of other steps in time, or follow from some that have, in order."""
+    return _after(plan, {"flow"}, {"flow"})
+
+
+def _after(plan: Plan, names: set[str], whole: AbstractSet[str] = frozenset()) -> list[Step]:
+    """Steps that follow from any of ``names``, in order; those that read whole clips from others than ``whole``."""
     known, found = set(names), []
     for step in plan.steps:
-        takes = {*step.extractor.requires, *getattr(step.extractor, "uses", ())} - set(step.hidden)
-        if not step.whole_clip and not known.isdisjoint(takes):
+        if not known.isdisjoint(_takes(step) - whole if step.whole_clip else _takes(step)):
             known.update(step.extractor.provides)
             found.append(step)
     return found
+
+
+def _takes(step: Step) -> set[str]:
+    return {*step.extractor.requires, *getattr(step.extractor, "uses", ())} - set(step.hidden)

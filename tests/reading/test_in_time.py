@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -77,6 +77,21 @@ class Twice:
 
 
 @dataclass(frozen=True)
+class Sum:
+    """Of all that a clip has of a feature, in every frame; of a flow by its largest component."""
+
+    requires: tuple[str, ...] = ("speed",)
+    provides: tuple[str, ...] = ("sum",)
+
+    family: ClassVar[str] = "image"
+    whole_clip: ClassVar[bool] = True
+
+    def read_clip(self, found: Features, load: Callable[[int, int], Features]) -> Features:
+        rows = found.require(self.requires[0]).reshape(len(found), -1).amax(1)
+        return found.having(self.provides[0], rows.nansum().expand(len(found)))
+
+
+@dataclass(frozen=True)
 class Differs:
     """Of a feature, by its absolute difference."""
 
@@ -94,7 +109,15 @@ class Differs:
         return (rendered.require(self.of) - reference.require(self.of)).abs()
 
 
-ALL = {"still": Still(), "speed": Speed(), "brighter": Brighter(), "twice": Twice()}
+ALL = {
+    "still": Still(),
+    "speed": Speed(),
+    "brighter": Brighter(),
+    "twice": Twice(),
+    "sum": Sum(),
+    "path": Sum(("flow",), ("path",)),
+    "bright": Sum(("brighter",), ("bright",)),
+}
 
 
 def plan(*wanted: str) -> Plan:
@@ -111,6 +134,13 @@ def test_what_is_read_from_flow_is_read_from_that_of_the_reference_s_steps() -> 
     assert found.require("speed").tolist() == [1.0, 1.0, 0.5]
     assert in_time(plan("brighter"), EQUAL, SLOWER) == plan("brighter")
     assert in_time(plan("speed"), EQUAL, EQUAL + 0.001) == plan("speed")  # by which times are rounded
+
+
+def test_a_reader_of_whole_clips_has_what_others_read_from_the_flow_of_the_reference_s_steps() -> None:
+    found = run_clip(
+        in_time(plan("sum"), EQUAL, SLOWER), lambda a, b: Features((4, 3), image=torch.rand(b - a, 3, 3, 4)), 3
+    )
+    assert found.require("sum").tolist() == [2.5] * 3
 
 
 def rate(frames: float, tick: float | None = None) -> Tensor:
