@@ -79,8 +79,12 @@ def _rounded(steps: Tensor) -> bool:
 
 
 def own_steps(plan: Plan, losses: Mapping[str, Any]) -> list[str]:
-    """Losses that compare what is read from two frames of each side and is no flow, which nobody can put in time."""
+    """Losses that compare what is read from two frames of each side and is no flow, which nobody can put in time.
+
+    So is what a reader of whole clips makes of a flow that stays as it is.
+    """
     between = [step for step in plan.steps if getattr(step.extractor, "needs_before", False)]
+    between += [step for step in plan.steps if "flow" in _takes(step) and step not in _in_time(plan)]
     names = {name for step in between if "flow" not in step.extractor.provides for name in step.extractor.provides}
     names |= {name for step in _after(plan, names) for name in step.extractor.provides}
     return [name for name, loss in losses.items() if not names.isdisjoint(loss.requires)]

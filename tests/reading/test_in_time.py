@@ -174,6 +174,8 @@ def test_steps_of_high_rates_are_told_apart_as_far_as_their_times_tell(
 def test_what_compares_two_frames_and_is_no_flow_is_in_nobody_s_time() -> None:
     losses = {name: Differs(name) for name in ("speed", "brighter", "twice")}
     assert own_steps(plan("speed", "twice"), losses) == ["brighter", "twice"]
+    losses = {name: Differs(name) for name in ("sum", "path", "bright")}
+    assert own_steps(plan("sum", "path", "bright"), losses) == ["path", "bright"]  # a sum is of flow in time
     assert (in_other_steps(EQUAL, SLOWER), in_other_steps(EQUAL, EQUAL + 0.001)) == (True, False)
 
 
