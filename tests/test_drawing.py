@@ -138,7 +138,10 @@ NOT_ALL = r"\(draw every camera, at cameras.size, and return camera=cameras\)$"
             r"expected image, .* image must be RGB in \[0, 1\], got torch.uint8;",
         ),
         ({"depth": torch.zeros(2, 18, 32).int()}, r"expected depth in floating point, .* \(return depth.float\(\)\)$"),
-        ({"image": torch.full((2, 3, 18, 32), torch.nan)}, r"expected an image of finite numbers, got NaN or infinity"),
+        (
+            {"image": torch.full((2, 3, 18, 32), torch.nan)},
+            r"expected image in \[0, 1\], got NaN \(0 where nothing is\)$",
+        ),
         (
             {"depth": torch.zeros(2, 18, 32, device="meta")},
             r"expected depth on the CPU, got meta \(return depth.cpu\(\)\)$",
@@ -155,3 +158,33 @@ def test_what_is_no_frame_of_the_cameras_is_refused_under_the_name_that_a_config
     buffers = frozenset(given.keys() & {"image", "depth"} if given["image"] is not None else ())
     with pytest.raises(ModelError, match=f"^renderer odd_one: {line}"):
         drawn_by(Odd(lambda cameras: Features(**given)), scene, path.camera, buffers)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "line"),
+    [
+        ("image", 255.0, r"image in \[0, 1\], got 0.5 to 255 \(return image.clamp\(0, 1\), or image / 255 of bytes\)"),
+        ("label", -0.25, r"label in \[0, 1\], got -0.25 to 0.5 \("),
+        ("alpha", torch.nan, r"alpha in \[0, 1\], got NaN \(0 where nothing is\)"),
+        ("depth", -2.0, "depth above 0, and NaN where nothing is, got -2$"),
+        ("depth", 0.0, "depth above 0, and NaN where nothing is, got 0$"),
+        ("expected_depth", torch.inf, "expected_depth above 0, and NaN where nothing is, got inf$"),
+    ],
+)
+def test_values_that_no_camera_sees_are_refused_though_one_pixel_alone_has_them(
+    name: str, value: float, line: str
+) -> None:
+    scene, path = builtin_scene("courtyard"), builtin_reference("static", SIZE, 2)[1]
+    given = torch.full((2, 3, 18, 32) if name == "image" else (2, 18, 32), 0.5)
+    odd = Odd(lambda cameras: Features(SIZE, **{name: given}, camera=cameras, person=scene.subject))
+    drawn_by(odd, scene, path.camera, frozenset({name}))
+    given[1, ..., 3, 4] = value
+    with pytest.raises(ModelError, match=f"^renderer Odd: expected {line}"):
+        drawn_by(odd, scene, path.camera, frozenset({name}))
+
+
+def test_what_rounding_leaves_and_a_depth_where_nothing_is_are_taken() -> None:
+    scene, path = builtin_scene("courtyard"), builtin_reference("static", SIZE, 1)[1]
+    depth, label = torch.full((1, 18, 32), torch.nan), torch.full((1, 18, 32), 1.0005)
+    odd = Odd(lambda cameras: Features(SIZE, depth=depth, label=label, camera=cameras, person=scene.subject))
+    assert drawn_by(odd, scene, path.camera, frozenset({"depth", "label"})).depth is depth
