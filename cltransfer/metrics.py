@@ -23,7 +23,8 @@ from torchmetrics import Metric, MetricCollection
 
 from .features import Features, check_pair
 from .losses.camera_movement import weight_note
-from .pipeline.objective import Objective, values
+from .pipeline.answers import values
+from .pipeline.objective import Objective
 from .pipeline.scores import frame_totals
 from .registry import LOSSES
 

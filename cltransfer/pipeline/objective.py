@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..errors import ModelError, named
+from ..errors import ModelError
 from ..features import Features
-
-ROUNDED = 1e-6  # below 0, that a difference of equal things may come to
+from .answers import LOOKS, answer, check_sum, residuals_of, values
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Objective:
     losses: Mapping[str, Any]
     moving: frozenset[str] = frozenset({"flow"})
     silent: frozenset[str] = frozenset()
+    _looks: Counter[str] = field(default_factory=Counter, init=False, repr=False, compare=False)  # by loss
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -171,7 +172,7 @@ class Objective:
             defined: which terms the reference has, (L,) bool; the others leave zeros.
 
         Raises:
-            ModelError: a loss fails, or gives anything but (B, R) residuals.
+            ModelError: a loss fails, gives anything but (B, R) residuals, or at first some that are not of its value.
         """
         parts, groups = [], self._groups
         for (name, loss), there in zip(self.losses.items(), defined.tolist()):
@@ -181,12 +182,21 @@ class Objective:
             if any(not rendered.has(name) for name in loss.requires):
                 part = torch.full((len(rendered), len(loss.groups)), torch.nan, dtype=torch.float64)
             else:
-                part = _residuals(loss, name, (reference, rendered), len(rendered))
+                part = residuals_of(loss, name, (reference, rendered), len(rendered))
+                self._check_sum(name, (reference, rendered), part)
             lost = ~torch.isfinite(part).all(1)
             part = part.masked_fill(lost[:, None], 0.0)
             part[lost, 0] = loss.penalty
             parts.append(loss.weight * part)
         return torch.cat(parts, dim=1)
+
+    def _check_sum(self, name: str, sides: tuple[Features, Features], part: Tensor) -> None:
+        """Hold the residuals (B, R) of a loss against its value: of the first views that tell, which takes one call."""
+        loss = self.losses[name]
+        if loss.weight > 0 and self._looks[name] < LOOKS:
+            norms = group_norms(part, torch.tensor(loss.groups)).sum(1)
+            told = check_sum(loss, name, values(loss, sides, len(part), f"loss {name!r}"), norms)
+            self._looks[name] += LOOKS if told else 1
 
     def check_residuals(self, reference: Features, defined: Tensor) -> None:
         """Refuse a loss whose residuals are NaN where its value is known: a search would not see it, nor say so.
@@ -202,7 +212,7 @@ class Objective:
             if not (hasattr(loss, "residuals") and loss.weight > 0 and bool(there.any())):
                 continue
             i, who = int(there.nonzero()[0, 0]), f"residuals of loss {name!r}"
-            part = _residuals(loss, name, (reference[i], reference[i]), 1)
+            part = residuals_of(loss, name, (reference[i], reference[i]), 1)
             if not bool(part.isfinite().all()):
                 expected = f"expected numbers where its value is one, got {part[0].tolist()} of frame {i}"
                 raise ModelError("", who, expected, "a term is NaN in both or in neither")
@@ -234,51 +244,6 @@ class Objective:
             part[0] = loss.weight * loss.penalty if there else 0.0
             parts.append(part)
         return torch.cat(parts)
-
-
-def values(loss: Any, features: tuple[Features, Features], count: int, who: str) -> Tensor:
-    """Raw values of a loss, (``count``,) float64 of 0 or more; one that is not finite is undefined.
-
-    Raises:
-        ModelError: it fails, or gives anything else.
-    """
-    found = answer(loss, features, (count,), who)
-    least = float(found.nan_to_num(0.0).min()) if count else 0.0
-    if least < -ROUNDED:
-        raise ModelError("", who, f"expected values of 0 or more, got {least:g}", "0 is where nothing differs")
-    return found
-
-
-def _residuals(loss: Any, name: str, features: tuple[Features, Features], count: int) -> Tensor:
-    """Residuals of a loss, (``count``, R) float64.
-
-    Raises:
-        ModelError: it fails, or gives anything else.
-    """
-    groups = tuple(loss.groups)
-    hint = f"one row a frame, in it a residual for each of groups = {groups}"
-    return answer(loss.residuals, features, (count, len(groups)), f"residuals of loss {name!r}", hint)
-
-
-def answer(
-    call: Callable[..., Any],
-    features: tuple[Features, Features],
-    shape: tuple[int, ...],
-    who: str,
-    hint: str = "return a tensor with one row a frame",
-) -> Tensor:
-    """What a loss says of ``features``, as float64 of ``shape``; ``hint`` tells how it is said where it is not.
-
-    Raises:
-        ModelError: it fails, or says anything else.
-    """
-    expected = f"expected values of shape {shape}"
-    with named(who, expected), torch.no_grad():
-        value = call(*features)
-    if not isinstance(value, Tensor) or tuple(value.shape) != shape:
-        came = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
-        raise ModelError("", who, f"{expected}, got {came}", hint)
-    return value.double()
 
 
 def group_norms(residuals: Tensor, groups: Tensor) -> Tensor:
