@@ -141,6 +141,9 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
 def _expected(path: Path) -> str:
     if not os.access(path, os.R_OK):
         return "it may not be read"
+    if path.suffix.lower() == ".safetensors":
+        told = "features that were read before are for `transfer`, `describe` and `inspect`"
+        return f"{told}, a grid by a path through it: {path.name}@trajectory.json"
     if path.suffix.lower() in SCENE_SUFFIXES:
         return f"a scene is a reference by a path through it: {path.name}@trajectory.json"
     return "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,12 @@ from torch import Tensor
 from ..computer.memory import require_free
 from ..errors import InputError
 from ..features import NAMES, SHAPES, Features, OfThisRun
+from ..registry.typed import nearest
 from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
-FORMAT = "cltransfer.features.1"
+_log = logging.getLogger("cltransfer")
+KIND = "cltransfer.features."
+FORMAT = f"{KIND}1"
 LIMIT = 4 * 2**30  # bytes
 WIDEST = 2**16  # pixels of a side, far above what a decoder takes
 SHOWN = 40  # characters of what a file says, in an error
@@ -64,7 +68,7 @@ class FeatureFile:
 
     @classmethod
     def load(cls, path: str | Path) -> FeatureFile:
-        """Read the file.
+        """Read the file; a tensor of a name that no feature has is left out, and told.
 
         Raises:
             InputError: it is missing, too large, of another format, or its tensors are of a wrong type or do not
@@ -83,7 +87,9 @@ class FeatureFile:
         except SafetensorError as error:
             raise InputError(path, "", f"not a feature file: {error}") from None
         if meta.get("format") != FORMAT:
-            raise InputError(path, "format", f"expected {FORMAT!r}, got {meta.get('format')!r}")
+            known = meta.get("format", "").startswith(KIND)
+            hint = "another version has written it, write it anew by this one" if known else "docs/python.md writes one"
+            raise InputError(path, "format", f"expected {FORMAT!r}, got {meta.get('format')!r}", hint)
         return cls(_features(path, tensors, meta), _times(path, tensors), meta.get("origin", ""))
 
 
@@ -119,8 +125,11 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
         hint = f"store it as {name}" if name in STORED else "leave it out"
         raise InputError(path, f"extras.{name}", "is a feature of its own, not an extra", hint)
     reasons = _reasons(path, meta)
+    unknown = sorted(tensors.keys() - {"times", *own, *(f"extras.{name}" for name in extras)})
+    for name in unknown:
+        _log.warning("%s: %s: is no feature and left out (%s)", path, name, nearest(name, [*STORED, f"extras.{name}"]))
     if not own and not extras:
-        raise InputError(path, "features", "expected at least one, it holds times alone")
+        raise InputError(path, "features", f"expected at least one, it holds {', '.join(['times', *unknown])} alone")
     return replace(Features(size), **own, extras=extras, reasons=reasons)
 
 

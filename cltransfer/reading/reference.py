@@ -213,7 +213,8 @@ def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
     index = list(range(len(stored.times)))
     if frames is not None and frames != len(index):
         reason = f"holds {len(index)} frames, {frames} asked for"
-        raise InputError(path, "frames", reason, "flow spans neighbours: extract the clip again instead")
+        hint = "take all by frames=null, or write a file of so many: flow goes from each frame to the next"
+        raise InputError(path, "frames", reason, hint)
     wanted = {n for loss in parts.losses.values() for n in loss.requires}
     missing = {n: "not in the feature file" for n in wanted if not stored.features.has(n)}
     return Reference(stored.features, stored.times, None, path.stem, content_hash(path), "image", missing)

@@ -137,6 +137,12 @@ def test_a_scene_where_a_clip_belongs_is_told_how_it_can_teach(tmp_path: Path) -
         read_clip(tmp_path / "a.ply")
 
 
+def test_features_where_a_clip_belongs_are_told_who_takes_them(tmp_path: Path) -> None:
+    (tmp_path / "a.safetensors").write_bytes(b"\xff" * 100)
+    with pytest.raises(InputError, match=r"features .* are for `transfer`, .* a grid .*: a\.safetensors@"):
+        read_clip(tmp_path / "a.safetensors")
+
+
 @pytest.mark.parametrize(("height", "tagged", "known"), [(720, False, 709), (480, False, 601), (480, True, 709)])
 def test_a_video_that_does_not_tell_its_colours_has_those_of_its_height(
     tmp_path: Path, height: int, tagged: bool, known: int

@@ -30,6 +30,36 @@ def test_a_feature_file_comes_back_and_a_foreign_one_is_refused(tmp_path: Path) 
         FeatureFile.load(path)
 
 
+@pytest.mark.parametrize(
+    ("meta", "line"),
+    [
+        ({"format": "cltransfer.features.9"}, r"got 'cltransfer.features.9' \(another version has written it, .* anew"),
+        ({}, r"got None \(docs/python.md writes one\)$"),
+    ],
+)
+def test_a_feature_file_of_another_format_is_told_where_one_comes_from(
+    tmp_path: Path, meta: dict[str, str], line: str
+) -> None:
+    save_file({"times": torch.tensor([0.0, 1.0])}, tmp_path / "a.safetensors", metadata=meta)
+    with pytest.raises(InputError, match=rf"format: expected 'cltransfer.features.1', {line}"):
+        FeatureFile.load(tmp_path / "a.safetensors")
+
+
+def test_tensors_that_no_feature_is_called_like_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    joints = torch.ones(2, 14, 3)
+    found = kept(tmp_path / "a", box=torch.ones(2, 5), key_points=joints, gaze_point=torch.ones(2, 3))
+    assert found.names() == {"box"}
+    assert caplog.messages == [
+        f"{tmp_path / 'a'}: gaze_point: is no feature and left out (did you mean 'extras.gaze_point'?)",
+        f"{tmp_path / 'a'}: key_points: is no feature and left out (did you mean 'keypoints'?)",
+    ]
+    caplog.clear()
+    assert kept(tmp_path / "a", box=torch.ones(2, 5), **{"extras.gaze": joints}).names() == {"box", "gaze"}
+    assert caplog.messages == []
+    with pytest.raises(InputError, match=r"expected at least one, it holds times, key_points alone$"):
+        kept(tmp_path / "a", key_points=joints)
+
+
 def test_a_feature_file_may_be_named_by_a_text(tmp_path: Path) -> None:
     path = str(tmp_path / "clip.safetensors")
     FeatureFile(Features((8, 4), keypoints=torch.rand(2, 14, 3)), torch.tensor([0.0, 0.5]).double(), "").save(path)

@@ -15,7 +15,7 @@ from PIL import Image
 from cltransfer.camera import Camera
 from cltransfer.clips import decoding
 from cltransfer.config import load_config
-from cltransfer.errors import ResourceError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.graph import Load
@@ -179,6 +179,22 @@ def test_a_scene_that_teaches_is_asked_for_before_its_frames_are_rendered(monkey
     monkeypatch.setattr("cltransfer.computer.memory.free_bytes", lambda: 10**6)
     with pytest.raises(ResourceError, match=r"the maps of frames, 3 of \d+x\d+, need"):
         read_reference("builtin:pan", parts, Reading(frames=3))
+
+
+def test_the_feature_file_that_the_docs_write_is_a_reference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
+    snippet = page.partition("## Features\n")[2].partition("```python\n")[2].partition("```")[0]
+    monkeypatch.chdir(tmp_path)
+    seen = sample_features(0, 3)
+    exec(snippet, {name: seen.require(name) for name in ("keypoints", "subject")})
+    parts = Components.build(load_config())
+    read = read_reference("features.safetensors", parts, Reading())
+    assert read.features.names() == {"keypoints", "subject"}
+    assert read.times.tolist() == [0, 1 / 24, 2 / 24]
+    assert read.missing["flow"] == "not in the feature file"
+    assert bool(parts.objective.defined(read.features)[:, 0].all())
+    with pytest.raises(InputError, match=r"holds 3 frames, 2 asked for \(take all by frames=null, or write a file "):
+        read_reference("features.safetensors", parts, Reading(frames=2))
 
 
 def test_a_feature_file_is_asked_for_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
