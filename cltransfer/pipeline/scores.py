@@ -99,7 +99,8 @@ def tabulate(
     for i, (name, loss) in enumerate(objective.losses.items()):
         reason = _lacking(loss, reference, missing, "the reference")
         if not reason and not defined[:, i].any():
-            reason = "undefined on every frame of the reference"
+            alone = len(values) == 1 and objective.moves(loss)
+            reason = "needs two frames, one is scored" if alone else "undefined on every frame of the reference"
         if not reason and not torch.isfinite(values[:, i]).any():
             reason = "" if rendered is None else _lacking(loss, rendered, {}, "the render")
             reason = reason or "undefined on every frame of the render"
