@@ -117,7 +117,8 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     runs = options.out.resolve() / "runs"
     kept_in = str(runs) if options.keep_runs else None
-    job = Job(tuple(settle(options.plugins)), kept_in, plugin_codes(), own_code())
+    elsewhere = sweep.file.engine.backend == "dask"
+    job = Job(tuple(settle(options.plugins)), kept_in, plugin_codes(), own_code(), elsewhere)
     wanting = {t.key for t in missing}
     before = [t.key for t in asked if t.key not in wanting and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0

@@ -65,12 +65,14 @@ class Job:
         runs: folder for whole runs, None keeps none.
         codes: of the plugins that the trials were told apart by, see :func:`cltransfer.ablate.content.plugin_codes`.
         code: of cltransfer, see :func:`cltransfer.registry.plugin_code.own_code`; empty lets any worker run them.
+        elsewhere: whether workers may be on other computers: of those here code is other only where it has changed.
     """
 
     plugins: tuple[str, ...] = ()
     runs: str | None = None
     codes: tuple[str, ...] = ()
     code: str = ""
+    elsewhere: bool = True
 
 
 def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | None = None) -> list[Trial]:
@@ -190,6 +192,8 @@ def _allowed(job: Job) -> ModelError | None:
 def _other(trial: Trial, job: Job) -> ModelError | None:
     """What is not here as it was where the ablation began."""
     if job.code and job.code != own_code():
+        if not job.elsewhere:
+            return _changed("the code of cltransfer was changed")
         told = "a worker has other code of cltransfer than the command"
         return ModelError("", "engine", told, "give every worker the command's; what is done is kept")
     if trial.codes != codes_of(trial.config, trial.metrics):
@@ -197,9 +201,15 @@ def _other(trial: Trial, job: Job) -> ModelError | None:
         return ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
     row, metrics = ((config, parts_content(config)) for config in (trial.config, trial.metrics))
     if trial.files != _files(trial.scene, trial.reference, row, metrics):
+        if not job.elsewhere:
+            return _changed("a network or a file of a plugin was changed")
         told = "a worker has other networks or files of a plugin than the command had when the ablation began"
         return ModelError("", "engine", told, "give every worker the same, and run it again: what is done is kept")
     return _edited(trial) if job.code else None
+
+
+def _changed(what: str) -> ModelError:
+    return ModelError("", "engine", f"{what} while the ablation ran", "run it again: what is done is kept")
 
 
 def _edited(trial: Trial) -> ModelError | None:

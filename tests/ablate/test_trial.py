@@ -177,6 +177,11 @@ def test_a_worker_of_other_code_or_with_other_networks_ends_the_ablation(tmp_pat
         run_trial(trial, Job(code="that of another commit"))
     with pytest.raises(ModelError, match="other networks or files"):
         run_trial(replace(trial, files="with another network"), Job(code=own_code()))
+    again = r"while the ablation ran \(run it again: what is done is kept\)$"
+    with pytest.raises(ModelError, match=f"engine: the code of cltransfer was changed {again}"):
+        run_trial(trial, Job(code="as it was before", elsewhere=False))
+    with pytest.raises(ModelError, match=f"engine: a network or a file of a plugin was changed {again}"):
+        run_trial(replace(trial, files="with another network"), Job(code=own_code(), elsewhere=False))
     with pytest.raises(ModelError, match="not_installed"):
         run_trial(trial, Job(("not_installed",), code=own_code()))
     (tmp_path / "none.mp4").write_bytes(b"edited since")
@@ -240,6 +245,7 @@ def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: p
     (tmp_path / "sweep.yaml").write_text("references: ['builtin:orbit']\nrows: {full: {}}\n")
     ablate(read_sweep(str(tmp_path / "sweep.yaml")), Options(tmp_path / "out"))
     assert content_hash(PLUGIN) in told[0].codes
+    assert not told[0].elsewhere
 
 
 @dataclass(frozen=True)
