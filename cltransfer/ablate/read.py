@@ -16,7 +16,7 @@ from ..config.layers import Layer, merge, origin, parse_overrides, read_yaml
 from ..config.options import SECTIONS, RunConfig
 from ..errors import UsageError
 from ..reading.scene_source import split_scene
-from ..registry.typed import nearest, typed
+from ..registry.typed import IN_QUOTES, nearest, shown, typed
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
@@ -173,7 +173,9 @@ def _typed(raw: Mapping[str, Any], where: Any, origins: Mapping[str, str]) -> Sw
         raise UsageError(where, "rows", "expected name: {overrides}, at least one")
     for name, overrides in rows.items():
         if not isinstance(name, str):
-            raise UsageError(where, "rows", f"row names are text, got {name!r}", f"write {str(name)!r} in quotes")
+            raise UsageError(where, "rows", f"row names are text, got {shown(name)}", IN_QUOTES)
+        if not name.strip():
+            raise UsageError(where, "rows", f"a row has no name, got {name!r}", "name it, as full: {}")
         if not isinstance(overrides, Mapping | None):
             raise UsageError(where, f"rows.{name}", "expected overrides as a mapping", "write {} for the base")
     try:

@@ -23,6 +23,7 @@ WORDS: dict[Any, str] = {
 }
 CLOSE = 0.7  # of two words, in [0, 1]: a letter or two apart; "out" and "joint" are 0.5
 MANY: dict[Any, str] = {int: "whole numbers", float: "numbers", bool: "true or false", str: "texts"}
+IN_QUOTES = "YAML takes yes, on and 1.10 for other things: text in quotes"
 
 
 def typed(cls: type[T], values: Mapping[str, Any]) -> T:
@@ -98,7 +99,7 @@ def _mistake(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Usag
             if found := _mistake(inner, part, f"{where}."):
                 return found
         if not _fits(fields[key], hints[key], value):
-            return UsageError("", f"{above}{key}", f"expected {in_words(hints[key])}, got {_shown(value)}")
+            return UsageError("", f"{above}{key}", f"expected {in_words(hints[key])}, got {shown(value)}")
     for name, field in fields.items():
         if name not in values and field.default is field.default_factory is dataclasses.MISSING:
             return UsageError("", f"{above}{name}", "is required", f"expected {in_words(hints[name])}")
@@ -117,12 +118,10 @@ def _altered(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Iter
         for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
             yield from _altered(inner, part, f"{where}.")
         if hints[key] is bool and isinstance(value, int | float) and not isinstance(value, bool):
-            yield UsageError("", f"{above}{key}", f"expected {in_words(bool)}, got {_shown(value)}")
+            yield UsageError("", f"{above}{key}", f"expected {in_words(bool)}, got {shown(value)}")
         if isinstance(value, bool if _is_choice(hints[key]) else bool | float) and _is_text(hints[key]):
-            reason = f"expected {in_words(hints[key])}, got {_shown(value)}"
-            yield UsageError(
-                "", f"{above}{key}", reason, "YAML takes yes, on and 1.10 for other things: text in quotes"
-            )
+            reason = f"expected {in_words(hints[key])}, got {shown(value)}"
+            yield UsageError("", f"{above}{key}", reason, IN_QUOTES)
 
 
 def _is_choice(hint: Any) -> bool:
@@ -185,7 +184,7 @@ def _named(cls: type[Any], reason: str) -> str:
     return told[0] if len(told) == 1 else ""
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
     """A value as YAML has it, cut where it is long."""
     plain = {None: "null", True: "true", False: "false"}
     return plain[value] if value is None or isinstance(value, bool) else reprlib.repr(value)

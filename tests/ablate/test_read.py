@@ -199,8 +199,10 @@ def test_the_file_that_is_left_reads_back_whatever_ran_it(written: Written) -> N
 
 REFUSED = {
     "rows: {}": "rows: expected name",
-    "rows: {0.5: {}}": "rows: row names are text, got 0.5 (write '0.5' in quotes)",
-    "rows: {a: {}, true: {steps: 3}}": "rows: row names are text, got True (write 'True' in quotes)",
+    "rows: {0.5: {}}": "rows: row names are text, got 0.5 (YAML takes yes, on and 1.10 for other things: text in",
+    "rows: {a: {}, off: {steps: 3}}": "rows: row names are text, got false (YAML takes yes, on and 1.10 for other",
+    "rows: {a: {}, '': {steps: 3}}": "rows: a row has no name, got '' (name it, as full: {})",
+    "rows: {' ': {}}": "rows: a row has no name, got ' '",
     "rows: {a: 3}": "rows.a: expected overrides",
     "rows: {as it is: {}, none: {}}": "rows.none: is the same run as 'as it is'",
     "rows: {a: {lossses: {}}}": "rows.a: lossses: no such key (did you mean 'losses'?)",
