@@ -17,6 +17,7 @@ from ..config.options import SECTIONS, RunConfig
 from ..errors import UsageError
 from ..reading.scene_source import split_scene
 from ..registry.typed import IN_QUOTES, nearest, shown, typed
+from .check import check_cases, check_rows
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
@@ -71,7 +72,8 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     known = {(section, name) for row in own for section in SECTIONS for name in getattr(row.config, section)}
     laid = {row.name: _over(above, row.config, known) for row in own}
     rows = tuple(_row(file, row, laid[row], path, fence) for row in file.rows)
-    _check_cases(file, rows, origins, path)
+    check_cases(file, origins, path)
+    check_rows(rows, file, over, lambda name: _row(file, name, {}, path, fence), origins, path)
     measured = _over(above, _metrics(file, plain, origins, path), known)
     metrics = _metrics(file, measured, origins, path)
     file = _with_command_line(file, rows, laid, measured)
@@ -264,23 +266,3 @@ def _with_command_line(
         if row.scene is not None:
             written[row.name]["scene"] = asdict(row.scene)
     return replace(file, rows=written, metrics=merge(_measuring(measured), file.metrics))
-
-
-def _check_cases(file: SweepFile, rows: tuple[Row, ...], origins: Mapping[str, str], where: Any) -> None:
-    scenes = [str(asdict(scene)) for scene in file.scenes]
-    for key, values in (("scenes", scenes), ("references", file.references), ("seeds", file.seeds)):
-        if not values or len(set(values)) < len(values):
-            raise UsageError(origin(origins, key) or where, key, "expected at least one, and none twice")
-    if min(file.seeds) < 0:
-        raise UsageError(origin(origins, "seeds"), "seeds", f"expected 0 or more, got {min(file.seeds)}")
-    if file.engine.workers < 0:
-        at = origin(origins, "engine.workers")
-        raise UsageError(at, "engine.workers", f"expected 0 or more, got {file.engine.workers}")
-    if file.engine.backend == "dask" and not file.engine.address:
-        at = origin(origins, "engine.address")
-        raise UsageError(at, "engine.address", "dask needs its scheduler's", "as engine.address=tcp://host:8786")
-    for i, row in enumerate(rows):
-        for other in rows[:i]:
-            if (row.config, row.scene) == (other.config, other.scene):
-                same = f"is the same run as {other.name!r}"
-                raise UsageError(where, f"rows.{row.name}", same, "remove one of them")

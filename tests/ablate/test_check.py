@@ -1,0 +1,47 @@
+"""Rows that are the same run are refused where what makes them the same is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltransfer.ablate.read import read_sweep
+from cltransfer.errors import UsageError
+
+WEIGHED = "{a: {losses: {framing: {weight: 3}}}, b: {losses: {framing: {weight: 4}}}}"
+HINT = "(leave it out, or one of the rows)"
+
+
+@pytest.mark.parametrize(
+    ("rows", "overrides", "line"),
+    [
+        ("{a: {frames: 3}, b: {frames: 4}}", ["frames=5"], f"frames: makes row 'b' the same run as 'a' {HINT}"),
+        (WEIGHED, ["search_side=96", "losses.framing=null"], "losses.framing: makes row 'b' the same"),
+        (WEIGHED, ["losses.framing.weight=2", "frames=2"], "losses.framing.weight: makes row 'b' the same"),
+        ("{a: {}, b: {engine: cma}}", ["engine=cma", "engine.workers=2"], "engine: makes row 'b' the same"),
+        (
+            "{a: {}, b: {frames: 4, search_side: 96}}",
+            ["frames=5", "search_side=72", "output_side=160"],
+            "frames, search_side: make row 'b' the same",
+        ),
+        ("{a: {}, b: {scene: 'builtin:plaza'}}", ["scenes=['builtin:plaza']"], "scenes: makes row 'b' the same"),
+    ],
+)
+def test_what_the_command_line_makes_the_same_is_named_there(
+    tmp_path: Path, rows: str, overrides: list[str], line: str
+) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(f"rows: {rows}\n")
+    assert [row.name for row in read_sweep(str(file)).rows] == ["a", "b"]
+    with pytest.raises(UsageError) as caught:
+        read_sweep(str(file), overrides)
+    assert str(caught.value).startswith(f"command line: {line}")
+
+
+@pytest.mark.parametrize("overrides", [[], ["frames=5"], ["scenes=['builtin:plaza']"]])
+def test_rows_that_are_written_the_same_are_named_in_the_file(tmp_path: Path, overrides: list[str]) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text("rows: {a: {frames: 3}, b: {frames: 3}}\n")
+    with pytest.raises(UsageError, match=r"sweep\.yaml: rows\.b: is the same run as 'a' \(remove one of them\)$"):
+        read_sweep(str(file), overrides)
