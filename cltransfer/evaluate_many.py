@@ -191,10 +191,14 @@ def bootstrap_t(values: NDArray[np.float64], seed: int = 0) -> tuple[float, floa
     return mean - highest * spread, mean - lowest * spread
 
 
-def worst_of(config: RunConfig) -> dict[str, float]:
-    """What it costs to lose each term, and the total where all of them are lost."""
+def worst_of(config: RunConfig, rows: list[ClipScore]) -> dict[str, float]:
+    """What it costs to lose each term, and the total where all are lost that any clip of ``rows`` has.
+
+    Of a term that none has, as filmic space without depth, no total is charged the penalty.
+    """
     losses = Components.build(config).losses
-    total = sum(loss.weight * loss.penalty for loss in losses.values() if loss.weight > 0)
+    had = {name for row in rows for name, frames in row.defined.items() if frames}
+    total = sum(loss.weight * loss.penalty for name, loss in losses.items() if loss.weight > 0 and name in had)
     return {**{name: loss.penalty for name, loss in losses.items()}, "total": total}
 
 

@@ -107,17 +107,26 @@ def test_an_upper_end_that_no_clip_comes_near_is_told_to_be_none() -> None:
 
 def test_an_end_that_is_not_known_is_a_dash_and_no_number() -> None:
     rows = [ClipScore("a", str(i), {"shot_size": SKEWED[i]}, {"shot_size": 4}, 4) for i in range(6)]
-    summary = summarise(rows, worst=worst_of(load_config()))
+    summary = summarise(rows, worst=worst_of(load_config(), rows))
     assert "| 0.0912 [0.00, –] |" in methods_markdown(summary)
     (line,) = csv.DictReader(io.StringIO(methods_csv(summary)))
     assert (line["low"], line["high"], line["reason"][:12]) == ("0.0", "", "no upper end")
 
 
-def test_losing_everything_costs_every_penalty_that_weighs_something() -> None:
-    worst = worst_of(load_config(overrides=["losses={shot_size: {weight: 3.0}, framing: {weight: 0.0}}"]))
+def test_losing_everything_costs_every_penalty_that_weighs_something_and_that_a_clip_can_be_charged() -> None:
+    config = load_config(overrides=["losses={shot_size: {weight: 3.0}, framing: {weight: 0.0}}"])
+    losses = config.build("losses")
+    had = ClipScore("ours", "a", dict.fromkeys(losses, 0.1), dict.fromkeys(losses, 4), 4)
+    worst = worst_of(config, [had])
     assert {name: worst[name] for name in ("shot_size", "framing")} == {"shot_size": 1.0, "framing": 2**0.5}
-    rest = load_config(overrides=["losses={shot_size: null, framing: null}"]).build("losses").values()
-    assert worst["total"] == pytest.approx(3.0 + sum(loss.weight * loss.penalty for loss in rest))
+    rest = load_config(overrides=["losses={shot_size: null, framing: null}"]).build("losses")
+    charged = {name: loss.weight * loss.penalty for name, loss in rest.items()}
+    assert worst["total"] == pytest.approx(3.0 + sum(charged.values()))
+    flat = ClipScore("ours", "b", had.means, {**had.defined, "filmic_space": 0}, 4)
+    assert worst_of(config, [flat, had]) == worst
+    without = worst_of(config, [flat, MISSING])
+    assert without["total"] == pytest.approx(worst["total"] - charged["filmic_space"])
+    assert without["filmic_space"] == worst["filmic_space"]
 
 
 def test_clips_without_a_value_are_counted_not_used() -> None:

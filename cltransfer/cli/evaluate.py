@@ -235,7 +235,7 @@ def evaluate_folders(
 
     with progress(quiet) as report:
         rows = evaluate_many(references, methods, settings, report, out)
-    summary = summarise(rows, settings.seed, worst_of(settings))
+    summary = summarise(rows, settings.seed, worst_of(settings, rows))
     unknown = left_over(references, methods)
     if out is not None:
         write_methods(out, rows, summary, unknown)
