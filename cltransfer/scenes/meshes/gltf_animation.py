@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from kornia.geometry.quaternion import Quaternion
 from ...computer.array_type import Array
 from ...errors import InputError
 from .gltf_file import Gltf
+from .gltf_tree import WIDTH
 
 REST: dict[str, tuple[float, ...]] = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 WEIGHTS = "weights"  # of morph targets
@@ -39,25 +41,37 @@ def channels(gltf: Gltf, time: float, name: str | None) -> dict[tuple[int, str],
     values = {}
     for channel in chosen["channels"]:
         target = channel["target"]
-        if target.get("path") in (*REST, WEIGHTS) and "node" in target:
+        if (wide := _wide(gltf, target)) is not None:
             sampler = chosen["samplers"][channel["sampler"]]
-            values[target["node"], target["path"]] = _sample(gltf, sampler, time, target["path"])
+            values[target["node"], target["path"]] = _sample(gltf, sampler, time, target["path"], wide)
     return values
 
 
-def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str) -> Array:
+def _wide(gltf: Gltf, target: dict[str, Any]) -> int | None:
+    """Numbers of one value of what a channel moves, of weights as many as there are targets; None: it moves nothing."""
+    path = target.get("path")
+    if path != WEIGHTS or "node" not in target:
+        return WIDE.get(str(path)) if "node" in target else None
+    node = gltf.entry("nodes", target["node"])
+    if "mesh" not in node:
+        return None
+    return len(gltf.entry("meshes", node["mesh"])["primitives"][0].get("targets", ()))
+
+
+def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str, wide: int) -> Array:
     """Value of one sampler, a copy: held, or between two keys on a line, a great circle or a cubic."""
-    times, keys = gltf.array(sampler["input"])[:, 0], gltf.array(sampler["output"])
+    times, stored = gltf.array(sampler["input"])[:, 0], gltf.entry("accessors", sampler["output"])
     kind = sampler.get("interpolation", "LINEAR")
     if kind not in PARTS:
         raise InputError(
             gltf.path, "animations", f"interpolation {kind!r:.40} is not read", f"known: {', '.join(PARTS)}"
         )
-    count, wide = len(times) * PARTS[kind], WIDE.get(path)
-    if keys.size % count or (wide is not None and keys.shape != (count, wide)):
-        rows = f"expected {count} rows of {wide or 'all weights'} for its {len(times)} keys, got {keys.shape}"
-        raise InputError(gltf.path, "animations", f"{path}: {rows}")
-    keys = keys.reshape(len(times), PARTS[kind], -1)  # as many numbers for a key as there are weights
+    shape, got = (len(times) * PARTS[kind], wide), (stored["count"], WIDTH.get(stored.get("type", ""), 0))
+    fits = math.prod(got) == math.prod(shape) if path == WEIGHTS else got == shape  # weights stand one in a row
+    if not fits:
+        rows = f"expected {shape[0]} rows of {wide} for its {len(times)} keys, got {got}"
+        raise InputError(gltf.path, "animations", f"{path}: {rows}")  # before it is read: a sparse one may be any size
+    keys = gltf.array(sampler["output"]).reshape(len(times), PARTS[kind], wide)
     after = int(np.searchsorted(times, time, side="right"))
     if after == 0 or after == len(times) or kind == "STEP":
         return np.asarray(keys[max(after - 1, 0), PARTS[kind] // 2].astype(np.float64))

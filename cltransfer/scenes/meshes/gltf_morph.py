@@ -44,7 +44,7 @@ def morphed(gltf: Gltf, animated: Mapping[tuple[int, str], Array]) -> Gltf:
             continue
         mesh = gltf.entry("meshes", node["mesh"])
         weights = animated.get((index, WEIGHTS), node.get(WEIGHTS, mesh.get(WEIGHTS, ())))
-        shape = (node["mesh"], tuple(map(float, weights)) if any(weights) else ())
+        shape = _shape(gltf, node["mesh"], mesh, weights)
         if shape not in shapes:
             shapes[shape] = len(meshes) if node["mesh"] in seen else node["mesh"]
             meshes += [mesh] if node["mesh"] in seen else []
@@ -66,6 +66,18 @@ def morphed(gltf: Gltf, animated: Mapping[tuple[int, str], Array]) -> Gltf:
     return replace(gltf, tree={**gltf.tree, **new}, buffers=tuple(buffers))
 
 
+def _shape(gltf: Gltf, index: int, mesh: Mapping[str, Any], weights: Sequence[float] | Array) -> Shape:
+    """Of a mesh under ``weights``, of which each of its primitives has a target."""
+    if not any(weights):
+        return index, ()
+    for primitive in mesh["primitives"]:
+        targets = primitive.get("targets", ())
+        if len(targets) != len(weights):
+            reason = f"has {len(targets)} targets and {len(weights)} weights"
+            raise InputError(gltf.path, f"meshes[{index}]", reason)
+    return index, tuple(map(float, weights))
+
+
 def _check_need(gltf: Gltf, shapes: Iterable[Shape]) -> None:
     """Hold what the shapes take against what is free, and what their targets move against the limit."""
     made = moved = 0
@@ -80,11 +92,8 @@ def _check_need(gltf: Gltf, shapes: Iterable[Shape]) -> None:
 
 def _vertices(gltf: Gltf, primitive: dict[str, Any], field: str, weights: Sequence[float]) -> Array:
     """Vertices of a primitive with its targets added, (V, 3)."""
-    targets = primitive.get("targets", [])
-    if len(targets) != len(weights):
-        raise InputError(gltf.path, field, f"has {len(targets)} targets and {len(weights)} weights")
     vertices = gltf.array(primitive["attributes"]["POSITION"]).astype(np.float64)
-    for target, weight in zip(targets, weights):
+    for target, weight in zip(primitive["targets"], weights):
         if weight and "POSITION" in target:
             moves = gltf.array(target["POSITION"])
             if moves.shape != vertices.shape:

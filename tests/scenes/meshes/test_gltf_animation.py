@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cltransfer.errors import InputError
 from cltransfer.scenes.meshes.gltf_animation import channels
 from cltransfer.scenes.meshes.gltf_file import Gltf
 
 
 @pytest.fixture
 def animated(builder):
-    """A document of one node whose ``path`` takes ``values`` at ``times``."""
+    """A document of one node whose ``path`` takes ``values`` at ``times``; its mesh has two targets."""
 
     def made(path, times, values, interpolation):
         b = builder()
@@ -22,7 +23,8 @@ def animated(builder):
         at = b.add(np.asarray(times)[:, None], kind="SCALAR")
         sampler = {"input": at, "output": b.add(values, kind=kind), "interpolation": interpolation}
         animation = {"channels": [{"sampler": 0, "target": {"node": 0, "path": path}}], "samplers": [sampler]}
-        tree = {"accessors": b.accessors, "bufferViews": b.views, "animations": [animation]}
+        shown = {"nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"targets": [{}, {}]}]}]}
+        tree = {"accessors": b.accessors, "bufferViews": b.views, "animations": [animation], **shown}
         return Gltf(Path("a.glb"), tree, (b.blob,))
 
     return made
@@ -70,3 +72,20 @@ def test_of_weights_a_key_has_all_slopes_then_all_values_then_all_slopes(animate
     values = [[v] for v in (0, 0, 0.25, 0.5, 0, 0, 0, 0, 0.75, 1.0, 0, 0)]
     found = channels(animated("weights", [0.0, 1.0], values, "CUBICSPLINE"), 0.5, None)[0, "weights"]
     np.testing.assert_allclose(found, [0.5, 0.75], atol=1e-6)
+
+
+@pytest.mark.parametrize("values", [[[v] for v in range(6)], [[0.5]]])
+def test_a_key_has_as_many_weights_as_the_mesh_has_targets(animated, values):
+    gltf = animated("weights", [0.0, 1.0], values, "STEP")
+    with pytest.raises(InputError, match=r"a.glb: animations: weights: expected 2 rows of 2 for its 2 keys, got \("):
+        channels(gltf, 0.5, None)
+    del gltf.tree["nodes"][0]["mesh"]
+    assert channels(gltf, 0.5, None) == {}  # nothing is there to be moved
+
+
+def test_weights_that_no_byte_of_the_file_holds_are_not_even_made(animated):
+    gltf = animated("weights", [0.0, 1.0], np.ones((16, 1)), "STEP")
+    few = {"count": 1, "indices": {"bufferView": 0, "componentType": 5121}, "values": {"bufferView": 1}}
+    gltf.tree["accessors"][1] = {"componentType": 5126, "count": 1_000_000, "type": "MAT4", "sparse": few}
+    with pytest.raises(InputError, match=r"expected 2 rows of 2 for its 2 keys, got \(1000000, 16\)"):
+        channels(gltf, 0.5, None)
