@@ -25,7 +25,9 @@ CELL = 130  # of a row of lists in a text
 EDGE = 500
 CORNER = 150  # of a face beyond the usual three or four
 PART = 15_000  # a material of an OBJ, whose faces are a mesh of their own
+LONG = 10_000  # bytes of a line
 
+_WORD = re.compile(rb"\S+")
 _FOREIGN = re.compile(rb"[^\t\r\n -~]")
 
 
@@ -58,10 +60,11 @@ def check_obj(path: Path, data: bytes) -> None:
     _require(path, need)  # before each line is looked at
     corners, parts = 0, set()
     for line in io.BytesIO(data):
-        words = line.split() if line[:1] not in (b"v", b"#") else []
-        corners += max(0, len(words) - 4)
-        if words[:1] == [b"usemtl"]:
-            parts.add(b" ".join(words[1:]))
+        if line[:1] in (b"v", b"#"):  # of vertices six numbers are read at most, see obj_text
+            continue
+        corners += max(0, _words(line) - 4)
+        if line.split(None, 1)[:1] == [b"usemtl"]:
+            parts.add(line.split(None, 1)[-1].strip())
     _require(path, need + CORNER * corners + PART * len(parts))
 
 
@@ -79,6 +82,11 @@ def check_ply(path: Path, data: bytes) -> None:
     text = len(header) > 1 and b"ascii" in header[1].lower()
     need = _of_text(path, data, start, tables) if text else _of_binary(data, start, tables)
     _require(path, need + EDGE * sum(table.count for table in tables if table.name == "edge"))
+
+
+def _words(line: bytes) -> int:
+    """How many a line has; those of a long one are not made, which would take more than the estimate."""
+    return len(line.split()) if len(line) <= LONG else sum(1 for _ in _WORD.finditer(line))
 
 
 def _require(path: Path, need: int) -> None:
@@ -124,7 +132,7 @@ def _of_text(path: Path, data: bytes, start: int, tables: Sequence[_Table]) -> i
     need = PLY_LINE * (data.count(b"\n") + data.count(b"\r")) + PLY_BYTE * len(data)
     _require(path, need)  # before each line is looked at
     for table in tables:
-        widths = (len(line.split()) for line in islice(stream, table.count))
+        widths = (_words(line) for line in islice(stream, table.count))
         if table.lists:
             need += CELL * table.count * table.columns + CORNER * max(0, sum(widths) - 5 * table.count)
             continue

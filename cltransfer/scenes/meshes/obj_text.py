@@ -28,6 +28,8 @@ _VERTEX, _PLACE = (re.compile(rb"^%s[ \t]" % key, re.MULTILINE) for key in (b"v"
 _FIRST, _SECOND = re.compile(rb"(?<!\S)[^\s/]+"), re.compile(rb"(?<!\S)[^\s/]+/([^\s/]+)")  # number of a corner
 _TOGETHER = 50_000  # faces looked at
 _FROM_ONE = "expected a number of the {} {}, which count from 1, got {}"
+_WIDE = re.compile(rb"^v[tn]?(?:[^\S\n]++\S++){4}", re.MULTILINE)
+_COLUMNS = {b"v": (6, 3), b"vt": (2, 1), b"vn": (3,)}  # numbers that trimesh takes of all lines, if all have as many
 _FACE = re.compile(rb"^f[ \t]+([^\n#]*)", re.MULTILINE)
 _NUMBERED = (b"v", b"vt", b"vn")  # what the numbers of a corner are of, in this order
 _PLACED = re.compile(rb"^f[ \t]+-?\d+/-?\d", re.MULTILINE)
@@ -53,6 +55,8 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
     text = _UNREAD.sub(b"", _INDENT.sub(b"", text))
     if b"#" in text:
         text = _REMARK.sub(rb"\1", text)
+    if _WIDE.search(text):
+        text = _narrow(text)
     if _BACK.search(text):
         text = b"\n".join(_counted(text.split(b"\n")))
     _check_faces(path, text)
@@ -70,6 +74,16 @@ def readable(path: Path, data: bytes, files: ObjFiles) -> bytes:
         lines = [line for line in lines if not _LIBRARY.match(line)]
         lines.insert(0, b"mtllib " + joined)
     return b"\n".join(lines)
+
+
+def _narrow(text: bytes) -> bytes:
+    """The text with no more numbers in a line than are read: of uneven lines each number becomes a Python value."""
+    for key, widths in _COLUMNS.items():
+        short = (rb"^%s(?:[^\S\n]++\S++){0,%d}[^\S\n]*$" % (key, width - 1) for width in widths[:-1])
+        even = (width for width, line in zip(widths, short) if not re.search(line, text, re.MULTILINE))
+        read = rb"^(%s(?:[^\S\n]++\S++){%d})[^\n]+" % (key, next(even, widths[-1]))
+        text = re.sub(read, rb"\1", text, flags=re.MULTILINE)
+    return text
 
 
 def _counted(lines: Sequence[bytes]) -> list[bytes]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 
 from cltransfer.computer import memory
@@ -77,6 +79,22 @@ def test_an_obj_is_held_against_the_memory(tmp_path, free):
         check_obj(tmp_path, vertices + faces)
     free(20)
     check_obj(tmp_path, vertices * 100 + parts)  # a part has its own vertices only
+
+
+@pytest.mark.parametrize("check", [check_obj, check_ply])
+def test_words_of_a_long_line_are_counted_without_making_them(tmp_path, free, check):
+    words = b"99999" + b" 11" * 100_000
+    data = b"f " + words if check is check_obj else ply(faces=words)
+    tracemalloc.start()
+    try:
+        free(100)
+        check(tmp_path, data)
+        assert tracemalloc.get_traced_memory()[1] < 4 * len(data)  # 14 times as many for a list of them
+        free(10)
+        with pytest.raises(ResourceError, match=r"its vertices and faces need 1[67] MB"):
+            check(tmp_path, data)
+    finally:
+        tracemalloc.stop()
 
 
 def test_text_with_triangles_and_quads_is_still_read(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,8 +13,9 @@ import torch
 from torch import Tensor
 
 from cltransfer.errors import InputError
+from cltransfer.scenes.meshes import mesh_need
 from cltransfer.scenes.meshes.mesh import Mesh
-from cltransfer.scenes.meshes.mtl import LIBRARY_LIMIT
+from cltransfer.scenes.meshes.mtl import LIBRARY_LIMIT, ObjFiles
 from cltransfer.scenes.meshes.obj_text import readable
 from cltransfer.scenes.meshes.read_mesh import read_mesh
 
@@ -71,6 +73,42 @@ def test_spaces_behind_a_library_take_no_time(
     begun = time.process_time()
     read_mesh(path)
     assert within(time.process_time() - begun, 5)  # a minute by a pattern that looks for their end from each of them
+
+
+@pytest.mark.parametrize(
+    ("first", "other", "read"),
+    [
+        ("v 1 2 3", "v 1 2 3", "v 1 2 3"),
+        ("v 1 2 3 .1 .2 .3", "v 1 2 3 .1 .2 .3", "v 1 2 3 .1 .2 .3"),  # with its colour
+        ("v 1 2 3 .1 .2 .3", "v 1 2 3 .1  .2 .3 1 1 ", "v 1 2 3 .1  .2 .3"),
+        ("v 1 2 3 .1 .2 .3 ", "v 1 2 3 1", "v 1 2 3"),  # of which one has none
+        ("v 1 2 3 1", "v 1 2  3 1 1", "v 1 2  3"),
+        ("vt 1 2 3 4", "vt 1 2", "vt 1 2"),
+        ("vt 1 2 3 4", "vt 1", "vt 1"),
+        ("vn 1 2 3", "vn 1 2 3 4 5", "vn 1 2 3"),
+    ],
+)
+def test_numbers_that_nobody_reads_are_cut_off(tmp_path: Path, first: str, other: str, read: str) -> None:
+    text = readable(tmp_path, f"{first}\n{other}\n".encode(), ObjFiles(tmp_path / "a.obj")).decode()
+    assert text.splitlines(keepends=True)[-1] == f"{read}\n"
+    assert {len(line.split()) for line in text.split("\n")[:-1]} == {len(read.split())}
+
+
+def test_vertices_of_many_uneven_numbers_take_no_more_than_was_estimated(
+    stage: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [f"v {x} {y} 0" + " 1.5" * (5000 + x) for x, y in ((0, 0), (2, 0), (2, 2), (1, 1), (0, 2))]
+    read_mesh(stage(WALL + "f 1 2 3\n"))  # what is imported by the first one takes more
+    path = stage("\n".join(rows * 20) + "\nf 1 2 3 4 5\n")
+    estimated: list[int] = []
+    monkeypatch.setattr(mesh_need, "require_free", lambda need, *_: estimated.append(need))
+    tracemalloc.start()
+    try:
+        assert len(read_mesh(path).mesh) == 3
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < estimated[-1]
 
 
 @pytest.mark.parametrize("face", ["f 1 2 3", "f 1/1/1 2/2/1 3/3/1", "f 1 2 3 4"])
