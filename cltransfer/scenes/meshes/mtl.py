@@ -53,17 +53,20 @@ class ObjFiles(Beside):
         Raises:
             InputError: one is not there, empty, or they are larger than a library may be.
         """
-        texts = []
-        for name in dict.fromkeys(names):
-            library = self.find(name)
+        size = 0
+        for library in dict.fromkeys(map(self.find, names)):  # one may be spelt in many ways
             self.libraries[library] = self._text(read_limited(library, LIBRARY_LIMIT))
-            texts.append(self.libraries[library])
-        text = "\n".join(texts)
+            size += len(self.libraries[library])
+            self._check_size(size)
+        text = "\n".join(self.libraries.values())
         text += "".join(_plain(text, material) for material in sorted(without))
         self._joined = text.encode()
-        if len(self._joined) > LIBRARY_LIMIT:
-            raise InputError(self.path, "mtllib", f"expected at most {LIBRARY_LIMIT} bytes, got {len(self._joined)}")
+        self._check_size(len(self._joined))
         return JOINED
+
+    def _check_size(self, size: int) -> None:
+        if size > LIBRARY_LIMIT:
+            raise InputError(self.path, "mtllib", f"expected at most {LIBRARY_LIMIT} bytes, got {size}")
 
     def get(self, name: str) -> bytes:
         """Bytes of the file ``name``, or of what was joined."""

@@ -73,6 +73,21 @@ def test_a_library_of_any_size_is_not_read(stage):
     assert len(read_mesh(stage("newmtl dark wood\nmap_Kd wood.png\n")).mesh.textures) == 1
 
 
+def test_a_library_that_is_spelt_in_many_ways_is_read_once(stage):
+    many = "".join(f"mtllib {'./' * i}stage.mtl\n" for i in range(40))
+    path = stage("newmtl dark wood\nKd 1 0 0\n" + "#" * (LIBRARY_LIMIT * 2 // 3) + "\n", many + FACE)
+    assert read_mesh(path).mesh.colors.unique(dim=0).tolist() == [[1, 0, 0]]
+
+
+def test_libraries_are_read_no_further_than_they_may_go(stage):
+    half = "#" * (LIBRARY_LIMIT // 2) + "\n"
+    path = stage(half, "mtllib b.mtl\nmtllib c.mtl\n" + FACE)
+    for name, library in (("b", half), ("c", 3 * half)):
+        path.with_name(f"{name}.mtl").write_text(library)
+    with pytest.raises(InputError, match=f"stage.obj: mtllib: expected at most {LIBRARY_LIMIT} bytes, got"):
+        read_mesh(path)
+
+
 def test_an_image_may_be_larger_than_a_library(stage, image_file):
     path = stage("newmtl dark wood\nmap_Kd wood.png\n")
     noise = np.random.default_rng(0).integers(0, 256, (1200, 1200, 3), np.uint8)
