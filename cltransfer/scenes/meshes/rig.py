@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -54,12 +54,15 @@ class _Named:
 def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
     """The person whose joints ``rig`` names; None where it names too few for shoulders, hips and legs.
 
-    The head top is the farthest point of what the head moves, straight on from the neck.
+    A joint or a vertex that is not finite is not there. The head top is the farthest point of what the head moves,
+    straight on from the neck.
 
     Args:
         rig: posed skeleton, scene units.
         up: unit vector upwards, (3,).
     """
+    good = np.isfinite(rig.vertices).all(1)
+    rig = replace(rig, vertices=rig.vertices[good], strongest=rig.strongest[good])
     named = _Named.of(rig)
     found = _limb_joints(named)
     neck, head = named.first("neck"), named.first("head")
@@ -75,14 +78,16 @@ def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
     skull = head if head is not None else _last_below(rig, neck)
     if skull is not None:
         joints[JOINTS.index("head_top")] = _head_top(named, skull, shoulders.mean(0))
-    known = np.isfinite(joints[:, 0])
-    left = shoulders[0] - shoulders[1] + hips[0] - hips[1]
-    facing = np.cross(left, up)
-    if known.sum() < _MINIMUM or np.linalg.norm(facing) < 1e-9:
+    known = np.isfinite(joints).all(1)
+    joints[~known] = np.nan
+    facing = np.cross(shoulders[0] - shoulders[1] + hips[0] - hips[1], up)  # from its left
+    length = np.linalg.norm(facing)
+    if known.sum() < _MINIMUM or not 1e-9 <= length < np.inf:
         return None
-    front = torch.from_numpy(facing / np.linalg.norm(facing))
+    front = torch.from_numpy(facing / length)
     upward = torch.from_numpy(np.asarray(up, np.float64))
-    standing = joints[JOINTS.index("head_top")] @ up - (rig.vertices @ up).min()  # bones fall short of round bodies
+    soles = (rig.vertices @ up).min(initial=np.inf)
+    standing = joints[JOINTS.index("head_top")] @ up - soles  # bones fall short of round bodies
     body = torch.from_numpy(joints)
     return Subject(body, torch.from_numpy(known).double(), front, upward, standing_height(float(standing), body))
 

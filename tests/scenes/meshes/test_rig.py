@@ -126,6 +126,30 @@ def test_a_bent_pose_keeps_its_height():
     assert subject_of_rig(lying, UP).height > 1.6
 
 
+@pytest.mark.parametrize("nowhere", [[np.nan] * 3, [0, np.nan, 0], [0, np.inf, 0], [1e308, 1e308, -1e308]])
+@pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
+def test_a_rig_with_a_joint_that_is_nowhere_faces_a_way_or_is_no_person(nowhere):
+    rig = body(STYLES["mixamo"])
+    for joint in ("LeftArm", "LeftUpLeg"):
+        at = rig.names.index(f"mixamorig:{joint}")
+        points = np.where(np.arange(len(rig.points))[:, None] == at, nowhere, rig.points)
+        assert subject_of_rig(replace(rig, points=points), UP) is None
+
+
+@pytest.mark.parametrize("nowhere", [[np.nan] * 3, [0, np.nan, 0], [0, np.inf, 0]])
+def test_a_joint_that_is_nowhere_is_not_known(nowhere):
+    rig = body(STYLES["mixamo"])
+    at, hand = rig.names.index("mixamorig:LeftHand"), JOINTS.index("left_wrist")
+    points = np.where(np.arange(len(rig.points))[:, None] == at, nowhere, rig.points)
+    vertices, strongest = np.append(rig.vertices, [nowhere], axis=0), np.append(rig.strongest, rig.names.index("head"))
+    person = subject_of_rig(replace(rig, points=points, vertices=vertices, strongest=strongest), UP)
+    whole = subject_of_rig(rig, UP)
+    expected = whole.joints.index_fill(0, torch.tensor(hand), torch.nan)
+    torch.testing.assert_close(person.joints, expected, equal_nan=True)
+    assert person.confidence.tolist() == [float(i != hand) for i in range(14)]
+    assert person.height == whole.height
+
+
 def test_names_that_tell_nothing_give_no_person():
     rig = body(STYLES["numbered"])
     dumb = Skeleton(
