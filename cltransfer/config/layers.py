@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import InputError, UsageError
 from ..storage.files import read_text
-from ..storage.yaml_text import check_yaml, named_twice
+from ..storage.yaml_text import check_yaml, named_twice, plain_values
 
 COMMAND_LINE = "command line"
 YAML_LIMIT = 2**20  # bytes
@@ -129,7 +129,7 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
         for twice in named_twice(yaml.compose(text, yaml.SafeLoader)):
             raise UsageError(COMMAND_LINE, key, f"expected each key once, {twice!r} is there twice")
         try:
-            value = yaml.safe_load(text) if text else None
+            value = plain_values(text) if text else None
         except (yaml.YAMLError, ValueError):  # a date without such a day, a number without digits
             raise UsageError(COMMAND_LINE, key, f"not a YAML value: {text}") from None
         _refuse_misread(text, COMMAND_LINE, key, yaml.SafeLoader)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
+MOST_BITS = 2**13  # Python writes no whole number of more than 4300 digits
 
 
 def check_yaml(text: str, loader: Any) -> None:
@@ -29,6 +30,30 @@ def check_yaml(text: str, loader: Any) -> None:
     except yaml.YAMLError as error:
         # newer releases of libyaml look ahead for the end of a key and stop at a depth of their own before it is seen
         raise (deep if "nesting depth" in str(getattr(error, "problem", "")) else error) from None
+
+
+def plain_values(text: str) -> Any:
+    """What ``yaml.safe_load`` makes of a text.
+
+    Raises:
+        ValueError: a value is not of the kind that its form or its tag says, as in ``!!bool x`` and ``!!int ''``.
+        YAMLError: it is no YAML.
+    """
+    import yaml
+
+    try:
+        return yaml.safe_load(text)
+    except (LookupError, AttributeError, ArithmeticError):  # its constructors check none of them
+        raise ValueError("a value is not of the kind that its form or its tag (!!) says") from None
+
+
+def long_numbers(value: Any) -> Iterator[int]:
+    """Whole numbers of more than :data:`MOST_BITS` in values of YAML, its keys too; they cannot be shown."""
+    if isinstance(value, dict | list | tuple | set):
+        for part in (*value, *value.values()) if isinstance(value, dict) else value:
+            yield from long_numbers(part)
+    elif isinstance(value, int) and value.bit_length() > MOST_BITS:
+        yield value
 
 
 def named_twice(node: Any) -> Iterator[str]:

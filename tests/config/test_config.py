@@ -178,6 +178,7 @@ def test_naming_another_search_replaces_the_one_below() -> None:
         ("popsize=1:30", "popsize: YAML reads 1:30 in base 60"),
         ("losses={framing: {weight: 1:30.5}}", "losses: YAML reads 1:30.5 in base 60"),
         ("seed=2024-13-01", "seed: not a YAML value: 2024-13-01"),
+        ("seed=!!bool x", "seed: not a YAML value: !!bool x"),
         ("losses={framing: {weight: 1, weight: 2}}", "losses: expected each key once, 'weight' is there twice"),
         ("losses=[{a: [{b: 1, b: 2}]}]", "losses: expected each key once, 'b' is there twice"),
         (f"losses={'[' * 5000}", "losses: expected at most"),

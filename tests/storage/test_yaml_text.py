@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 import yaml
 
-from cltransfer.storage.yaml_text import YAML_LEVELS, check_yaml, named_twice
+from cltransfer.storage.yaml_text import MOST_BITS, YAML_LEVELS, check_yaml, long_numbers, named_twice, plain_values
 
 LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
@@ -26,6 +26,27 @@ def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str,
     for levels in (YAML_LEVELS + 1, 2000, 100_000):  # libyaml has a limit of its own between
         with pytest.raises(ValueError, match=f"expected at most {YAML_LEVELS} levels"):
             check_yaml(opened * levels, loader)
+
+
+@pytest.mark.parametrize(
+    "text", ["!!bool x", "!!timestamp x", "!!int ''", "!!float ''", "!!int +", "1:" * 300 + "1.5", "2001-99-99"]
+)
+def test_a_value_that_is_not_what_it_is_tagged_as_is_a_bad_value(text: str) -> None:
+    with pytest.raises(ValueError, match=r"kind that its form or its tag|month must be"):
+        plain_values(f"a: [{{b: {text}}}]")
+
+
+def test_plain_values_are_those_of_yaml() -> None:
+    assert plain_values("a: [1, 2.5, !!bool yes, !!int '7']") == {"a": [1, 2.5, True, 7]}
+    with pytest.raises(yaml.YAMLError):
+        plain_values("a: [")
+
+
+def test_numbers_that_cannot_be_shown_are_found_wherever_they_stand() -> None:
+    longest, longer = 2**MOST_BITS - 1, 2**MOST_BITS
+    assert len(str(longest)) > 2000
+    assert not list(long_numbers({"a": [longest, True, 1.5, "text", None]}))
+    assert list(long_numbers({longer: {"b": [1, (longer, 2)]}, "c": {-longer}})) == [longer, longer, -longer]
 
 
 def test_keys_named_twice_are_found_among_very_many(within: Callable[[float, float], bool]) -> None:

@@ -23,6 +23,10 @@ def inside(root: Path, name: str, where: Path, field: str) -> Path:
         InputError: the name leads out of the folder (by ``..``, a link, or as an absolute path or an address), or
             there is no such file.
     """
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:  # half of a character
+        raise InputError(where, field, f"no such file {name[:80]!r}") from None
     parts = name.replace("\\", "/").split("/")
     if _SCHEME.match(name) or name.startswith(("/", "\\")) or ".." in parts or "\0" in name:
         raise InputError(where, field, f"names {name[:80]!r}", "expected a file in this folder or below")

@@ -24,7 +24,7 @@ from torch import Tensor
 from ...computer.memory import require_free
 from ...errors import InputError
 from ...storage.files import content_hash, read_text
-from ...storage.yaml_text import check_yaml, named_twice
+from ...storage.yaml_text import MOST_BITS, check_yaml, long_numbers, named_twice, plain_values
 from ...subject import Subject
 from .. import Scene
 from ..steps import check_steps
@@ -73,10 +73,13 @@ class Part:
         for name in ("translate", "rotate_deg"):
             if not _is_vector(getattr(self, name)):
                 raise ValueError(f"{name} must be three numbers, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not _is_number(self.scale) or self.scale <= 0:
             raise ValueError(f"scale must be positive, got {self.scale!r}")
         if not _is_number(self.time):
             raise ValueError(f"time must be seconds, got {self.time!r}")
+        for name in ("scale", "time"):
+            object.__setattr__(self, name, float(getattr(self, name)))  # a whole number may be longer than torch takes
         if self.animation is not None and not isinstance(self.animation, str):
             raise ValueError(f"animation must be a name, got {self.animation!r}")
 
@@ -128,9 +131,11 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     text = read_text(path, YAML_LIMIT)
     try:
         check_yaml(text, yaml.SafeLoader)
-        about = yaml.safe_load(text)
+        about = plain_values(text)
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(path, "", f"not plain YAML: {' '.join(str(error).split())[:160]}") from None
+    for number in long_numbers(about):
+        raise InputError(path, "", f"expected numbers of at most {MOST_BITS} bits, got one of {number.bit_length()}")
     for twice in named_twice(yaml.compose(text, yaml.SafeLoader)):
         raise InputError(path, twice[:40], "expected each key once, it is there twice")
     if not isinstance(about, dict) or not about.keys() <= {"up", "parts"}:
@@ -220,7 +225,7 @@ def _is_vector(value: Any) -> bool:
 
 
 def _unit(path: Path, value: Any) -> tuple[float, float, float]:
-    if not _is_vector(value) or math.hypot(*value) == 0:
+    if not _is_vector(value) or not 0 < math.hypot(*value) < math.inf:
         raise InputError(path, "up", f"expected a direction, got {value!r}")
     x, y, z = (float(part) / math.hypot(*value) for part in value)
     return x, y, z

@@ -11,6 +11,7 @@ from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.meshes.compose import Part, read_composed
 
+LONG = "f" * 5000
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
@@ -172,6 +173,15 @@ def test_a_line_is_short_whatever_a_part_holds(folder, field):
         ("parts: [{file: tile.obj, translate: &a [0, 0, 1]}]", "expected no anchors and aliases"),
         ("up: &a [0, 1, 0]\nparts: [{file: tile.obj, translate: *a}]", "expected no anchors and aliases"),
         ("parts: [{file: tile.obj, time: 2001-99-99}]", "not plain YAML"),
+        ("parts: [{file: !!bool x}]", "not plain YAML: a value is not of the kind that its form or its tag"),
+        ("parts: [{file: tile.obj, time: !!int ''}]", "not plain YAML: a value is not of the kind"),
+        ('parts: [{file: "\\ud800.obj"}]', r"parts\[0\].file: no such file '\\ud800.obj'"),
+        (f"parts: [{{file: tile.obj, scale: {'9' * 300}}}]", "float32 can hold, got infinity at scale 1e\\+300"),
+        (f"parts: [{{file: tile.obj, translate: [0, {'9' * 300}, 0]}}]", "vertices that float32 can hold"),
+        (f"up: [0x{LONG}, 0, 0]\nparts: [{{file: tile.obj}}]", "at most 8192 bits, got one of 20000"),
+        (f"up: [0, 1, 0]\n? 0x{LONG}\n: 1", "at most 8192 bits, got one of 20000"),
+        (f"parts: [{{file: tile.obj, ? 0x{LONG} : 1}}]", "at most 8192 bits, got one of 20000"),
+        ("up: [1.0e+308, 1.7e+308, 0]\nparts: [{file: tile.obj}]", "up: expected a direction"),
         ("[" * 100_000, "expected at most 64 levels"),
         ("- " * 100_000, "expected at most 64 levels"),
     ],
