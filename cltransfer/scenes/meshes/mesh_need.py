@@ -109,7 +109,8 @@ def _tables(path: Path, header: Sequence[bytes], size: int) -> list[_Table]:
     for line in header:
         words = line.decode("ascii", "replace").split()
         if "element" in "".join(words[:1]):  # as trimesh looks for it
-            if len(words) != 3 or not words[2].isdecimal() or int(words[2]) > min(COUNT_LIMIT, size):
+            counted = len(words) == 3 and words[2].isdecimal() and len(words[2]) <= 18  # digits, which int() limits too
+            if not counted or int(words[2]) > min(COUNT_LIMIT, size):
                 raise InputError(path, "header", f"{' '.join(words)[:60]!r} asks for more than the file holds")
             current = tables[words[1]] = _Table(words[1], int(words[2]))
         elif "property" in "".join(words[:1]) and current is not None:

@@ -29,7 +29,7 @@ def of_triangles(path: Path, data: bytes) -> bytes:
         data: with a sound header, see :func:`.mesh_need.check_ply`.
 
     Raises:
-        InputError: a polygon names a vertex that is not there.
+        InputError: a polygon names a vertex that is not there, or has one number in place of a list.
     """
     from plyfile import PlyData, PlyElement, PlyParseError
 
@@ -102,10 +102,14 @@ def _read(path: Path, header: bytes) -> Any:
 
 def _opened(path: Path, header: bytes, known: dict[str, dict[str, int]]) -> Any:
     """What plyfile makes of a file, in which lists of ``known`` lengths are mapped."""
-    from plyfile import PlyData
+    from plyfile import PlyData, PlyListProperty
 
     with AsciiHeader(path, len(header)) as stream:
-        return PlyData.read(stream, mmap="r", known_list_len=known)
+        ply = PlyData.read(stream, mmap="r", known_list_len=known)
+    for column in ply["face"].properties:
+        if column.name in (*CORNERS, PLACES) and not isinstance(column, PlyListProperty):
+            raise InputError(path, "faces", f"expected a list of {column.name} for each, got one number")
+    return ply
 
 
 def _corners(ply: Any) -> Array:

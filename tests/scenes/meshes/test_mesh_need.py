@@ -53,6 +53,7 @@ def test_rows_of_unlike_width_and_columns_that_are_not_there_are_refused(tmp_pat
         r"header: its rows ask for more than the file holds": ply(more=wide, rows=b"1\n" * 90, vertices=90),
         r"body: expected ASCII text, got byte 28 at": ply(rows=b"0 0 0\n1 0 0\n0 1 0\x1c0 0 0\n"),
         r"header: 'xelement face 99999999' asks for": ply().replace(b"element face 1", b"xelement face 99999999"),
+        r"header: 'element vertex 1{45}' asks for": ply().replace(b"vertex 3", b"vertex " + b"1" * 5000),
         r"body: lines follow the last element": ply(faces=b"3 0 1 2\n\n1 1\n"),
         r"header: expected a PLY header": ply().replace(b"end_header", b"comment xend_header"),
     }

@@ -19,7 +19,7 @@ WALL = [(0, 0), (1.5, 0), (1.5, 2), (2.5, 2), (2.5, 0), (4, 0), (4, 3), (0, 3)] 
 FORMS: list[dict[str, Any]] = [{"text": True}, {"byte_order": "<"}, {"byte_order": ">"}]
 
 
-def saved(path: Path, polygons: list[list[int]], comments: tuple[str, ...] = (), **more: Any) -> Path:
+def saved(path: Path, polygons: list[Any], comments: tuple[str, ...] = (), **more: Any) -> Path:
     """A PLY of WALL's corners and two beside it, whose faces are ``polygons`` and have ``more`` each; see ``form``."""
     form = more.pop("form", {"byte_order": "<"})
     vertex = np.array([(x, y, 0) for x, y in [*WALL, (5, 0), (5, 3)]], [(axis, "f4") for axis in "xyz"])
@@ -86,6 +86,19 @@ def test_a_file_of_triangles_is_as_it_is(tmp_path: Path) -> None:
 def test_a_polygon_of_a_vertex_that_is_not_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="faces: name vertex 10 of 10"):
         read_mesh(saved(tmp_path / "a.ply", [[0, 1, 2, 10], [0, 1, 2]]))
+
+
+@pytest.mark.parametrize("form", FORMS, ids=["text", "little", "big"])
+@pytest.mark.parametrize("polygons", [[[0, 1, 2]], [[*range(8)], [0, 1, 2]]], ids=["triangles", "polygons"])
+def test_one_number_in_place_of_a_list_is_told(tmp_path: Path, form: dict[str, Any], polygons: list[list[int]]) -> None:
+    one = [7] * len(polygons)
+    for name in ("vertex_index", "texcoord"):
+        path = saved(tmp_path / "a.ply", polygons, form=form, **{name: one})
+        with pytest.raises(InputError, match=f"a.ply: faces: expected a list of {name} for each, got one number"):
+            read_mesh(path)
+    saved(path, one, form=form)
+    with pytest.raises(InputError, match=r"a.ply: faces: expected a list of vertex_indices for each"):
+        read_mesh(path)
 
 
 def test_lines_and_points_among_the_faces_are_left_out(tmp_path: Path) -> None:

@@ -81,6 +81,13 @@ def test_a_damaged_text_is_refused_in_one_line(tmp_path: Path, rows: str, count:
     assert "\n" not in str(caught.value)
 
 
+def test_a_count_of_more_digits_than_python_reads_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "points.ply")
+    path.write_text(path.read_text().replace("vertex 2", "vertex " + "1" * 5000))
+    with pytest.raises(InputError, match=r"points.ply: header: 'element vertex 1+' asks for more"):
+        read_points(path)
+
+
 def test_columns_that_are_no_points_are_refused(tmp_path: Path) -> None:
     for rows, x in (("1 2 3\n", "float a"), ("1 1 2 3\n", "list uchar float x")):
         with pytest.raises(InputError, match="property x, y, z: is missing"):
