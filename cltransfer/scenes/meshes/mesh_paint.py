@@ -67,8 +67,8 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
     Coloured vertices without a material get one: trimesh passes their colours on as stored only beside a material.
 
     Raises:
-        InputError: there are not as many colours or texture coordinates as vertices, the latter are integers that
-            are no shares, or a texture is to be moved or wrapped in a way that is not known.
+        InputError: there are not as many colours or texture coordinates as vertices, the latter are no pairs or
+            integers that are no shares, or a texture is to be moved or wrapped in a way that is not known.
     """
     for attributes in (one["attributes"] for mesh in gltf.tree["meshes"] for one in mesh["primitives"]):
         _check_counts(gltf, attributes)
@@ -124,6 +124,8 @@ def _check_counts(gltf: Gltf, attributes: dict[str, Any]) -> None:
         expected, got = (gltf.entry("accessors", attributes[of])["count"] for of in ("POSITION", name))
         if expected != got:
             raise InputError(gltf.path, name, f"expected {expected}, one of each vertex, got {got}")
+    if "TEXCOORD_0" in attributes and (kind := gltf.entry("accessors", attributes["TEXCOORD_0"])["type"]) != "VEC2":
+        raise InputError(gltf.path, "TEXCOORD_0", f"expected two numbers of each vertex, a VEC2, got {kind!r:.40}")
 
 
 def _with_material(primitive: dict[str, Any], material: int) -> dict[str, Any]:

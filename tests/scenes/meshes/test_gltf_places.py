@@ -98,6 +98,12 @@ def test_places_of_only_some_vertices_are_refused(shown):
         shown({}, count=3)
 
 
+@pytest.mark.parametrize("kind", ["SCALAR", "VEC3", "VEC4", "MAT2"])
+def test_a_place_is_two_numbers(shown, kind):
+    with pytest.raises(InputError, match=f"TEXCOORD_0: expected two numbers of each vertex, a VEC2, got '{kind}'"):
+        shown({}, componentType=5121, most=255, normalized=True, type=kind)
+
+
 def test_places_that_are_shares_are_counted_before_they_are_written_out(shown):
     with pytest.raises(InputError, match="TEXCOORD_0: expected 4, one of each vertex, got 5000"):
         shown({}, componentType=5121, normalized=True, count=5000)  # more than there are in its buffer view
