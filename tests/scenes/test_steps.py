@@ -33,7 +33,7 @@ def test_a_town_may_lie_farther(room):
 
 
 @pytest.mark.parametrize(
-    ("size", "says"), [(10, "a scene of 8"), (0.3, "a scene of 1"), (0.1, "1000 primitives on one point")]
+    ("size", "says"), [(10, "a scene of 8"), (0.3, "a scene of 1"), (0.1, "1000 places on one point")]
 )
 def test_a_scene_that_float32_has_put_on_one_point_is_refused(room, size, says):
     where = room * (size / WIDE) + torch.tensor([4.2e6, 4.3e6, 4.4e6])
@@ -48,6 +48,19 @@ def test_primitives_that_are_meant_to_share_a_point_may(room):
 
 def test_one_primitive_is_anywhere():
     check_steps("one.ply", torch.tensor([[4e6, 0, 0]]))
+
+
+@pytest.mark.parametrize("at", [1e5, 1e20, 3e38])
+def test_a_face_of_its_own_is_not_anywhere(tmp_path, at):
+    path = tmp_path / "face.obj"
+    path.write_text(f"v {at} 0 0\nv {at} 1 0\nv {at} 0 1\nv 0 0 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"face.obj: lies .* units from its origin, .*too coarse for a scene of 2"):
+        load_scene(path)
+    path.with_suffix(".yaml").write_text(f"parts: [{{file: near.obj, translate: [{at:f}, 0, 0]}}]")
+    path.with_name("near.obj").write_text("v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
+    assert len(load_scene(path.with_name("near.obj")).geometry) == 1
+    with pytest.raises(InputError, match=r"face.yaml: lies .* units from its origin, .*too coarse for"):
+        load_scene(path.with_suffix(".yaml"))
 
 
 def test_scans_in_map_coordinates_are_refused_by_name(tmp_path):

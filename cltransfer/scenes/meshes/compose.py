@@ -116,7 +116,7 @@ def read_composed(path: Path, up: tuple[float, float, float] | None = None) -> S
     given_up = _unit(path, up or about.get("up", UP))
     read = [_read(path, part, i, given_up) for i, part in enumerate(parts)]
     mesh = _joined(path, parts, [file.mesh for file in read])
-    check_steps(path, mesh.means)
+    check_steps(path, mesh.corners.flatten(0, 1))
     people = [_moved(part, file.subject) for part, file in zip(parts, read) if part.label == "subject"]
     digest = hashlib.sha256(path.read_bytes())
     for name in (name for file in read for name in file.files):

@@ -79,9 +79,14 @@ class Mesh:
         return len(self.faces)
 
     @property
+    def corners(self) -> Tensor:
+        """Vertices of each face, (F, 3, 3)."""
+        return self.vertices[self.faces.long()]
+
+    @property
     def means(self) -> Tensor:
         """Middles of the faces, (F, 3)."""
-        return self.vertices[self.faces.long()].mean(1)
+        return self.corners.mean(1)
 
     @property
     def wrapped(self) -> tuple[tuple[Tensor, tuple[Wrap, Wrap]], ...]:

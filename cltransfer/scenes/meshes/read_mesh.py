@@ -98,7 +98,7 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     mesh = _finite(path, Mesh.concatenate(parts)) if parts else None
     if mesh is None or len(mesh) == 0:
         raise InputError(path, "", "holds no faces", "is it a point cloud, or all transparent?")
-    check_steps(path, mesh.means)
+    check_steps(path, mesh.corners.flatten(0, 1))
     subject = _subject(rig, up)
     if subject is None:
         mesh = mesh.with_label(torch.zeros(len(mesh)))
