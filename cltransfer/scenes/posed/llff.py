@@ -16,6 +16,7 @@ from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, n
 
 ROW = 17  # 3 x 5 of rotation, centre and (height, width, focal), then the nearest and farthest depth
 BYTE_LIMIT = IMAGE_LIMIT * ROW * 8 + 4096
+BROKEN = (ValueError, TypeError, IndexError, OverflowError, SyntaxError, TokenError)  # as NumPy does of a header
 
 
 def read_llff(path: Path) -> PosedImages:
@@ -48,8 +49,8 @@ def _rows(path: Path) -> Array:
     check_size(path, BYTE_LIMIT)
     try:
         rows = np.lib.format.open_memmap(path, mode="r")  # by map: a shape larger than the file is refused
-    except (ValueError, OSError, OverflowError, TokenError, MemoryError, RecursionError) as error:
-        # of nothing but a header that is nested too deep: no array is made
+    except (*BROKEN, OSError, MemoryError, RecursionError) as error:
+        # the last two of nothing but a header that is nested too deep: no array is made
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "", f"not a NumPy file: {reason}") from None
     if rows.ndim != 2 or rows.shape[1] != ROW or rows.dtype.kind != "f":

@@ -267,6 +267,22 @@ def nested(root: Path) -> None:
     (root / "poses_bounds.npy").write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header)
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': (), 'fortran_order': False, 'shape': (1, 17)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (True, 17)}",
+        "{[]: 1}",
+        "a\n  b\n c",
+    ],
+)
+def test_a_poses_bounds_whose_header_is_no_table_is_named(tmp_path: Path, header: str) -> None:
+    start = b"\x93NUMPY\1\0" + struct.pack("<H", len(header))
+    (tmp_path / "poses_bounds.npy").write_bytes(start + header.encode() + bytes(17 * 8))
+    with pytest.raises(InputError, match=r"poses_bounds.npy: not a NumPy file: \S"):
+        read_posed(tmp_path)
+
+
 def headed(root: Path, shape: tuple[int, int]) -> None:
     """A file whose header promises ``shape`` of what it does not hold."""
     with (root / "poses_bounds.npy").open("wb") as stream:
