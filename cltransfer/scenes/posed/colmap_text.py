@@ -16,6 +16,7 @@ from .colmap_tables import COUNTS, STRAIGHTEN, Calibration, Shot, Tables
 
 BYTE_LIMIT = 2**30
 LINE_LIMIT = 2**24  # characters; an image lists in one line all the points it sees
+ID_DIGITS = 20  # of 64 bits, more than COLMAP gives a camera
 
 
 def read_tables(model: Path) -> Tables:
@@ -48,6 +49,10 @@ def _numbers(path: Path, where: str, parts: list[str]) -> Array:
         raise InputError(path, where, "expected numbers") from None
 
 
+def _is_id(text: str) -> bool:
+    return text.isdecimal() and len(text) <= ID_DIGITS
+
+
 def _cameras(path: Path) -> dict[int, Calibration]:
     cameras: dict[int, Calibration] = {}
     for where, line in _lines(path):
@@ -55,9 +60,9 @@ def _cameras(path: Path) -> dict[int, Calibration]:
             continue
         key, model, *rest = [*line.split(), "", ""]
         values = _numbers(path, where, rest[:-2])
-        if key.isdecimal() and model.isupper() and model not in COUNTS:
+        if _is_id(key) and model.isupper() and model not in COUNTS:
             raise InputError(path, where, f"lens model {model[:40]} is not known here", STRAIGHTEN)
-        if not key.isdecimal() or model not in COUNTS or len(values) != 2 + COUNTS[model]:
+        if not _is_id(key) or model not in COUNTS or len(values) != 2 + COUNTS[model]:
             raise InputError(path, where, "expected CAMERA_ID MODEL WIDTH HEIGHT and the model's parameters")
         cameras[int(key)] = Calibration(model, (float(values[0]), float(values[1])), tuple(values[2:].tolist()))
         if len(cameras) > IMAGE_LIMIT:
@@ -76,7 +81,7 @@ def _images(path: Path) -> list[Shot]:
             reason = "expected X Y POINT3D_ID of the points that the image before it sees, or an empty line"
             raise InputError(path, there, reason, "were empty lines left out?")
         parts = line.split(maxsplit=9)
-        if len(parts) != 10 or not parts[8].isdecimal():
+        if len(parts) != 10 or not _is_id(parts[8]):
             raise InputError(path, where, "expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
         pose = _numbers(path, where, parts[1:8])
         shots.append(Shot(parts[9].strip(), pose[:4], pose[4:], int(parts[8])))
@@ -97,4 +102,14 @@ def _points(path: Path) -> tuple[Array, Array]:
                 raise InputError(path, "points", f"expected at most {POINT_LIMIT}")
     check_points(path, len(values) // 6)
     table = np.array(values).reshape(-1, 6)
-    return table[:, :3], table[:, 3:].astype(np.uint8)
+    return table[:, :3], _colors(path, table[:, 3:])
+
+
+def _colors(path: Path, values: Array) -> Array:
+    """RGB (P, 3) uint8 of what the lines say, refused where it is no colour."""
+    wrong = ~((values >= 0) & (values <= 255)).all(axis=1)
+    if wrong.any():
+        index = int(wrong.argmax())
+        told = " ".join(f"{value:g}" for value in values[index])
+        raise InputError(path, f"point {index + 1}", f"expected R G B of 0 to 255, got {told}")
+    return values.astype(np.uint8)

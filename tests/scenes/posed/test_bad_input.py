@@ -206,9 +206,13 @@ def test_a_damaged_binary_model_is_named(tmp_path: Path, files: dict[str, bytes]
         ("cameras", "1 EUCM 8 6 5 5 4 3 1 1", r"cameras.txt: line 1: lens model EUCM is not known here \(run: colmap"),
         ("cameras", "1 PINHOLE 8 6 5 5 4", r"cameras.txt: line 1: expected CAMERA_ID"),
         ("cameras", "1 PINHOLE 8 6 5 5 4 x", r"cameras.txt: line 1: expected numbers"),
+        ("cameras", "1" * 5000 + " PINHOLE 8 6 5 5 4 3", r"cameras.txt: line 1: expected CAMERA_ID"),
+        ("images", f"1 1 0 0 0 0 0 2 {'1' * 5000} a.png", r"images.txt: line 1: expected IMAGE_ID"),
         ("images", "1 1 0 0 0 0 0 2 1", r"images.txt: line 1: expected IMAGE_ID"),
         ("images", "1 1 0 0 0 0 0 2 1 a.png\n2 1 0 0 0 0 0 2 1 b.png", r"images.txt: line 2: expected X Y POINT3D_ID"),
         ("points3D", "1 0 0 0 1 1", r"points3D.txt: line 1: expected POINT3D_ID"),
+        ("points3D", "1 0 0 0 9 9 9 0\n2 0 0 0 300 9 -1 0", r"points3D.txt: point 2: .* 0 to 255, got 300 9 -1"),
+        ("points3D", "1 0 0 0 nan 9 9 0", r"points3D.txt: point 1: .* 0 to 255, got nan 9 9"),
     ],
 )
 def test_a_bad_line_of_a_text_model_is_named(tmp_path: Path, name: str, text: str, says: str) -> None:
