@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -22,7 +23,7 @@ from .fit import fit
 from .models import assets_app, models_app
 from .plugins import app as plugins_app
 from .scenes import bake, lift, simplify
-from .shared import STOPS, Json, Terminated, fail, show, stopped
+from .shared import STOPS, Json, Terminated, fail, printable, show, stopped
 from .slips import check_once, command_of, meant_as_option, options_of, told
 from .study import study
 from .transfer import export, render, transfer
@@ -56,9 +57,11 @@ def main() -> NoReturn:
     """Run the command line; every failure is one line on stderr and an exit code."""
     before = signal.signal(signal.SIGTERM, _terminate)
     _open_streams()
+    _format_logs(_Printable())
     try:
         _run()
     finally:
+        _format_logs(None)
         for stream in (sys.stdout, sys.stderr):
             _give_up_if_broken(stream)
         signal.signal(signal.SIGTERM, before or signal.SIG_DFL)  # all is said, and nobody would catch it any more
@@ -112,6 +115,19 @@ def _open_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 as long as the process
         elif isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+class _Printable(logging.Formatter):
+    """Log lines as they are, without signs that a terminal would act on."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
+def _format_logs(formatter: logging.Formatter | None) -> None:
+    """How lines are shown that no handler takes, on stderr as Python does; who has set up handlers keeps them."""
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(formatter)
 
 
 def _give_up_if_broken(stream: TextIO) -> None:

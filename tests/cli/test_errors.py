@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import signal
@@ -531,6 +532,20 @@ def test_a_signal_ends_a_run_without_a_trace(tmp_path: Path, cache: Path, name: 
     assert err.splitlines()[-1] == f"error: {word} (the same command with --resume 'a take' goes on from here)"
     assert time.perf_counter() - start < 10
     assert {p.name for p in (tmp_path / "a take").rglob("*")} <= {"journal.bin"}  # nothing half-written
+
+
+def test_a_warning_shows_nothing_that_a_terminal_would_act_on(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # as in a process of its own
+    write_splats(tmp_path / "scene.ply", synthetic_room(200, 0))
+    frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
+    told = {"w": 8, "h": 6, "fl_x": 5, "ply_file_path": "\x1b]0;a\x07\x1b[31m\nx.ply", "frames": [frame]}
+    (tmp_path / "transforms.json").write_text(json.dumps(told))
+    answer = command("simplify", "scene.ply", "--view", "transforms.json:0", "--out", "a.ply", "k=0", "--quiet")
+    where = "transforms.json: ply_file_path: no such file, the set has no points"
+    assert answer.err == where + r": \x1b]0;a\x07\x1b[31m x.ply" + "\n"
 
 
 ENDING = """

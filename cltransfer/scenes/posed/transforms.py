@@ -37,7 +37,8 @@ def read_transforms(path: Path) -> PosedImages:
     named = data.get("ply_file_path")
     cloud = find_image(path.parent, str(named or POINTS), path, ("", ".ply"))
     if named and cloud is None:
-        _log.warning("%s: ply_file_path: no such file, the set has no points: %.80s", path, named)
+        told = " ".join(str(named).split())
+        _log.warning("%s: ply_file_path: no such file, the set has no points: %.80s", path, told)
     return posed_images(path, views, *(read_points(cloud) if cloud else ()))
 
 
