@@ -145,7 +145,10 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
 def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None:
     lossless = path.suffix.lower() == ".mkv"
     interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
-    with av.open(str(path.absolute()), "w", options={"fflags": "+bitexact"}) as container:  # no number of its own
+    options = {"fflags": "+bitexact"}  # no number of its own
+    if not lossless:
+        options["movie_timescale"] = str(time_base.denominator)  # by milliseconds its end would be cut off
+    with av.open(str(path.absolute()), "w", options=options) as container:
         stream = container.add_stream(
             "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)
         )

@@ -122,6 +122,14 @@ def test_frames_that_would_share_a_millisecond_are_written_one_after_the_other(t
     torch.testing.assert_close(read_clip(tmp_path / "a.mkv").times, seconds(0, 0.001, 0.002, 0.033, 0.067))
 
 
+@pytest.mark.parametrize("count", [3, 4, 8])
+@pytest.mark.parametrize("step", [1e-5, 1e-4, 2e-4, 1e-3])
+def test_frames_of_an_mp4_may_be_closer_than_a_millisecond(tmp_path, count, step):
+    times = torch.arange(count).double() * step
+    write_video(tmp_path / "a.mp4", smooth(count), times)
+    torch.testing.assert_close(read_clip(tmp_path / "a.mp4").times, times, atol=count / 90_000, rtol=0)
+
+
 def test_write_video_refuses_times_that_do_not_increase(tmp_path):
     with pytest.raises(ValueError, match="increase"):
         write_video(tmp_path / "a.mkv", noise(2), seconds(0, 0), lossless=True)
