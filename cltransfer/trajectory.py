@@ -11,6 +11,7 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_axis_angle
 from torch import Tensor
 
+from .along_clip import check_times
 from .camera import Camera, w2c_of
 from .errors import InputError
 from .storage.files import read_json, write_json
@@ -18,7 +19,6 @@ from .storage.files import read_json, write_json
 FORMAT = "cltransfer.trajectory"  # what its file calls itself
 FRAME_LIMIT = 2000
 SIZE_LIMIT = 16384  # [px]
-LONGEST, SHORTEST = 1e9, 1e-6  # [s] of a time, and of the step to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +142,7 @@ class Trajectory:
         rigid = (R @ R.transpose(1, 2) - torch.eye(3, dtype=R.dtype)).abs().amax() < 1e-4
         if not bool(torch.isfinite(self.camera.w2c).all() and torch.isfinite(self.camera.K).all()):
             raise InputError(path, "w2c, K", "expected finite numbers")
-        if not bool(torch.isfinite(self.times).all()):
-            raise InputError(path, "time", "expected finite numbers")
-        if float(self.times.abs().max()) > LONGEST or (len(self) > 1 and float(self.times.diff().min()) < SHORTEST):
-            expected = f"expected at most {LONGEST:.0e} s, in steps of {SHORTEST:.0e} s and more"
-            raise InputError(path, "time", expected)
+        check_times(path, "time", self.times)
         for name, rows, last in (("w2c", self.camera.w2c, (0, 0, 0, 1)), ("K", self.camera.K, (0, 0, 1))):
             if not torch.allclose(rows[:, -1], torch.tensor(last, dtype=rows.dtype), rtol=0, atol=1e-9):
                 raise InputError(path, name, f"expected {' '.join(map(str, last))} as the last row")

@@ -1,12 +1,13 @@
-"""Where frames stand in time: even ones are counted, a pause and a burst are bounded; what is filtered along them."""
+"""Where frames stand in time: what may be, even ones are counted, a pause and a burst are bounded; what is filtered."""
 
 from __future__ import annotations
 
 import pytest
 import torch
 
-from cltransfer.along_clip import WIDEST, along, counted, places
+from cltransfer.along_clip import LATEST, LONGEST, WIDEST, along, check_times, counted, places
 from cltransfer.clips.thinned import evenly
+from cltransfer.errors import InputError
 
 
 @pytest.mark.parametrize("rate", [23.976, 24.0, 30.0, 29.97])
@@ -31,6 +32,25 @@ def test_a_pause_and_a_burst_weigh_no_more_than_a_few_frames() -> None:
     at = places(torch.tensor([0.0, 1.0, 2.0, 2.001, 100.0, 101.0, 102.0]))
     assert at is not None
     assert at.diff().tolist() == [1.0, 1.0, 1 / WIDEST, WIDEST, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("rate", [240, 480, 960, 1000])
+@pytest.mark.parametrize("clock", [1000, 90_000])
+@pytest.mark.parametrize("start", [0.0, 1.8e9])
+def test_times_of_high_frame_rates_are_taken_as_any_clock_keeps_them(rate: int, clock: int, start: float) -> None:
+    times = start + (torch.arange(2000).double() / rate * clock).round() / clock
+    check_times("clip", "t", times)
+
+
+def test_one_frame_and_the_longest_clip_are_taken() -> None:
+    check_times("clip", "t", torch.tensor([-LATEST], dtype=torch.float64))
+    check_times("clip", "t", torch.tensor([-LONGEST, 0.0], dtype=torch.float64))
+
+
+@pytest.mark.parametrize("times", [[0, float("nan")], [0, float("inf")], [2 * LATEST], [0, 2 * LONGEST], [0, 5e-4]])
+def test_times_that_no_video_keeps_are_refused(times: list[float]) -> None:
+    with pytest.raises(InputError, match=r"^clip: t: expected .* \(frames=N\)$"):
+        check_times("clip", "t", torch.tensor(times, dtype=torch.float64), "frames=N")
 
 
 def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:

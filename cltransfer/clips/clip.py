@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..along_clip import LONGEST
 from ..computer.threads import thread_count
 from ..errors import ResourceError
 from ..features import Features
@@ -120,7 +121,8 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
 
     Raises:
         ValueError: a shape, type or suffix is wrong, or the times do not increase.
-        ResourceError: the file cannot be written or does not read back.
+        ResourceError: the file cannot be written or does not read back, or an mp4 would last longer than
+            :data:`~cltransfer.along_clip.LONGEST`.
     """
     path = Path(path)
     if image.dtype != torch.uint8 or image.dim() != 4 or image.shape[1] != 3 or len(image) < 1:
@@ -130,6 +132,9 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
         raise ValueError(f"path must end in {suffix}, got {path.name}")
     if len(times) != len(image) or not bool((times.diff() > 0).all()):
         raise ValueError(f"expected {len(image)} times that increase, got {times.tolist()}")
+    span = float(times[-1] - times[0])
+    if not lossless and span > LONGEST:
+        raise ResourceError(path, "times", f"an mp4 holds {LONGEST:g} s, got {span:g} s", "show a part: #t=START,END")
     number = torch.arange(len(times))
     pts = (((times - times[0]) * rate).round().long() - number).cummax(0).values + number  # (N,) [1/rate s]
     try:

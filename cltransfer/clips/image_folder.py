@@ -7,7 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import torch
 
+from ..along_clip import check_times
 from ..errors import InputError, UsageError
 from ..storage.files import content_hash, read_json
 from .decoding import IMAGE_SUFFIXES
@@ -68,7 +70,8 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
     """When each of ``files`` is shown, (N,) increasing [s]: by ``times.json``, else ``fps`` images a second.
 
     Raises:
-        InputError: ``times.json`` does not fit, or there is none and an image is missing.
+        InputError: ``times.json`` does not fit or tells times that no video keeps, or there is none and an image is
+            missing.
         UsageError: there are both ``times.json`` and ``fps``.
     """
     if untimed(folder):
@@ -82,8 +85,9 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
         times = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         times = np.empty(0)
-    if times.shape != (len(files),) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+    if times.shape != (len(files),) or not (times[1:] > times[:-1]).all():
         raise InputError(folder / TIMES, "", f"expected {len(files)} increasing seconds, one per image")
+    check_times(folder / TIMES, "", torch.from_numpy(times))
     return times
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from ..along_clip import check_times
 from ..errors import InputError
 from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
@@ -210,6 +211,7 @@ def _key(what: list[Any], plan: Plan) -> str:
 
 def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
     stored = FeatureFile.load(path)
+    check_times(path, "times", stored.times)
     index = list(range(len(stored.times)))
     if frames is not None and frames != len(index):
         reason = f"holds {len(index)} frames, {frames} asked for"

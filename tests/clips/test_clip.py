@@ -122,6 +122,15 @@ def test_frames_that_would_share_a_millisecond_are_written_one_after_the_other(t
     torch.testing.assert_close(read_clip(tmp_path / "a.mkv").times, seconds(0, 0.001, 0.002, 0.033, 0.067))
 
 
+def test_an_mp4_that_would_last_longer_than_it_can_is_refused(tmp_path):
+    with pytest.raises(ResourceError, match=r"a.mp4: times: an mp4 holds 10000 s, got 100000 s"):
+        write_video(tmp_path / "a.mp4", noise(2), seconds(0, 1e5))
+    for suffix, last in ((".mp4", 1e4), (".mkv", 1e5)):
+        times = seconds(0, last / 4, last / 2, last)
+        write_video(tmp_path / f"a{suffix}", noise(4), times, lossless=suffix == ".mkv")
+        torch.testing.assert_close(read_clip(tmp_path / f"a{suffix}").times, times, atol=0.001, rtol=0)
+
+
 @pytest.mark.parametrize("count", [3, 4, 8])
 @pytest.mark.parametrize("step", [1e-5, 1e-4, 2e-4, 1e-3])
 def test_frames_of_an_mp4_may_be_closer_than_a_millisecond(tmp_path, count, step):
@@ -558,6 +567,21 @@ def test_times_json_sets_the_times_of_a_folder(folder):
         (folder / "times.json").write_text(foreign)
         with pytest.raises(InputError, match="expected 12 increasing seconds"):
             read_clip(folder)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "said"),
+    [
+        (-1.7e308, 1.7e308, "finite numbers within 1e[+]10 s of 0"),
+        (0, 1e5, "at most 10000 s from the first frame to the last, got 100000 s"),
+        (0, 1.0001, "0.001 s and more between frames, frame 11 is shown 0.0001 s after the one before"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_times_that_no_video_keeps_are_refused_when_they_are_read(folder, first, last, said):
+    (folder / "times.json").write_text(json.dumps([first, *(i / 10 for i in range(1, 11)), last]))
+    with pytest.raises(InputError, match=rf"times\.json: expected {said}"):
+        read_clip(folder)
 
 
 def test_fps_sets_the_times_of_a_folder_and_of_nothing_that_has_its_own(folder, tmp_path_factory):

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.clips.clip import write_video
 from cltransfer.config import load_config
-from cltransfer.errors import CltransferError, UsageError
+from cltransfer.errors import CltransferError, InputError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
@@ -71,6 +72,17 @@ def test_a_renderer_that_cannot_draw_is_refused_before_anything_is_read(
         )
     assert steps == []
     assert not (tmp_path / "j").exists()
+
+
+def test_a_clip_whose_times_no_result_could_keep_is_refused_before_the_search(
+    mean_flow: tuple[str, ...], tmp_path: Path
+) -> None:
+    wall = torch.randint(0, 256, (3, 3, 36, 64), generator=torch.Generator().manual_seed(0), dtype=torch.uint8)
+    write_video(tmp_path / "a.mp4", wall, torch.tensor([0.0, 1.0, 1.0002], dtype=torch.float64))
+    config, journal = load_config(overrides=["preset=fast", *SMALL[2:], *mean_flow]), tmp_path / "journal"
+    with pytest.raises(InputError, match=r"a.mp4: t: expected 0.001 s and more .*, frame 2 is shown .*frames=N"):
+        prepare(Inputs("builtin:plaza", str(tmp_path / "a.mp4")), config, Clock(), lambda *_: None, Record(journal))
+    assert not journal.exists()
 
 
 @pytest.mark.parametrize(
