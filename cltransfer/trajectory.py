@@ -19,6 +19,8 @@ from .storage.files import read_json, write_json
 FORMAT = "cltransfer.trajectory"  # what its file calls itself
 FRAME_LIMIT = 2000
 SIZE_LIMIT = 16384  # [px]
+FARTHEST = 1e12  # scene units of a camera from the origin: single precision holds the square
+SHORTEST_LENS, LONGEST_LENS = 1e-6, 1e9  # [px] of a focal length; the latter of the middle's place too
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +150,13 @@ class Trajectory:
                 raise InputError(path, name, f"expected {' '.join(map(str, last))} as the last row")
         if not bool(rigid and (torch.linalg.det(R) > 0).all()):
             raise InputError(path, "w2c", "expected rotations", "a scaled or mirrored pose cannot be rendered")
-        if not bool((self.camera.K[:, [0, 1], [0, 1]] > 0).all()):
-            raise InputError(path, "K", "expected a positive focal length")
+        if float(self.camera.w2c[:, :3, 3].abs().max()) > FARTHEST:
+            raise InputError(path, "w2c", f"expected cameras within {FARTHEST:.0e} scene units of the origin")
+        focal, middle = self.camera.K[:, [0, 1], [0, 1]], self.camera.K[:, :2, 2]
+        if not SHORTEST_LENS <= float(focal.min()) <= float(focal.max()) <= LONGEST_LENS:
+            raise InputError(path, "K", f"expected focal lengths of {SHORTEST_LENS:.0e} to {LONGEST_LENS:.0e} px")
+        if float(middle.abs().max()) > LONGEST_LENS:
+            raise InputError(path, "K", f"expected a principal point within {LONGEST_LENS:.0e} px of the corner")
         if bool(self.camera.K[:, [0, 1], [1, 0]].any()):
             raise InputError(path, "K", "expected no skew: K[0][1] and K[1][0] are 0")
 

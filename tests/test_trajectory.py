@@ -161,6 +161,11 @@ def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
     K = good["frames"][1]["K"]
     refuse("K: expected no skew", frames=changed(1, K=[[K[0][0], 0.1, K[0][2]], *K[1:]]))
     refuse("K: expected no skew", frames=changed(1, K=[K[0], [0.1, *K[1][1:]], K[2]]))
+    for focal in (0.0, 1e-300, 1e300):
+        refuse("K: expected focal lengths of 1e-06 to 1e[+]09 px", frames=changed(1, K=[K[0], [0, focal, 18], K[2]]))
+    refuse("K: expected a principal point within 1e[+]09 px", frames=changed(1, K=[[K[0][0], 0, -1e300], *K[1:]]))
+    far = [[*row[:3], 1.7e308] for row in good["frames"][1]["w2c"][:3]]
+    refuse("w2c: expected cameras within 1e[+]12 scene units", frames=changed(1, w2c=[*far, [0, 0, 0, 1]]))
     refuse("K: expected 0 0 1 as the last row", frames=changed(1, K=[*good["frames"][1]["K"][:2], [0, 0.1, 1]]))
 
 
