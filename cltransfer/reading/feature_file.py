@@ -97,13 +97,18 @@ def _times(path: Path, tensors: dict[str, Tensor]) -> Tensor:
     times = tensors.get("times")
     if (
         times is None
-        or times.is_complex()
+        or not _counts(times.dtype)
         or times.dim() != 1
         or len(times) == 0
         or not bool((times.double().diff() > 0).all() and times.isfinite().all())
     ):
-        raise InputError(path, "times", "expected a list of increasing times")
+        raise InputError(path, "times", "expected a list of increasing times", "store them as float64")
     return times.double()
+
+
+def _counts(dtype: torch.dtype) -> bool:
+    """Whether it is a type of numbers that seconds may be stored as: floats of 16 bits and more, and integers."""
+    return dtype.itemsize > 1 if dtype.is_floating_point else not (dtype.is_complex or dtype is torch.bool)
 
 
 def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> Features:

@@ -94,6 +94,14 @@ def test_times_that_go_back_are_refused_of_any_type(tmp_path: Path) -> None:
             kept(tmp_path / "a", times=torch.tensor([10, 5], dtype=dtype))
 
 
+def test_times_of_a_type_that_counts_no_seconds_are_refused(tmp_path: Path) -> None:
+    for dtype in (torch.float8_e4m3fn, torch.float8_e5m2, torch.bool, torch.complex64):
+        with pytest.raises(InputError, match=r"times: expected a list of increasing times \(store them as float64\)"):
+            kept(tmp_path / "a", keypoints=torch.ones(2, 14, 3), times=torch.tensor([0.0, 1.0]).to(dtype))
+    for dtype in (torch.uint8, torch.uint64, torch.float16, torch.bfloat16):
+        kept(tmp_path / "a", keypoints=torch.ones(2, 14, 3), times=torch.tensor([0.0, 1.0]).to(dtype))
+
+
 def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_features(tmp_path: Path) -> None:
     mask = torch.eye(4, 8).expand(2, 4, 8).contiguous()
     for dtype in (torch.bool, torch.uint8):
