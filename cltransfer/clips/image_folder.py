@@ -33,16 +33,16 @@ def image_files(folder: Path) -> list[Path]:
     """PNG and JPEG files of ``folder`` as people count; hidden ones, as a Mac leaves beside each, are none.
 
     Raises:
-        InputError: there are none, or one is a link that leads out of the folder.
+        InputError: there are none, or one, or what tells their times, is a link that leads out of the folder.
     """
     files = [f for f in folder.iterdir() if _is_image(f)]
     files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise InputError(folder, "images", "expected PNG or JPEG files, found none")
     here = folder.resolve()
-    for file in files:
+    for file in (*files, folder / TIMES):
         if file.is_symlink() and not file.resolve().is_relative_to(here):
-            raise InputError(file, "", "is a link that leads out of its folder", "put the image itself there")
+            raise InputError(file, "", "is a link that leads out of its folder", "put the file itself there")
     return files
 
 

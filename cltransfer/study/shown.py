@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from ..clips.clip import read_clip
+from ..clips.image_folder import clip_hash
 from ..clips.open_clip import open_clip
 from ..clips.source import ClipSource
 from ..errors import InputError, UsageError
 from ..report.side_by_side import reference_side
-from ..storage.files import content_hash, read_json
+from ..storage.files import read_json
 from ..storage.run_files import BESIDE, FRAMES, MANIFEST, METRICS, TRAJECTORY, is_run, kept_frames, require_done
 from ..trajectory import Trajectory
 
@@ -55,7 +56,7 @@ def digest_of(where: ClipSource) -> str:
     """Of what is shown: of another part of the same clip, another; of a run nothing else that lies in its folder."""
     part = replace(where, path=Path())
     shown = [where.path / name for name in (FRAMES, BESIDE)] if is_run(where.path) else [where.path]
-    content = "".join(content_hash(path) for path in shown if path.exists())
+    content = "".join(clip_hash(path) for path in shown if path.exists())
     return content + ("" if part == ClipSource(Path()) else str(part))
 
 

@@ -642,6 +642,9 @@ def test_a_link_out_of_the_folder_is_not_followed(folder, tmp_path_factory):
     (folder / "f7.png").unlink()
     (folder / "f7.png").symlink_to("f8.png")
     assert len(read_clip(folder)) == 12
+    private.with_name("times").write_text(json.dumps(list(range(12))))
+    (folder / "times.json").symlink_to(private.with_name("times"))
+    assert refused(folder, "", "leads out of its folder").where.endswith("times.json")
 
 
 @pytest.mark.parametrize("options", [[], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]])

@@ -24,6 +24,7 @@ from cltransfer.report.side_by_side import reference_side, side_by_side
 from cltransfer.storage.run_files import FRAMES
 from cltransfer.study.build import Wanted, build_study
 from cltransfer.study.design import NO_STUDY, Study, design
+from cltransfer.study.shown import digest_of, source_of
 
 
 def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path]) -> None:
@@ -288,6 +289,16 @@ def test_what_else_lies_in_the_folder_of_a_run_is_not_read(tiny_run: Path, tmp_p
     kept = read_clip(run / "video" / "frames.mkv")
     write_video(run / "video" / "frames.mkv", kept.image ^ 127, kept.times, lossless=True)
     assert named("page3") != usual
+
+
+def test_what_else_lies_in_a_folder_of_images_is_not_read(clips: Wanted, tmp_path: Path) -> None:
+    folder = images(tmp_path / "first", 4)
+    usual = digest_of(source_of(folder))
+    (tmp_path / "diary").write_text("of somebody else")
+    (folder / "notes").symlink_to(tmp_path / "diary")
+    assert digest_of(source_of(folder)) == usual
+    (folder / "times.json").write_text("[0, 1, 2, 3]")
+    assert digest_of(source_of(folder)) != usual
 
 
 def test_other_references_make_another_study(clips: Wanted, tmp_path: Path) -> None:
