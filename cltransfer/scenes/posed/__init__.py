@@ -149,8 +149,8 @@ def read_posed(path: str | Path) -> PosedImages:
             read, of which more is left; the file may be named.
 
     Raises:
-        InputError: it is none of these, is damaged, names a file outside its folder, has a lens that cannot be
-            straightened.
+        InputError: it is none of these, is damaged, names a file outside its folder or is a link to one, has a lens
+            that cannot be straightened.
     """
     from . import formats
 

@@ -19,6 +19,7 @@ MODELS = {  # COLMAP's number -> name and count of parameters
     9: ("RADIAL_FISHEYE", 5),
     10: ("THIN_PRISM_FISHEYE", 12),
 }
+TABLES = tuple(f"{name}{suffix}" for name in ("cameras", "images", "points3D") for suffix in (".bin", ".txt"))
 STRAIGHTEN = "run: colmap image_undistorter"
 COUNTS = dict(MODELS.values())  # name -> count of parameters
 

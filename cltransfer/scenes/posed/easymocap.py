@@ -12,6 +12,7 @@ from ...clips.decoding import IMAGE_SUFFIXES
 from ...clips.image_folder import natural_order
 from ...computer.array_type import Array
 from ...errors import InputError
+from ...storage.files import refuse_outside
 from . import PosedImages
 from .assemble import VIDEOS, View, find_image, lens_of, names_in, posed_images, rigid, size_of_image
 from .lens import Lens
@@ -27,6 +28,7 @@ def read_easymocap(folder: Path) -> PosedImages:
         InputError: see :func:`cltransfer.scenes.posed.read_posed`.
     """
     inside, outside = folder / "intri.yml", folder / "extri.yml"
+    refuse_outside(folder, (inside, outside), "set")
     intrinsics, extrinsics = read_opencv_yaml(inside), read_opencv_yaml(outside)
     names = intrinsics.get("names")
     if not isinstance(names, list) or not names:

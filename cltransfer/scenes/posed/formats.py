@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...errors import InputError
+from ...storage.files import refuse_outside
 from . import PosedImages
 from .colmap import OWN_FOLDERS, find_model, read_colmap
+from .colmap_tables import TABLES
 from .easymocap import read_easymocap
 from .inria import read_inria
 from .llff import read_llff
@@ -38,8 +40,16 @@ def _read_folder(folder: Path) -> PosedImages:
     whole = find_model(folder, OWN_FOLDERS)
     for name in SET_FILES:
         if (folder / name).is_file():
-            return read_colmap(whole) if whole is not None and name == LLFF else read(folder / name)
+            if whole is not None and name == LLFF:
+                return _read_model(folder, whole)
+            refuse_outside(folder, [folder / name], "set")
+            return read(folder / name)
     model = find_model(folder)
     if model is None:
         raise InputError(folder, "", "is no posed image set", f"expected {KNOWN}")
+    return _read_model(folder, model)
+
+
+def _read_model(folder: Path, model: Path) -> PosedImages:
+    refuse_outside(folder, (model / name for name in TABLES), "set")
     return read_colmap(model)

@@ -100,6 +100,52 @@ def test_a_link_that_leads_out_of_the_set_is_not_followed(tmp_path: Path) -> Non
         read_posed(write(root))
 
 
+def set_of(root: Path, kind: str) -> Path:
+    """A set of no images that are there, in COLMAP's text, EasyMocap's or nerfstudio's files."""
+    root.mkdir(parents=True)
+    files = {
+        "sparse/0/cameras.txt": "1 PINHOLE 8 6 5 5 4 3\n",
+        "sparse/0/images.txt": "1 1 0 0 0 0 0 2 1 a.png\n\n",
+        "sparse/0/points3D.txt": "1 0 0 0 9 9 9 0\n",
+    }
+    if kind != "colmap":
+        files = {"transforms.json": json.dumps(SET)} if kind == "nerfstudio" else {"intri.yml": EASY, "extri.yml": EASY}
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("kind", "linked"),
+    [
+        ("colmap", "sparse/0/cameras.txt"),
+        ("colmap", "sparse/0/images.txt"),
+        ("colmap", "sparse/0/points3D.txt"),
+        ("colmap", "sparse/0"),
+        ("colmap", "sparse"),
+        ("nerfstudio", "transforms.json"),
+        ("easymocap", "intri.yml"),
+        ("easymocap", "extri.yml"),
+    ],
+)
+def test_a_part_of_a_set_that_is_a_link_out_of_it_is_not_read(tmp_path: Path, kind: str, linked: str) -> None:
+    root = set_of(tmp_path / "set", kind)
+    (root / linked).rename(tmp_path / "outside")
+    (root / linked).symlink_to(tmp_path / "outside")
+    with pytest.raises(InputError, match=r"leads out of the folder of its set \(put the file itself there\)"):
+        read_posed(root)
+
+
+def test_a_set_that_is_named_by_a_link_or_links_to_what_it_holds_is_read(tmp_path: Path) -> None:
+    root = set_of(tmp_path / "set", "colmap")
+    (tmp_path / "mine").symlink_to(root)
+    (root / "sparse" / "0").rename(root / "model")
+    (root / "sparse" / "0").symlink_to(root / "model")
+    for named in (root, tmp_path / "mine", root / "sparse" / "0", root / "model"):
+        assert read_posed(named).names == ("a.png",)
+
+
 def test_a_missing_image_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
     posed = read_posed(write(tmp_path))
     assert posed.missing == ("a.png",)
