@@ -12,6 +12,7 @@ from ..storage.run_files import is_run
 from .image_folder import TIMES, VIDEOS, natural_order, untimed
 from .source import ClipSource
 
+LINKED = "a hard link takes no room either: cp -rl CLIP FOLDER"
 FEW = 3  # clips that a note names; of more it says how many
 
 
@@ -19,7 +20,7 @@ def clips_in(folder: Path) -> dict[str, Path]:
     """Videos, image folders and run folders right inside ``folder``, by name without suffix.
 
     Raises:
-        InputError: there is no such folder, or none in it, or two have one name.
+        InputError: there is no such folder, or none in it, or two have one name, or one is a link that leads out of it.
     """
     if not folder.is_dir():
         raise InputError(folder, "clips", "expected a folder" if folder.exists() else "no such folder")
@@ -27,6 +28,8 @@ def clips_in(folder: Path) -> dict[str, Path]:
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
         if entry.name.startswith(".") or not _is_clip(entry):
             continue
+        if entry.is_symlink() and not entry.resolve().is_relative_to(folder.resolve()):
+            raise InputError(entry, "", "is a link that leads out of its folder", LINKED)
         name = unicodedata.normalize("NFC", entry.name if entry.is_dir() else entry.stem)  # Macs pack NFD
         if name in found:
             raise InputError(folder, name, "two clips have this name", "clips are matched by name")

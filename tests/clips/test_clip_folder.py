@@ -29,6 +29,20 @@ def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
         clips_in(tmp_path / "nowhere")
 
 
+@pytest.mark.parametrize("name", ["a.mkv", "a"])
+def test_a_clip_that_is_a_link_out_of_its_folder_is_refused(tmp_path: Path, name: str) -> None:
+    folder = a_folder(tmp_path / "all", "b/0.png", "notes.txt")
+    (tmp_path / "private").mkdir()
+    (folder / name).symlink_to(tmp_path / "private")
+    with pytest.raises(InputError, match=rf"all/{name}: is a link that leads out of its folder \(a hard link takes"):
+        clips_in(folder)
+    (folder / name).unlink()
+    (folder / name).symlink_to("b")
+    (folder / "diary").symlink_to(tmp_path / "private" / "diary.txt")  # which is no clip
+    (tmp_path / "mine").symlink_to(folder)
+    assert list(clips_in(tmp_path / "mine")) == [name, "b"]
+
+
 def test_names_match_however_their_accents_are_written(tmp_path: Path) -> None:
     composed, apart = (unicodedata.normalize(form, "café") for form in ("NFC", "NFD"))
     for folder, name in (("references", composed), ("ours", apart)):
