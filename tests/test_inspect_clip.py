@@ -65,6 +65,12 @@ def test_who_is_out_of_the_frame_is_not_in_it(laid_open: Any) -> None:
     assert "yaw" in away.captions()[0]
 
 
+def test_frames_of_which_little_is_sure_are_marked(laid_open: Any, tmp_path: Path) -> None:
+    shot = replace(laid_open("builtin:push_in"), confidence=torch.tensor([0.9, 0.4, 0.5]))
+    page = write_inspection(tmp_path, shot).read_text()
+    assert [' class="doubtful"' in figure for figure in page.split("<figure")[1:]] == [False, True, False]
+
+
 def test_a_page_fits_a_narrow_window_whatever_its_clip_is_called(browser: Any, laid_open: Any, tmp_path: Path) -> None:
     browser.set_window_size(500, 800)  # the narrowest that Chromium makes a window
     browser.get(write_inspection(tmp_path / "page", laid_open(f"{'x' * 96}.mp4")).as_uri())

@@ -40,3 +40,17 @@ def test_frames_far_apart_are_counted_rather_than_listed(report):
         flags=tuple(Flag(i, "hidden") for i in range(0, 40, 2)),
     )
     assert many.findings == ("frames 0, 2, 4, 6, 8, 10, ... (20 in all): hidden",)
+
+
+def test_of_a_clip_of_one_frame_that_frame_is_named(report):
+    one = replace(
+        report,
+        times=report.times[:1],
+        scores=Scores((), torch.zeros(1)),
+        baseline=None,
+        trajectory=None,
+        reference_frames=None,
+        render_frames=report.render_frames[:1],
+        flags=(Flag(0, "hidden"),),
+    )
+    assert one.findings == ("frame 0: hidden",)

@@ -1,14 +1,19 @@
-"""Curves of the terms: every value has a place, and only what is undefined has none."""
+"""Charts: every value of a term has a place; the path and the lens are told as one sees them."""
 
 from __future__ import annotations
+
+import re
 
 import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
 
+from cltransfer.camera import Camera
 from cltransfer.pipeline.scores import Term
-from cltransfer.report.figures import _curves
+from cltransfer.report.figures import _curves, lens_curves, top_view
+from cltransfer.testing import sample_subject
+from cltransfer.trajectory import Trajectory
 
 NAN = float("nan")
 
@@ -31,3 +36,26 @@ def test_a_loss_of_nothing_is_drawn_on_a_log_scale_too(values: list[float], told
     known = places[np.isfinite(places)]
     assert low - 1e-6 <= known.min() <= known.max() <= high + 1e-6
     assert ax.get_title(loc="left") + ax.get_title() == f"framing [frame]{told}"
+
+
+def path(eye: torch.Tensor, size: tuple[int, int] = (64, 36)) -> Trajectory:
+    """Two frames from ``eye`` (3,) on, which look at the sample's person."""
+    person = sample_subject()
+    eyes = torch.stack([eye, eye + 0.1 * person.up])
+    return Trajectory(Camera.look_at(eyes, person.anchor[None], person.up, 0.6, size), torch.arange(2).double())
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_from_above_a_camera_at_the_left_of_who_looks_up_the_page_is_at_its_left(side: float) -> None:
+    person = sample_subject()
+    drawn = top_view(path(person.anchor + 3 * side * person.left + 2 * person.facing), person)
+    places = [(float(x), float(y)) for x, y in re.findall(r'<use [^>]*x="([-\d.]+)" y="([-\d.]+)"', drawn)]
+    start, body = places[-2:]  # what is drawn last: the first camera, the person
+    assert (start[0] < body[0]) == (side > 0)
+    assert start[1] < body[1]
+
+
+def test_a_focal_length_is_told_of_the_height_of_the_frame() -> None:
+    """On a sensor 24 mm high: what is beside the frame changes no lens."""
+    eye = torch.tensor([0.0, 4.0, 1.0], dtype=torch.float64)
+    assert lens_curves(path(eye), None) == lens_curves(path(eye, (128, 36)), None)

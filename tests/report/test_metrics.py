@@ -10,7 +10,7 @@ import torch
 from cltransfer.cli.shared import show
 from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag
-from cltransfer.report.metrics import metrics_json, metrics_table, rows, sums, write_metrics
+from cltransfer.report.metrics import metrics_json, metrics_table, number, rows, sums, write_metrics
 from cltransfer.report.page import page
 
 NAN = float("nan")
@@ -57,10 +57,16 @@ def test_a_missing_value_without_a_given_reason_still_says_so(report, tmp_path):
     write_metrics(tmp_path, replace(report, scores=unexplained))
     metric = json.loads((tmp_path / "metrics.json").read_text())["metrics"]["framing"]
     assert metric["reason"] == "undefined on the first frame"
-    gaps = Scores((term("framing", [1.0, NAN, 1.0, 1.0]),), torch.ones(4, dtype=torch.float64))
-    write_metrics(tmp_path, replace(report, scores=gaps))
-    metric = json.loads((tmp_path / "metrics.json").read_text())["metrics"]["framing"]
-    assert metric["reason"] == "undefined on some frames"
+    for values in ([1.0, NAN, 1.0, 1.0], [NAN, 1.0, NAN, 1.0]):
+        gaps = Scores((term("framing", values),), torch.ones(4, dtype=torch.float64))
+        write_metrics(tmp_path, replace(report, scores=gaps))
+        metric = json.loads((tmp_path / "metrics.json").read_text())["metrics"]["framing"]
+        assert metric["reason"] == "undefined on some frames"
+
+
+@pytest.mark.parametrize(("value", "told"), [(999.4, "999"), (999.7, "1000"), (99.96, "100"), (0.5, "0.500"), (7, "7")])
+def test_a_number_has_three_digits_and_no_exponent_where_it_is_rounded_up(value, told):
+    assert number(value) == told
 
 
 def test_metrics_csv_has_one_row_per_frame_and_empty_cells_where_undefined(report, tmp_path):

@@ -8,7 +8,8 @@ import torch
 
 from cltransfer.features import Features
 from cltransfer.orientation import orientation_from_axes
-from cltransfer.report.overlays import body_axes, draw_flow, draw_reading
+from cltransfer.report.overlays import AXES, GIZMO, LEFT, UNSURE, body_axes, draw_flow, draw_reading
+from cltransfer.skeleton import JOINTS
 from cltransfer.testing import sample_features, without_person
 
 TOWARD = torch.tensor([0.0, 0.0, -1.0])
@@ -53,3 +54,30 @@ def test_a_person_is_drawn_and_nobody_leaves_the_background_alone() -> None:
     assert (draw_reading(frame, features) != frame.permute(1, 2, 0).numpy()).any(-1).mean() > 0.1
     nobody = replace(without_person(features), layers=None)
     np.testing.assert_array_equal(draw_reading(frame, nobody), frame.permute(1, 2, 0).numpy())
+
+
+BLACK = torch.zeros(3, 200, 200, dtype=torch.uint8)
+
+
+def forearm(wrist: float, confidence: float) -> np.ndarray:
+    """A left elbow that is seen at 50, 100, and the wrist at ``wrist``, 100, over black."""
+    keypoints = torch.full((1, 14, 3), float("nan"), dtype=torch.float64)
+    keypoints[0, JOINTS.index("left_elbow")] = torch.tensor([50.0, 100.0, 0.9])
+    keypoints[0, JOINTS.index("left_wrist")] = torch.tensor([wrist, 100.0, confidence])
+    return draw_reading(BLACK, Features((200, 200), keypoints=keypoints))
+
+
+@pytest.mark.parametrize(("confidence", "colour"), [(0.9, LEFT), (0.0, UNSURE)])
+def test_a_bone_is_as_sure_as_the_less_sure_of_its_joints(confidence: float, colour: tuple[int, int, int]) -> None:
+    np.testing.assert_allclose(forearm(150.0, confidence)[100, 100], colour, atol=20)  # a thin line is blended
+
+
+def test_a_joint_farther_off_than_can_be_drawn_is_left_out() -> None:
+    np.testing.assert_array_equal(forearm(1e12, 0.9), forearm(float("nan"), 0.9))
+
+
+@pytest.mark.parametrize(("yaw", "over"), [(0.0, True), (3.0, False)])
+def test_an_axis_of_the_body_that_points_at_the_camera_is_drawn_over_the_others(yaw: float, over: bool) -> None:
+    drawn = draw_reading(BLACK, Features((200, 200), orientation=torch.tensor([[yaw, 0.0, 0.0]])))
+    middle = round(200 - 1.4 * GIZMO * 200)
+    assert (tuple(drawn[middle, middle].tolist()) == AXES[2]) == over

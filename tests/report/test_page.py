@@ -1,6 +1,9 @@
+import base64
 import re
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import torch
 
 from cltransfer.pipeline.scores import Scores, Term
@@ -107,3 +110,11 @@ def test_a_page_of_scores_speaks_of_no_transfer(report):
     assert "camera language score" in scored
     whole = page(report)
     assert all(there in whole for there in ("reference above transfer", ">transfer</text>", "frames flagged"))
+
+
+def test_the_frames_of_a_page_keep_their_colours(report):
+    red = torch.zeros_like(report.render_frames)
+    red[:, 0] = 200
+    shown = re.search(r"image/jpeg;base64,([^\"]*)", page(replace(report, reference_frames=None, render_frames=red)))
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(shown[1]), np.uint8), cv2.IMREAD_COLOR_RGB)
+    np.testing.assert_allclose(picture.reshape(-1, 3).mean(0), [200, 0, 0], atol=6)

@@ -46,3 +46,9 @@ def test_frames_of_output_side_2880_are_written_beside_each_other(tmp_path):
     frames, times = torch.zeros((1, 3, 1620, 2880), dtype=torch.uint8), torch.zeros(1)
     write_video(tmp_path / "both.mp4", side_by_side(frames, frames, times), times)
     assert (tmp_path / "both.mp4").is_file()
+
+
+def test_the_reference_is_cut_out_again_to_a_pixel():
+    reference = torch.randint(0, 255, (2, 3, 90, 160), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
+    both = side_by_side(reference, 255 - reference, torch.tensor([0.0, 0.5]))
+    assert torch.equal(reference_side(both), reference)

@@ -39,3 +39,8 @@ def test_a_first_cell_is_no_option_of_the_line_before(text: str) -> None:
 def test_latex_joins_no_signs() -> None:
     text = "\n".join(to_latex(Table(("row", "x"), (("--fast ?` ``a'' ,,", "1"),))))
     assert r"-{}-fast ?{}` `{}`a'{}' ,{}," in text
+
+
+def test_every_line_of_a_table_has_as_many_cells_as_its_header() -> None:
+    lines = to_markdown(Table(("row", "x", "y"), (("a", "1", "2"), ("b", "3", "4"))))
+    assert [line.count("|") for line in lines] == [4] * 4
