@@ -116,6 +116,10 @@ def test_what_compares_neighbouring_frames_is_told_by_the_extractors_not_by_a_na
     whole = type("Gazer", (), {"provides": ("gaze",), "requires": ("flow",), "whole_clip": True})()
     moved = replace(parts, extractors={**parts.extractors, "gazer": whole})
     assert not moved.objective.moves(moved.losses["mine"])
+    glancer = type("Glancer", (), {"provides": ("glance",), "requires": ("flow",)})()
+    gazer = type("Gazer", (), {"provides": ("gaze",), "requires": ("glance",)})()
+    moved = replace(parts, extractors={**parts.extractors, "gazer": gazer, "glancer": glancer})  # in any order
+    assert moved.objective.moves(moved.losses["mine"])
 
 
 def test_an_extractor_of_whole_clips_is_refused_with_what_a_search_does_without_it(loss: Callable[..., None]) -> None:

@@ -70,6 +70,35 @@ def test_what_cannot_be_had_is_told_and_costs_nothing() -> None:
     assert made.missing == {"depth": "d needs 'lidar': no image extractor provides 'lidar'"}
 
 
+def test_what_cannot_be_had_leaves_nothing_behind_that_another_feature_needs() -> None:
+    extractors = {
+        "a": Making(("box",)),
+        "d": Making(("depth",), ("box", "label", "lidar")),
+        "g": Making(("gaze",), ("box",)),
+    }
+    made = plan({"depth", "gaze"}, extractors, IMAGE | {"label"})
+    assert [s.name for s in made.steps] == ["a", "g"]
+    assert made.buffers == {"image"}
+
+
+@dataclass(frozen=True)
+class Detecting(Making):
+    """An extractor that sees all persons of a frame."""
+
+    def persons(self, now: Features) -> list[object]:
+        return []
+
+
+def test_along_a_clip_a_mere_detector_looks_once_and_one_that_tells_more_once_again() -> None:
+    pose = Making(("keypoints",), ("image", "box"))
+    mere = plan({"keypoints"}, {"net": Detecting(("box",)), "pose": pose})
+    assert (mere.passes, mere.clip_passes) == (2, 2)
+    assert [step.name for step in mere.person_known.steps] == ["pose"]
+    more = plan({"keypoints", "subject"}, {"net": Detecting(("box", "subject")), "pose": pose})
+    assert (more.passes, more.clip_passes) == (2, 3)
+    assert [step.name for step in more.person_known.steps] == ["net", "pose"]
+
+
 def test_what_a_renderer_alone_can_draw_is_not_asked_of_an_extractor() -> None:
     joints = {"joints": Making(("keypoints",), ("label", "camera"), "scene")}
     made = plan({"keypoints"}, joints, frozenset({"image", "camera"}), family="scene")

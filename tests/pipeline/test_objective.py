@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import pytest
@@ -243,6 +243,23 @@ def test_a_frame_of_which_only_terms_that_weigh_nothing_are_known_has_no_total(
     objective = Objective({"distance": Distance(), "metric": Flat(weight=weight)})
     totals = score(objective, reference, rendered, {}).totals
     torch.testing.assert_close(totals, torch.tensor(expected).double(), equal_nan=True)
+
+
+@pytest.mark.parametrize("weight", [0.0, 7.0])
+def test_a_term_that_weighs_nothing_does_not_tell_where_to_stand(weight: float) -> None:
+    objective = Objective({"distance": Distance(), "metric": Flat(weight=weight)})
+    assert objective.placed(boxes(1.0, float("nan"))).tolist() == [True, weight > 0]
+
+
+def test_why_a_term_is_missing_is_told_once() -> None:
+    """What no extractor provides says so of itself; a reason beside the features has to say of what."""
+    still = replace(boxes(1.0), reasons={"depth": "it stands still"})
+    for reference, missing, told in (
+        (still, {}, "the reference has no 'depth': it stands still"),
+        (boxes(1.0), {"depth": "no extractor provides 'depth'"}, "no extractor provides 'depth'"),
+        (boxes(1.0), {}, "the reference has no 'depth'"),
+    ):
+        assert score(OBJECTIVE, reference, boxes(1.0), missing).term("depth").reason == told
 
 
 def test_where_no_loss_weighs_anything_totals_are_zero() -> None:
