@@ -66,6 +66,13 @@ def test_people_who_all_agree_do_not_make_certain(people: int, interval: tuple[f
     assert found.by_participant == (None if interval is None else pytest.approx(interval))
 
 
+def test_who_was_asked_of_another_pair_alone_is_no_participant_of_this_one() -> None:
+    choices = [Choice(f"p{i}", "item1", "smoothness", "a", "b" if i else "c") for i in range(6)]
+    found = {(p.first, p.second): p for p in preferences(choices, THREE) if p.question == "smoothness"}
+    assert found["a", "b"].by_participant is None
+    assert found["a", "b"].reason == "too few participants for an interval: 5, expected 6 or more"
+
+
 @pytest.mark.parametrize(("of_two", "low", "high"), [(1, 0.118, 0.882), (0, 0.0, 0.459)])
 def test_people_who_are_all_as_undecided_do_not_make_certain(of_two: int, low: float, high: float) -> None:
     """Six people, each with ``of_two`` of two answers for ours: resampling them comes to the same share every time."""
@@ -95,6 +102,14 @@ def test_strengths_of_lopsided_answers_are_found_to_the_end(odds: float) -> None
     wins = np.diag(np.full(3, odds), 1) + np.diag(np.ones(3), -1)
     truth = odds ** -np.arange(4.0)
     np.testing.assert_allclose(bradley_terry(wins), truth / truth.sum(), rtol=1e-6)
+
+
+def test_strengths_are_found_where_the_nearest_parabola_lies_far_off() -> None:
+    """At the greatest likelihood each is preferred as often as it was."""
+    wins = np.array([[0.0, 0, 0, 1], [1e4, 0, 0, 1e4], [1e4, 1, 0, 0], [0, 0, 10, 0]])
+    found = bradley_terry(wins)
+    chance = found[:, None] / (found[:, None] + found)
+    np.testing.assert_allclose(((wins + wins.T) * chance).sum(1) - np.diag(wins), wins.sum(1), rtol=1e-6)
 
 
 def test_a_method_that_never_lost_has_no_finite_strength_and_says_so() -> None:
@@ -152,7 +167,7 @@ def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any
     answer = command("study", "--analyse", *files, "--key", key, "--out", tmp_path / "analysis")
     assert answer.code == 0, answer.err
     assert "3 participants, 16 answers" in answer.out
-    assert "- p2 answered 4 of 6" in answer.out
+    assert [line for line in answer.out.splitlines() if " answered " in line] == ["- p2 answered 4 of 6"]
     assert "| visual_style | ours | jaws | 83.3 % | [35.9, 99.6] |" in answer.out
     assert NO_STUDY in answer.out
     assert "Bradley" not in answer.out
@@ -190,6 +205,10 @@ DAMAGE: dict[str, tuple[Callable[[str], str], str]] = {
     "another study": (lambda text: text.replace(TWO.name, "0" * 12), "line 2: is of study '000000000000'"),
     "another file": (lambda text: "name,value\n1,2\n", "line 1: expected the columns study"),
     "an unknown item": (lambda text: text.replace("item1", "item9"), "line 2: is an answer to nothing that was asked"),
+    "an unknown question": (
+        lambda text: text.replace("visual_style", "taste"),
+        "line 2: is an answer to nothing that was asked",
+    ),
     "an unknown video": (
         lambda text: text.replace(TWO.items[0].first, "ffffff"),
         "line 2: item1 compares other videos",

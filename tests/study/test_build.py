@@ -21,10 +21,11 @@ from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
-from cltransfer.storage.run_files import FRAMES
+from cltransfer.storage.run_files import BESIDE, FRAMES
 from cltransfer.study.build import Wanted, build_study
+from cltransfer.study.build import page as page_of
 from cltransfer.study.design import NO_STUDY, Study, design
-from cltransfer.study.shown import digest_of, source_of
+from cltransfer.study.shown import clip_of, digest_of, source_of
 
 
 def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path]) -> None:
@@ -38,6 +39,12 @@ def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path])
     videos = list((folder / "videos").iterdir())
     assert len(videos) == 6
     assert len({video.stat().st_mtime for video in videos}) == 1  # written method by method
+
+
+def test_the_order_of_two_clips_on_the_page_is_that_of_their_tokens() -> None:
+    shown = re.findall(r'"clips": \["(\w+)", "(\w+)"\]', page_of(design(["s", "t"], ["a", "b", "c"], [], 0)))
+    assert len(shown) == 6
+    assert all(first < second for first, second in shown)
 
 
 def test_the_key_lies_beside_the_page_however_its_folder_is_named(
@@ -105,11 +112,13 @@ def another(run: Path, folder: Path, levels: int = 255) -> Path:
 
 def test_a_clip_is_not_compared_with_itself(clips: Wanted, tiny_run: Path, tmp_path: Path) -> None:
     copy, out = shutil.copytree(tiny_run, tmp_path / "copy"), tmp_path / "page"
+    third = shutil.copy(clips.runs[2], tmp_path / "third.mp4")
     for runs, told in (
         ((tiny_run, tiny_run), f"^{re.escape(str(tiny_run))}: is there twice, expected different ones .or leave this"),
         ((tiny_run, copy), f"^{re.escape(str(copy))}: shows the very frames of {re.escape(str(tiny_run))}, expected"),
         ((tiny_run, tiny_run / FRAMES), f"{FRAMES.name}: shows the very frames of {re.escape(str(tiny_run))}, "),
         ((*clips.runs[:3], clips.runs[2]), r"2\.mp4: is there twice"),
+        ((*clips.runs[:3], third), r"third\.mp4: shows the very frames of"),
     ):
         references = clips.references if len(runs) > 2 else (clips.references[0],)
         with pytest.raises(UsageError, match=told):
@@ -288,7 +297,10 @@ def test_what_else_lies_in_the_folder_of_a_run_is_not_read(tiny_run: Path, tmp_p
     assert named("page2") == usual
     kept = read_clip(run / "video" / "frames.mkv")
     write_video(run / "video" / "frames.mkv", kept.image ^ 127, kept.times, lossless=True)
-    assert named("page3") != usual
+    frames = named("page3")
+    sheet = read_clip(run / BESIDE, max_side=8192)
+    write_video(run / BESIDE, sheet.image ^ 127, sheet.times)
+    assert len({usual, frames, named("page4")}) == 3
 
 
 def test_what_else_lies_in_a_folder_of_images_is_not_read(clips: Wanted, tmp_path: Path) -> None:
@@ -347,3 +359,11 @@ def test_the_command_beside_the_page_can_be_pasted(clips: Wanted, tmp_path: Path
     text = (tmp_path / "my page" / "README.txt").read_text()
     line = next(line for line in text.splitlines() if "--key" in line)
     assert shlex.split(line)[-1] == "my page.key.json"
+
+
+@pytest.mark.parametrize(("part", "rows"), [("", 36), ("#letterbox=crop", 24)])
+def test_black_bars_are_shown_unless_they_are_to_go(tmp_path: Path, part: str, rows: int) -> None:
+    image = torch.zeros(2, 3, 36, 64, dtype=torch.uint8)
+    image[:, :, 6:30] = 200
+    write_video(tmp_path / "wide.mkv", image, torch.arange(2) / 24, lossless=True)
+    assert clip_of(source_of(f"{tmp_path / 'wide.mkv'}{part}")).image.shape[2] == rows

@@ -71,6 +71,12 @@ def test_people_who_nearly_agree_know_no_more_than_as_many_answers(wins: tuple[i
     assert high >= exact[1] - 1e-12
 
 
+def test_people_who_all_agree_count_for_no_more_than_they_are_worth() -> None:
+    """Six of whom one answered more than all others together are worth 2.95 who answer equally often: two."""
+    counts = np.array([6.0, 1, 1, 1, 1, 1])
+    assert share_interval(counts, counts) == pytest.approx((0.025**0.5, 1.0))
+
+
 def test_participants_are_drawn_anew_with_all_that_they_answered() -> None:
     wins, counts = np.array([9.0, 3, 7, 5, 10, 2, 8, 19, 3]), np.array([10.0, 12, 9, 6, 11, 4, 8, 20, 12])
     people = np.random.default_rng(1).integers(len(wins), size=(20_000, len(wins)))
