@@ -80,6 +80,12 @@ def test_cameras_stand_at_their_times_from_frame_one_on(tmp_path, path):
     assert [key[0] for key in assigned((tmp_path / "shot.py").read_text(), "KEYS")] == [1, 1.8, 3, 3.6, 5]
 
 
+@pytest.mark.parametrize(("rate", "last"), [(20, 5), (18, 5), (22, 6)])
+def test_a_scene_ends_no_earlier_than_its_last_camera(tmp_path, path, rate, last):
+    write_blender(tmp_path / "shot.py", path, rate)
+    assert f"\nscene.frame_start, scene.frame_end = 1, {last}\n" in (tmp_path / "shot.py").read_text()
+
+
 def test_pixels_that_are_not_square_are_refused(tmp_path, path):
     path.camera.K[:, 0, 0] *= 1.1
     with pytest.raises(InputError, match="expected square pixels"):
