@@ -117,6 +117,22 @@ def test_a_clip_that_does_not_tell_says_why_and_keeps_its_other_features(filmed)
     assert bool(scores.totals.isnan().all())
 
 
+class NoSubject(ImageSubject):
+    """A pixel in which nothing is found again."""
+
+    def __call__(self, now, before):
+        made = torch.zeros_like(super().__call__(now, before).subject)
+        made[:, 0, 0] = True
+        return replace(now, subject=made)
+
+
+@pytest.mark.slow  # COLMAP has to look again
+def test_a_clip_that_tells_no_depth_of_the_subject_says_so(filmed):
+    _, got = read(filmed("truck"), subject=NoSubject())
+    told = "depth_sfm: no point on the subject stands still (it moves, or shows too little)"
+    assert got.reasons == dict.fromkeys(("depth", "depth_confidence"), told)
+
+
 @pytest.mark.slow  # it runs out
 def test_a_clip_for_which_time_ran_out_is_not_blamed(filmed, monkeypatch):
     import pycolmap

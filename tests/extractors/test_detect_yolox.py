@@ -76,6 +76,11 @@ def test_a_frame_without_a_person_is_nan_and_the_others_are_as_alone(planted):
     assert torch.equal(box[1:2], planted(Features((480, 360), image=image)).box)
 
 
+@pytest.mark.parametrize("size", [(1000, 2), (2, 1000)])
+def test_a_frame_that_is_thinner_than_a_pixel_of_the_network_is_read(planted, size):
+    assert planted(Features(size, image=torch.zeros(1, 3, size[1], size[0]))).box.isnan().all()
+
+
 def test_the_main_person_has_the_largest_score_times_area():
     boxes = np.array([[[0, 0, 10, 10.0], [5, 5, 20, 20], [0, 0, 90, 90], [7, 7, 19, 19]]])
     scores = np.array([[0.9, 0.5, 0.2, 0.8]])

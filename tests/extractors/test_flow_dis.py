@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import torch
 
+from cltransfer.extractors._dense_flow import with_flow
 from cltransfer.extractors.flow_dis import FlowDis
 from cltransfer.features import Features
 
@@ -70,6 +71,18 @@ def test_one_frame_before_serves_a_batch_and_batch_equals_single():
     torch.testing.assert_close(inner(flow), torch.tensor([[-2.0, 0], [0, -5.0]]), atol=0.3, rtol=0)
     alone = FlowDis()(features(now[1:]), features(before)).flow
     assert torch.equal(flow[1:], alone)
+
+
+@pytest.mark.parametrize(("height", "seen"), [(360, (120, 160)), (60, (60, 80))])
+def test_frames_are_looked_at_at_the_working_height_and_never_grown(height, seen):
+    shapes = []
+
+    def pair_flow(first, second):
+        shapes.append((first.shape, second.shape))
+        return np.zeros((*first.shape, 2), np.float32)
+
+    with_flow(features(texture()), features(texture()), pair_flow, height, False)
+    assert shapes == [(seen, seen)]
 
 
 def test_a_frame_without_one_before_is_nan():

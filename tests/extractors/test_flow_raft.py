@@ -69,11 +69,12 @@ def test_flow_points_back_to_where_things_were(planted, batch):
     torch.testing.assert_close(flow[:, :, 20, 20], expected, atol=0.02, rtol=0)
 
 
-def test_the_map_lies_on_the_pixels_of_the_image_without_the_padding(planted):
-    flow = planted(check=False)(features(frame((50, 60))), features(frame((50, 60)))).flow
-    blue = features(frame((50, 60))).image[0, 2] == 1
+@pytest.mark.parametrize("size", [SIZE, (151, 133)])
+def test_the_map_lies_on_the_pixels_of_the_image_without_the_padding(planted, size):
+    still = features(frame((50, 60), size), size=size)
+    flow, blue = planted(check=False)(still, still).flow, still.image[0, 2] == 1
     torch.testing.assert_close(flow[0, 1], 10.0 * blue, atol=1e-3, rtol=0)
-    torch.testing.assert_close(flow[0, 0], torch.zeros(SIZE[::-1]), atol=1e-3, rtol=0)
+    torch.testing.assert_close(flow[0, 0], torch.zeros(size[::-1]), atol=1e-3, rtol=0)
 
 
 def test_vectors_are_in_pixels_of_the_features_size(planted):

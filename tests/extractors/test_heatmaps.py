@@ -48,6 +48,12 @@ def test_a_peak_on_the_border_or_a_flat_map_is_not_moved(refine):
     np.testing.assert_array_equal(refine(maps, places), 0)
 
 
+def test_dark_leaves_a_place_that_is_no_top_where_it_is():
+    y, x = np.mgrid[:64, :48]
+    bowl = (1 + 0.01 * ((x - 20.3) ** 2 + (y - 30.7) ** 2)).astype(np.float32)[None, None]
+    np.testing.assert_array_equal(dark_offset(bowl, np.array([[[20, 31]]])), 0)
+
+
 def test_simcc_reads_both_axes_in_pixels_and_scores_the_less_sure_one():
     x, y = np.zeros((1, 2, 384), np.float32), np.zeros((1, 2, 512), np.float32)
     x[0, 0, 101], y[0, 0, 300], x[0, 1, 380], y[0, 1, 7] = 0.9, 0.6, 0.3, 0.8
