@@ -12,7 +12,16 @@ import pytest
 
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
-from cltransfer.models.catalogue import LARGEST, Entry, catalogue, entry_of_file, pin, pinned, read_catalogue
+from cltransfer.models.catalogue import (
+    LARGEST,
+    Entry,
+    catalogue,
+    entry_of_file,
+    pin,
+    pinned,
+    pinned_file,
+    read_catalogue,
+)
 from cltransfer.models.onnx import Network
 from cltransfer.models.places import adopt, find_model
 from cltransfer.pipeline.components import Components
@@ -129,6 +138,16 @@ def test_a_pin_holds_for_its_address_only(tmp_path, monkeypatch):
     assert pinned(moved).sha256 == ""
     asset = Entry("mine", "asset", **USUAL, address="https://example.org/a")
     assert pinned(asset).sha256 == ""
+
+
+def test_a_file_that_another_entry_has_replaced_is_known_by_that_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path))
+    first, second = (Entry(name, "model", **USUAL, address=f"https://example.org/{name}") for name in ("b", "a"))
+    first.folder.mkdir()
+    first.path.write_bytes(b"abc")
+    for entry, sha256 in ((first, HASH), (second, HASH[::-1]), (first, HASH)):
+        pin(entry, sha256)
+        assert pinned_file(entry.path) == sha256
 
 
 PINNED = {"address": "https://example.org/a", "sha256": HASH, "size": 3}

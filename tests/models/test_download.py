@@ -248,6 +248,7 @@ def test_what_came_before_a_dead_end_is_kept_for_the_next_pull(server, entry):
     (folder / "net.onnx.part").write_bytes(CONTENT[:300_000])
     error = refused(entry("dead"), "cut off after 300000 bytes", HASH, str(folder))
     assert error.field == "download"
+    assert server.asked == [("/dead", "bytes=300000-")]  # an attempt that brings nothing is the last
     assert left(entry("dead")) == ["net.onnx.part"]
     assert pull(entry("good"), False, silent).path.read_bytes() == CONTENT
     assert server.asked[-1] == ("/good", "bytes=300000-")
@@ -300,6 +301,13 @@ def test_more_bytes_than_the_catalogue_says_are_not_taken(entry):
     refused(entry("longer"), "expected 512000 bytes, the server has 512001")
     refused(entry("endless"), "expected at most 512000 bytes")
     assert left(entry("endless")) == []
+
+
+def test_of_a_server_that_does_not_stop_no_more_is_written_than_may_come(entry):
+    told = []
+    with pytest.raises(ModelError, match="expected at most 512000 bytes"):
+        pull(entry("endless"), False, lambda step, done, total: told.append(done))
+    assert max(told) <= len(CONTENT)
 
 
 def test_a_file_of_unknown_size_is_taken_up_to_the_limit(entry, monkeypatch):

@@ -100,6 +100,12 @@ def test_by_shape_what_could_be_several_or_none_is_refused(tmp_path, inputs, out
         _ = Network(path, {"image": (None, 3, 2, 5)}, {"sum": (None, 1)}, by_shape=True).session
 
 
+def test_by_name_an_input_that_nothing_feeds_is_refused(tmp_path):
+    path = images(tmp_path / "a.onnx", {"image": (1, 3, 2, 5), "more": (1, 3, 2, 5)}, {"sum": (1, 1)})
+    with pytest.raises(ModelError, match="inputs: expected image, got image, more"):
+        _ = Network(path, {"image": (None, 3, 2, 5)}, {"sum": (None, 1)}).session
+
+
 def images(path, inputs, outputs):
     """An image plus 1 for every output of its rank, and its sum for the others."""
     first = next(iter(inputs))
