@@ -605,6 +605,7 @@ def test_fps_sets_the_times_of_a_folder_and_of_nothing_that_has_its_own(folder, 
         (["frame_1_1080p", "frame_2_1080p", "frame_5_1080p"], "number", "follows number 2, expected 3"),
         (["12_30_58", "12_30_59", "12_31_00"], "numbers", "do not count up"),
         (["a1_b9", "a1_b10", "a1_b11"], None, None),
+        (["take1_1", "take1_2", "take2_3", "take2_4"], None, None),
         (["a1", "b1"], None, None),
     ],
 )
@@ -656,6 +657,12 @@ def test_what_lies_behind_a_jpeg_is_none_of_it(tmp_path, options):
     for share in (0.3, 0.6, 0.95):
         (tmp_path / "0.jpg").write_bytes(data[: int(share * len(data))])
         assert "cut short" in refused(tmp_path, "video").reason
+
+
+def test_a_jpeg_whose_markers_are_filled_up_is_whole(tmp_path):
+    data = cv2.imencode(".jpg", np.zeros((48, 64, 3), np.uint8))[1].tobytes()
+    (tmp_path / "0.jpg").write_bytes(data[:2] + b"\xff\xff" + data[2:])
+    assert read_clip(tmp_path).size == (64, 48)
 
 
 def test_a_jpeg_that_ends_early_is_refused(tmp_path):

@@ -60,6 +60,9 @@ def test_a_rate_behind_a_folder_is_that_of_the_images_in_it_that_have_none(tmp_p
     assert sources_in(folder) == named
     assert sources_in(f"{folder}#fps=30") == named | {"a": f"{folder / 'a'}#fps=30"}
     assert left_over(f"{folder}#fps=30", {"theirs": f"{folder}#fps=25"}) == []
+    a_folder(folder, "run/manifest.json")
+    (folder / "run" / "manifest.json").write_text('{"format": "cltransfer.run"}')
+    assert sources_in(f"{folder}#fps=30")["run"] == str(folder / "run")
 
 
 @pytest.mark.parametrize(

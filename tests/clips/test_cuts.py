@@ -84,6 +84,23 @@ def test_a_small_light_in_the_dark_is_no_picture_between_bars() -> None:
     assert find_cuts(clip) == []
 
 
+def test_a_screen_in_the_dark_that_shows_something_else_is_no_cut() -> None:
+    random = np.random.default_rng(0)
+    clip = random.integers(0, 6, (20, 18, 32, 3)).astype(np.uint8)
+    for half in (clip[:10], clip[10:]):
+        half[:, 7:11, 12:19] = random.integers(40, 255, (4, 7, 3))
+    assert find_cuts(clip) == []
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_cut_between_stills_that_are_held_for_long_stands_out(seed: int) -> None:
+    """Of a slide show: what is held for longer than frames are repeated is a still camera, by which change is rare."""
+    random = np.random.default_rng(seed)
+    shots = [np.kron(random.integers(low, low + 160, (6, 8, 3)), np.ones((3, 4, 1))) for low in (10, 80)]
+    stills = [np.clip(shot + random.normal(0, 38, shot.shape), 0, 255) for shot in shots for _ in range(5)]
+    assert find_cuts(np.repeat(np.stack(stills), 8, axis=0).astype(np.uint8)) == [40]
+
+
 @pytest.mark.parametrize("bars", [0, 16])
 @pytest.mark.parametrize(("asked", "keeps"), [("", False), ("#letterbox=keep", True)])
 def test_a_scored_reference_is_advised_as_it_was_asked_for(tmp_path: Path, bars: int, asked: str, keeps: bool) -> None:

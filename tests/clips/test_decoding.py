@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from av.stream import Disposition
 from av.video.reformatter import Colorspace
 from PIL import Image
 
@@ -54,6 +55,20 @@ def test_a_video_of_pngs_that_is_left_early_does_not_wait_for_ever(tmp_path: Pat
     video = video_of(tmp_path / "a.mov", "png", noise(24, 240, 320), (320, 240))
     reading = [sys.executable, "-c", EARLY, str(video)]
     subprocess.run(reading, env={**os.environ, "CLTRANSFER_THREADS": "2"}, timeout=100, check=True)
+
+
+def test_a_song_with_a_cover_is_no_clip(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "song.mp4"), "w") as container:
+        cover = container.add_stream("mjpeg", rate=1)
+        cover.width, cover.height, cover.pix_fmt = 64, 48, "yuvj420p"
+        cover.disposition = Disposition.attached_pic
+        song = container.add_stream("aac", rate=44_100)
+        container.mux(cover.encode(av.VideoFrame.from_ndarray(noise(1)[0])) + cover.encode())
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 44_100), np.float32), format="fltp", layout="mono")
+        silence.sample_rate, silence.pts = 44_100, 0
+        container.mux(song.encode(silence) + song.encode())
+    with pytest.raises(InputError, match=r"song\.mp4: video: no video stream"):
+        read_clip(tmp_path / "song.mp4")
 
 
 def test_a_title_of_another_code_page_is_no_fault(tmp_path: Path) -> None:

@@ -126,6 +126,12 @@ def test_one_who_walks_more_than_a_width_between_thinned_frames_is_followed(step
     assert any("jumps in frames 1:" in flag for flag in told) == (step > 15)
 
 
+@pytest.mark.parametrize(("x", "height"), [(40, 36), (900, 20), (900, 400)])
+def test_one_of_another_size_is_another_though_alone_or_near(x: float, height: float) -> None:
+    found = [seen(standing(0, count=1))[0], seen(standing(x, height, 1))[0]]
+    assert len(join(found, THINNED[:2]).boxes) == 2
+
+
 def test_who_is_as_near_to_two_is_neither() -> None:
     lead, other = standing(40 * np.arange(2.0), count=2), standing(80 + 40 * np.arange(2.0), count=2)
     assert len(join(seen(lead, other), THINNED[:2]).boxes) == 4  # from 0 and 80 to 40 and 120

@@ -286,6 +286,11 @@ def test_a_dark_picture_and_a_thing_before_black_are_no_letterbox() -> None:
     night = 40 + scenery(5) // 2
     night[:, :, :8] = 2  # a black sky over a lit street: no bar below
     assert find_letterbox(night) == whole
+    night[:, :, 33:] = 2  # nor as high a one
+    assert find_letterbox(night) == whole
+    slit = torch.zeros_like(thing)
+    slit[:, :, 15:21] = 200  # of a door: all but a sixth is dark
+    assert find_letterbox(slit) == whole
 
 
 def test_uneven_frames_are_thinned_evenly_in_time(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from cltransfer.clips.join_persons import join
-from cltransfer.clips.persons import Spot, overlap
+from cltransfer.clips.persons import Persons, Spot, overlap
 from cltransfer.config import load_config
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.extractors.detect_yolox import all_boxes
@@ -92,6 +92,16 @@ def test_one_who_comes_after_an_empty_stretch_is_another() -> None:
     first[10:] = np.nan
     second[:20] = np.nan
     assert np.isfinite(join(frames_of(first, second)).boxes[..., 0]).sum(1).tolist() == [10, 10]
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.8, True), (0.3, False)])
+def test_who_is_about_as_large_and_seen_briefly_may_be_the_one_who_is_lost(share: float, told: bool) -> None:
+    boxes, nobody = np.full((13, 24, 5), np.nan), ((),) * 13
+    boxes[0, :12] = walk(0, 1, 12)
+    for i in range(12):  # one a frame, never the same
+        boxes[1 + i, 12 + i] = walk(300, 0, 1)[0] * [1, 1, share, 1, 1]
+    flags = Persons(boxes, nobody, nobody, nobody).follow(0)[1]
+    assert any(flag.startswith("somebody as large whom nothing follows") for flag in flags) == told
 
 
 @pytest.mark.parametrize("fps", [2.4, 24, 60])
