@@ -40,3 +40,9 @@ def test_an_animated_scene_is_another_at_another_moment(tmp_path: Path) -> None:
     parts = ("t=2", "t=2&animation=Run", "animation=Run")
     assert len({digest(f"{scene}#{part}") for part in parts}) == 3
     assert digest(f"{scene}#animation=Run&t=2.0") == digest(f"{scene}#t=2&animation=Run")
+
+
+def test_a_view_of_a_set_is_another_than_the_next(tmp_path: Path) -> None:
+    views = tmp_path / "transforms.json"
+    views.write_text("{}")
+    assert len({digest(str(views)), digest(f"{views}:0"), digest(f"{views}:1")}) == 3

@@ -41,3 +41,10 @@ def test_its_cameras_stay_where_they_were(tmp_path: Path) -> None:
         pytest.approx([5.3726, -2.018, 0.8388, 655.2], abs=1e-3),
         pytest.approx([1.9672, -2.018, 5.0597, 655.2], abs=1e-3),
     ]
+
+
+@pytest.mark.parametrize(("rows", "frames"), [("{a: {}, b: {frames: 3}}", 24), ("{a: {frames: 5}, b: {frames: 3}}", 5)])
+def test_it_has_as_many_frames_as_the_row_that_takes_most(tmp_path: Path, rows: str, frames: int) -> None:
+    (tmp_path / "sweep.yaml").write_text(f"references: ['drawn:pan']\nrows: {rows}\n")
+    made = draw_references(read_sweep(str(tmp_path / "sweep.yaml")), tmp_path)
+    assert len(Trajectory.load(made["drawn:pan", 0].split("@")[1])) == frames

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 import torch
 
-from cltransfer.ablate.measure import Measured, Way, directions, measured
+from cltransfer.ablate.measure import JERK, Measured, Way, directions, measured
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.trial import Job, run_trial, trials
 from cltransfer.camera import Camera
@@ -99,6 +99,19 @@ def test_two_losses_that_say_the_same_of_their_residuals_are_told_apart() -> Non
     assert tuple(found) == ("larger, shot_size", *SIGNS[1:], "larger, whole")
     assert found["larger, shot_size"].mean == pytest.approx(0.2, abs=1e-3)
     assert found["larger, whole"].mean != pytest.approx(0.2, abs=1e-3)
+
+
+def test_a_loss_that_speaks_of_jerk_is_told_apart_from_that_of_the_path() -> None:
+    @dataclass(frozen=True)
+    class Jerky:
+        requires: ClassVar[tuple[str, ...]] = ("keypoints",)
+        signs: ClassVar[tuple[str, ...]] = (JERK,)
+        unit: ClassVar[str] = "frame"
+
+        def residuals(self, reference: Features, rendered: Features) -> torch.Tensor:
+            return torch.ones(len(rendered), 1)
+
+    assert list(dict(directions(Objective({"mine": Jerky()}), filmed(), filmed()))) == ["jerk, mine"]
 
 
 def test_a_loss_left_out_names_no_direction() -> None:
