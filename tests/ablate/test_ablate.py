@@ -188,11 +188,15 @@ def test_the_page_says_what_bold_asks_for(sweep_file: SweepFile, tmp_path: Path)
     assert "one person" not in " ".join(text)
 
 
-def test_the_page_says_where_shots_of_a_seed_show_one_person(sweep_file: SweepFile, tmp_path: Path) -> None:
-    sweep = read_sweep(str(sweep_file("{full: {}}")), ["references=[drawn:orbit,drawn:pan,'builtin:pan']"])
+@pytest.mark.parametrize(("more", "told"), [(",drawn:pan", True), ("", False)])
+def test_the_page_says_where_shots_of_a_seed_show_one_person(
+    sweep_file: SweepFile, tmp_path: Path, more: str, told: bool
+) -> None:
+    sweep = read_sweep(str(sweep_file("{full: {}}")), [f"references=[drawn:orbit{more},'builtin:pan']"])
     found = [Outcome(t.key, t.row, t.case, failed="not run") for t in trials(sweep, draw_references(sweep, tmp_path))]
     text = " ".join(markdown(Ablation(sweep, tuple(summarise(["full"], found)), tuple(found))))
-    assert "The 2 drawn shots of a seed show one person: intervals and tests take them for independent" in text
+    line = "The 2 drawn shots of a seed show one person: intervals and tests take them for independent"
+    assert (line in text, "one person" in text) == (told, told)
 
 
 @dataclass(frozen=True)

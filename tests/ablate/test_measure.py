@@ -137,6 +137,14 @@ def test_a_row_that_keeps_the_lens_besides_says_so(sweep_file: Callable[..., Pat
     assert ("zoom=free lets it change" in run_trial(trial, Job()).note) == told
 
 
+def test_a_term_that_is_measured_has_its_reason_and_is_no_note(sweep_file: Callable[..., Path]) -> None:
+    (trial,) = trials(read_sweep(str(sweep_file("{alone: {frames: 1}}"))), {})
+    outcome = run_trial(trial, Job())
+    assert outcome.metrics is not None, outcome.failed
+    assert outcome.metrics["camera_movement"].reason
+    assert "camera_movement" not in outcome.note
+
+
 def test_a_frame_of_nobody_pays_the_penalty_in_the_mean(
     sweep_file: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,6 +93,12 @@ def test_rows_lie_over_the_base_over_the_preset_and_the_command_line_over_all(wr
     assert set(sweep.metrics.losses) == set(first.losses)  # what a row leaves out is measured
 
 
+def test_what_the_command_line_switches_off_is_off_in_every_row(written: Written) -> None:
+    sweep = read_sweep(written("rows: {a: {}, b: {frames: 3, guard: true, lod: 2}}\n"), ["guard=false", "lod=0"])
+    assert [(row.config.guard, row.config.lod) for row in sweep.rows] == [(False, 0)] * 2
+    assert [(row["guard"], row["lod"]) for row in sweep.file.rows.values()] == [(False, 0)] * 2
+
+
 def test_every_row_is_measured_by_the_renderer_of_the_base_or_of_the_metrics(written: Written) -> None:
     rows = "rows: {a: {}, b: {renderer: {nerf_grid: {}}}}\n"
     for base, renderer in (("", "gaussian_splats"), ("base: {renderer: {mesh: {}}}\n", "mesh")):

@@ -133,6 +133,12 @@ def test_a_row_in_which_all_failed_has_no_number() -> None:
     assert "| bad | 1 | 1 | – | – |" in to_markdown(values_table(rows))[3]
 
 
+def test_a_table_of_nothing_but_failures_has_its_counts_below_their_heads() -> None:
+    (line,) = csv.DictReader(io.StringIO(to_csv(summarise(["bad"], [failed("bad", 0), failed("bad", 1)]))))
+    told = {name: value for name, value in line.items() if value}
+    assert told == {"row": "bad", "trials": "2", "failed": "2"}
+
+
 def test_which_way_a_row_errs_is_told_with_its_sign() -> None:
     def erring(row: str, seed: int, larger: float) -> Outcome:
         return replace(outcome(row, seed, 0.1), directions={"larger": Metric(larger, "frame", 4, "")})

@@ -205,11 +205,14 @@ def test_a_trial_of_other_code_or_packages_is_another(
     assert keys("builtin:courtyard") == here
 
 
-@pytest.mark.parametrize(("reference", "reads"), [("builtin:orbit", False), ("clip.mp4", True)])
+@pytest.mark.parametrize(
+    ("reference", "row", "reads"),
+    [("builtin:orbit", "", False), ("clip.mp4", "", True), ("builtin:orbit", "extract: {inner: image}", True)],
+)
 def test_a_network_that_a_worker_lacks_matters_where_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: str, reads: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: str, row: str, reads: bool
 ) -> None:
-    text = f"references: ['{reference}']\nscenes: ['builtin:courtyard']\nrows: {{full: {{}}}}\n"
+    text = f"references: ['{reference}']\nscenes: ['builtin:courtyard']\nrows: {{full: {{{row}}}}}\n"
     (tmp_path / "sweep.yaml").write_text(text)
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "yolox_nano.onnx").write_bytes(b"")
