@@ -7,7 +7,9 @@ import pycolmap
 import pytest
 
 from cltransfer.sfm import load_pycolmap
+from cltransfer.sfm.corners import Corners
 from cltransfer.sfm.inside_out import sharp, turned
+from cltransfer.sfm.mapping import Clues, _chosen
 
 SIZE, FOCAL = (480, 270), 480.0
 
@@ -72,6 +74,13 @@ def test_a_model_is_turned_and_back_and_left_as_it_is():
     back = turned(pycolmap, wrong, (0.1, 10.0), refine=False)
     assert np.corrcoef(np.log(depths(back)), np.log(before))[0, 1] > 0.9
     assert back.camera(1).focal_length == pytest.approx(FOCAL)
+
+
+def test_the_blurred_one_is_not_chosen_though_its_lens_is_the_more_ordinary():
+    clear, blurred = model(0.2), model(0.5)
+    clear.camera(1).focal_length *= 1.001
+    clues = Clues("clip", SIZE, [Corners(np.zeros((0, 2)), np.zeros((0, 128)), np.zeros(0, bool))] * 5, [])
+    assert _chosen(clues, [blurred, clear]) is clear
 
 
 def test_a_lens_that_there_is_not_is_no_model():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tempfile
 from pathlib import Path
@@ -32,17 +33,24 @@ def test_every_frame_gets_a_camera_at_its_time(orbit):
     torch.testing.assert_close(found.trajectory.camera.w2c[0], torch.eye(4, dtype=torch.float64))
 
 
-def test_a_frame_that_was_not_placed_stands_where_a_steady_camera_was_when_it_was_shown():
-    """Two of six frames that are shown unevenly, of a camera that moves, turns and zooms evenly in time."""
-    times = torch.tensor([0.0, 0.1, 0.5, 0.6, 0.9, 1.0], dtype=torch.float64)
+TIMES = torch.tensor([0.0, 0.1, 0.5, 0.6, 0.9, 1.0], dtype=torch.float64)
+
+
+def steady():
+    """Six frames that are shown unevenly, of a camera that moves, turns and zooms evenly in time."""
     c2w = torch.eye(4, dtype=torch.float64).repeat(6, 1, 1)
-    c2w[:, :3, :3] = torch.from_numpy(Rotation.from_rotvec(np.outer(times, [0.2, 0.9, 0.1])).as_matrix())
-    c2w[:, :3, 3] = times[:, None] * torch.tensor([3.0, -1.0, 2.0], dtype=torch.float64)
-    true = Camera(c2w.inverse(), intrinsics(300 * 1.5**times, (480, 270)), (480, 270))
-    frames = np.array([0, 2, 3, 5])
-    found = _between(Placed(frames, true[torch.from_numpy(frames)]), times)
-    torch.testing.assert_close(found.w2c, true.w2c, atol=1e-12, rtol=0)
-    torch.testing.assert_close(found.focal, true.focal)
+    c2w[:, :3, :3] = torch.from_numpy(Rotation.from_rotvec(np.outer(TIMES, [0.2, 0.9, 0.1])).as_matrix())
+    c2w[:, :3, 3] = TIMES[:, None] * torch.tensor([3.0, -1.0, 2.0], dtype=torch.float64)
+    return Camera(c2w.inverse(), intrinsics(300 * 1.5**TIMES, (480, 270)), (480, 270))
+
+
+@pytest.mark.parametrize(("placed", "stand"), [([0, 2, 3, 5], range(6)), ([2, 3], [2, 2, 2, 3, 3, 3])])
+def test_a_frame_that_was_not_placed_stands_where_a_steady_camera_was_when_it_was_shown(placed, stand):
+    """Before the first that was placed and behind the last it stands where these do."""
+    true = steady()
+    found = _between(Placed(np.array(placed), true[placed]), TIMES)
+    torch.testing.assert_close(found.w2c, true[list(stand)].w2c, atol=1e-12, rtol=0)
+    torch.testing.assert_close(found.focal, true[list(stand)].focal)
 
 
 def test_the_path_is_right_up_to_scale(orbit):
@@ -61,10 +69,12 @@ def test_the_lens_is_found_where_the_camera_turns(orbit):
 
 
 def test_depth_of_points_is_right_up_to_scale_on_the_subject_too(orbit):
-    _, found, depth = orbit
+    true, found, depth = orbit
     points = found.points
     column, row = points.pixels.floor().long().T
     off = (points.depth / depth[points.frames, row, column]).log()
+    far, wide = (each.camera.center.diff(dim=0).norm(dim=1).sum() for each in (found.trajectory, true))
+    assert float(off.nanmedian().exp()) == pytest.approx(float(far / wide), rel=0.05)  # the path is of the same scale
     off -= off.nanmedian()
     sure = points.confidence > 0.5
     for side in (points.hidden, ~points.hidden):
@@ -152,6 +162,17 @@ def test_a_model_that_time_cut_off_is_not_used(filmed, monkeypatch):
     monkeypatch.setattr(mapping.time, "monotonic", lambda: float(next(clock)))
     with pytest.raises(OutOfTimeError, match="time ran out after 60 s with 12 of 12 frames placed"):
         reconstruct_path(image, subject, true.times, lens=1.1, seconds=60)
+
+
+def test_time_that_ran_out_for_one_guess_of_the_lens_is_told(filmed, monkeypatch):
+    import pycolmap
+
+    clock = itertools.chain([0.0, 1e3], itertools.repeat(1e3))
+    monkeypatch.setattr(mapping.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *args: {})
+    true, image, _, subject = filmed("orbit", 12)
+    with pytest.raises(OutOfTimeError, match="time ran out after 60 s with 0 of 4 frames placed"):
+        reconstruct_path(image[::3], subject[::3], true.times[::3])
 
 
 @pytest.mark.parametrize(("lens", "seconds", "each"), [(None, 9, [3, 3, 3]), (None, 1, [1, 1, 1]), (1.1, 9, [9])])

@@ -55,6 +55,18 @@ def test_a_far_point_is_less_sure_than_a_near_one():
     assert far < 0.9 < near
 
 
+def test_a_point_is_as_sure_as_its_corners_agree_however_many_they_are():
+    """The corners are 1.5 px above and below the point, in turns: no other place explains them."""
+    for count in (4, 8):
+        camera = cameras(count)
+        corners = seen(camera, torch.tensor([[0.5, 0.2, 60.0]], dtype=torch.float64).repeat(count, 1, 1), [False])
+        for frame, corner in enumerate(corners):
+            corner.pixels[:, 1] += 1.5 * (-1) ** frame
+        found = find_points(camera, corners, links(count, 1))
+        parallax = float(camera.focal[0]) * 0.4 * (count - 1) / 60  # of the farthest views [px]
+        assert found.confidence.tolist() == pytest.approx([0.5 ** ((1.5 / parallax / 0.1) ** 2)] * count, abs=0.02)
+
+
 def test_a_track_that_meets_a_frame_twice_is_dropped():
     corners = [Corners(np.zeros((2, 2)), np.zeros((2, 128)), np.zeros(2, bool)) for _ in range(3)]
     good = [Match((0, 1), np.array([[0, 1]])), Match((1, 2), np.array([[1, 0]]))]
