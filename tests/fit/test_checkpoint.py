@@ -9,6 +9,7 @@ import torch
 
 from cltransfer.errors import InputError
 from cltransfer.fit._state_file import read_state, write_state
+from cltransfer.fit._training import _going_on
 from cltransfer.fit.nerf_grid import NerfGridFit
 
 OPTIONS = NerfGridFit(first=200, most=200, steps=9, look=3, rays=64, degree=0)
@@ -116,3 +117,8 @@ def test_a_list_is_no_checkpoint(views, interrupted):
             OPTIONS.fit(views, interrupted, lambda *step: None)
     finally:
         path.write_bytes(whole)
+
+
+def test_what_fails_in_a_level_that_goes_on_from_nothing_is_told_as_it_is(tmp_path):
+    with pytest.raises(ValueError, match=r"^torn$"), _going_on(tmp_path / "level_0.safetensors"):
+        raise ValueError("torn")

@@ -75,6 +75,7 @@ def test_a_level_that_gains_less_than_asked_for_is_not_kept_and_the_last(views, 
     levels = options.fit(views, tmp_path, silent)
     assert [level.kept for level in levels] == [True] * (len(levels) - 1) + [False]
     assert len(levels) == 3  # the next one would be of 64,000 cells or less, and is not begun
+    assert filled_cells(read_grid(tmp_path / "grid.safetensors")).numel() == levels[1].cells
 
 
 def test_the_grid_that_is_left_scores_what_the_last_kept_level_says(fitted, views):

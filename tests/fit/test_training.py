@@ -76,18 +76,35 @@ def test_masks_are_held_against_the_memory(views: Views, tmp_path: Path, monkeyp
     assert needs[1] - needs[0] == pytest.approx(25 * side**2 / 2**20, abs=1)
 
 
-def test_later_looks_draw_other_rays() -> None:
+def module(kind: type[GridModule] = GridModule) -> GridModule:
+    """A level of thin fog, before three small views of noise."""
     eye = torch.tensor([[0.0, -3, 0]] * 3)
     cameras = Camera.look_at(eye, torch.zeros(1, 3), torch.tensor([0.0, 0, 1]), 0.7, (8, 8))
     image = torch.randint(0, 255, (3, 3, 8, 8), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
     views = Views(cameras, image, torch.tensor([[-1.0] * 3, [1.0] * 3], dtype=torch.float64))
     grid = empty_grid((3, 3, 3), 0, views.aabb)
+    return kind(grid, filled_cells(grid), (views, views), NerfGridFit(rays=4, degree=0, steps=30, look=10))
 
+
+def test_later_looks_draw_other_rays() -> None:
     def loss(step: int) -> float:
         class At(GridModule):
             global_step = step  # type: ignore[assignment]
 
-        module = At(grid, filled_cells(grid), (views, views), NerfGridFit(rays=4, degree=0))
-        return float(module.training_step(torch.tensor(0), 0).detach())
+        return float(module(At).training_step(torch.tensor(0), 0).detach())
 
     assert loss(0) != loss(100)
+
+
+def test_a_step_below_nothing_ends_at_nothing() -> None:
+    level = module()
+    with torch.no_grad():
+        level.thickness[0] = -0.5
+    level.on_train_batch_end(None, None, 0)
+    assert float(level.thickness.detach().min()) == 0
+
+
+def test_the_rate_falls_to_a_tenth_over_a_level() -> None:
+    level = module()
+    fall = level.configure_optimizers()["lr_scheduler"]["scheduler"]
+    assert fall.gamma**level.options.steps == pytest.approx(0.1)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, UsageError
 from cltransfer.fit._views import Views, box_around, box_around_focus, psnr, views_of
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes.nerf_grid import NerfGrid
@@ -134,6 +134,16 @@ def test_cameras_that_look_at_no_common_place_need_points(views, tmp_path, monke
     monkeypatch.setattr(PosedImages, "images", lambda *words: (camera, torch.zeros(9, 3, 16, 16, dtype=torch.uint8)))
     with pytest.raises(InputError, match="cameras: look the same way or apart, and there are no points"):
         views_of(posed, 16)
+
+
+def test_a_near_plane_is_held_against_what_lies_before_the_cameras(views):
+    with pytest.raises(
+        UsageError, match=r"near: hides what is nearer than 3\.2, the middle of the scene is 3 from the"
+    ):
+        views.check_near(3.2)
+    views.check_near(2.5)
+    behind = dataclasses.replace(views[[0]], aabb=views.aabb + 2 * views.camera.center[0])
+    behind.check_near(3.2)  # where nothing lies it hides nothing
 
 
 def test_psnr_of_black_is_that_of_the_images_power(views):
