@@ -270,9 +270,13 @@ def test_render_tells_where_frames_between_those_of_the_run_pass_through_somethi
     Trajectory(both, torch.tensor([0.0, 1.0], dtype=torch.float64)).save(run / "trajectory.json")
     words = ("render", run, "output_side=64", "--quiet")
     assert "note" not in command(*words).out  # the two frames themselves are fine
-    answer = command(*words, "--fps", 20)
+    answer = command(*words, "--fps", 80)
     assert answer.code == 0
-    assert re.search(r"note: the camera stands inside the person in \d+ of 21 frames, 0\.\d+ to 0\.\d+ s", answer.out)
+    told = re.search(
+        r"note: the camera stands inside the person in (\d+) of 81 frames, (0\.\d+) to (0\.\d+) s", answer.out
+    )
+    assert told is not None
+    assert float(told[3]) - float(told[2]) == pytest.approx((int(told[1]) - 1) / 80, abs=0.011)
 
 
 def test_render_of_a_scene_that_was_moved_says_what_to_name(

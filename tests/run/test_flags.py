@@ -31,14 +31,14 @@ from cltransfer.transfer import Inputs, Result, transfer
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
 
 
-@pytest.mark.parametrize("people", [None, 1, 3])
+@pytest.mark.parametrize("people", [None, 1, 2, 3])
 def test_other_people_in_the_scene_are_told(plain: Result, tmp_path: Path, people: int | None) -> None:
     subject = plain.scene.subject
     assert subject is not None
     replace(subject, people=people).save(tmp_path / "subject.json")
     scene = load_person(plain.scene, tmp_path / "subject.json")
     told = [flag.reason for flag in run_flags(replace(plain, scene=scene)) if "one is filmed" in flag.reason]
-    assert [reason.partition(",")[0] for reason in told] == ["3 people in the scene"] * (people == 3)
+    assert [reason.partition(",")[0] for reason in told] == [f"{people} people in the scene"] * ((people or 1) > 1)
 
 
 def test_what_was_left_out_of_the_search_is_told(plain: Result) -> None:
@@ -71,6 +71,13 @@ def test_a_person_nearer_than_what_is_drawn_whole_is_told_with_what_would_draw_t
     assert "in 2 of 2 frames" in both
     options = dict(part.split("=") for part in both.split(": set ")[1].split())
     assert told(**{name.removeprefix("renderer.gaussian_splats."): float(v) for name, v in options.items()}) == []
+
+
+def test_a_person_behind_the_camera_is_not_near_to_it(plain: Result) -> None:
+    camera = plain.trajectory.camera
+    about = torch.diag(torch.tensor([-1.0, 1.0, -1.0, 1.0], dtype=torch.float64))
+    away = replace(plain.trajectory, camera=replace(camera, w2c=about @ camera.w2c))
+    assert not any("faded or cut" in flag.reason for flag in run_flags(replace(plain, trajectory=away)))
 
 
 @dataclass(frozen=True)
@@ -173,6 +180,7 @@ def test_a_result_worse_than_standing_still_or_than_the_search_took_it_for_is_to
     assert told(1.04) == []
     assert told(1.06) == ["worse than the first view held still: the total is 1.06 for 1"]
     assert told(1.06, 1.5) == []
+    assert len(told(0.9, 0.1)) == 1  # worse, and of little either
     (_, otherwise) = told(4.5)
     assert otherwise.startswith("the total is 4.5, for 1 in the search, most of it ")
     assert otherwise.endswith(": the search and the reading do not see the same")
@@ -226,6 +234,15 @@ def test_a_size_of_the_mask_is_told_where_a_loss_takes_it_from_there(
     assert [flag.reason for flag in flags if flag.frame == 1] == told
 
 
+def test_a_sliver_of_a_mask_is_no_size(plain: Result) -> None:
+    keypoints, mask = (plain.reference.features.require(name).clone() for name in ("keypoints", "subject"))
+    keypoints[1, 2:, 2], mask[1] = 0.0, False
+    mask[1, 0, 0] = True
+    features = replace(plain.reference.features, keypoints=keypoints, subject=mask)
+    flags = run_flags(replace(plain, reference=replace(plain.reference, features=features)))
+    assert not any("fewer than two" in flag.reason for flag in flags)
+
+
 @pytest.mark.parametrize(("own", "told"), [(1.0, True), (1.5, False), (None, False)])
 def test_a_lens_that_zooms_where_that_of_the_reference_stands_is_told(
     plain: Result, own: float | None, told: bool
@@ -269,7 +286,9 @@ def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:
     assert [flag.reason for flag in run_flags(boxed) if "bound" in flag.reason] == ["gamma at its bound"]
 
 
-def test_that_nobody_is_read_in_the_render_is_told(plain: Result) -> None:
+@pytest.mark.parametrize("empty", [False, True])
+def test_that_nobody_is_read_in_the_render_is_told(plain: Result, empty: bool) -> None:
+    """Of a frame in which the reference shows nobody either nothing is missing."""
     shown = plain.kept.shown
     points = torch.full_like(shown.features.require("keypoints"), torch.nan)
     terms = tuple(
@@ -278,8 +297,11 @@ def test_that_nobody_is_read_in_the_render_is_told(plain: Result) -> None:
     )
     scores = replace(shown.scores, terms=terms, totals=torch.full((2,), 62.0))
     gone = replace(shown, read=replace(shown.read, features=replace(shown.features, keypoints=points), scores=scores))
-    told = [flag.reason for flag in run_flags(kept(replace(plain, family="image"), shown=gone)) if flag.frame is None]
-    assert [
-        reason for reason in told if "see nobody in 2 of 2 frames of the render" in reason and "total is 62" in reason
-    ]
+    keypoints = plain.reference.features.require("keypoints").clone()
+    keypoints[:empty] = torch.nan
+    reference = replace(plain.reference, features=replace(plain.reference.features, keypoints=keypoints))
+    result = kept(replace(plain, family="image", reference=reference), shown=gone)
+    told = [flag.reason for flag in run_flags(result) if flag.frame is None]
+    line = f"see nobody in {2 - empty} of 2 frames of the render"
+    assert [reason for reason in told if line in reason and "total is 62" in reason]
     assert not [reason for reason in told if "most of it" in reason]

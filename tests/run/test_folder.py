@@ -3,12 +3,41 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
-from cltransfer.run.folder import command_again
+from cltransfer.config import load_config
+from cltransfer.run.folder import command_again, default_folder, report_data
 from cltransfer.run.inputs import Inputs
+from cltransfer.transfer import transfer
 
 
 def test_the_command_of_a_run_can_be_pasted_though_names_have_spaces() -> None:
     line = command_again(Path("my run"), Inputs("my scene.ply", "a clip.mp4"), ["my plugin.py"])
     assert shlex.split(line)[2:4] == ["my scene.ply", "a clip.mp4"]
+
+
+def test_a_run_of_a_scene_that_is_named_by_where_it_lies_lies_in_outputs_too() -> None:
+    for scene, reference in (("..", "."), ("../..", "./")):
+        assert default_folder(scene, reference).parts[:-1] == ("outputs", "run", "run")
+    folder = default_folder("builtin:plaza", "clips/walk.mp4#t=1,2")
+    assert folder.parts[:-1] == ("outputs", "plaza", "walk")
+
+
+def test_of_several_rounds_the_one_that_is_kept_is_counted_from_one() -> None:
+    inputs = Inputs("builtin:plaza", "builtin:push_in")
+    tiny = ["preset=fast", "frames=2", "search_side=32", "output_side=48", "path=exact"]
+    result = transfer(inputs, load_config(overrides=tiny))
+    total = str(round(result.verified.total, 4))
+    for best in (0, 1):
+        twice = replace(result, attempts=2 * result.attempts, best=best)
+        told = report_data(Path("out"), twice, inputs, ()).spent["total by round"]
+        assert told == f"{total}, {total} (kept {best + 1})"
+    assert report_data(Path("out"), result, inputs, ()).spent["total by round"] == total
+
+
+def test_the_command_of_a_run_names_what_it_was_given() -> None:
+    inputs = Inputs("a.ply", "b.mp4", "views:3", Path("me/subject.json"), (0.0, -1.0, 0.5))
+    words = shlex.split(command_again(Path("out"), inputs, ["one.py", "two.py"]))
+    assert words[4:10] == ["--init", "views:3", "--subject", "me/subject.json", "--up", "0.0,-1.0,0.5"]
+    assert words[10:14] == ["--allow-plugin", "one.py", "--allow-plugin", "two.py"]

@@ -83,6 +83,8 @@ def test_of_frames_in_which_nobody_was_looked_for_their_number_is_told(objective
     told = Read.from_json(json.loads(json.dumps(read.to_json())), objective, FRAMES)
     assert len(told.features) == FRAMES
     same(told, read)
+    with pytest.raises(ValueError, match="expected 4 frames"):
+        Read.from_json(read.to_json(), objective, FRAMES + 1)
 
 
 @pytest.mark.parametrize(

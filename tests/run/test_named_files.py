@@ -19,6 +19,7 @@ from cltransfer.scenes.load import load_scene
         (Inputs("man.glb#t=0.6", "a.mp4#t=1,2&person=1"), ["man.glb", "a.mp4"]),
         (Inputs("s.ply", "f.safetensors", init="set:3"), ["s.ply", "f.safetensors", "set"]),
         (Inputs("s.ply", "builtin:orbit", init="a/t.json"), ["s.ply", "a/t.json"]),
+        (Inputs("s.ply", "builtin:orbit", init="10:30/t.json"), ["s.ply", "10:30/t.json"]),
         (Inputs("builtin:room", "builtin:orbit", subject=Path("a/b.json")), ["a/b.json", "a/labels.safetensors"]),
         (
             Inputs("builtin:room", "s.ply@a/t.json"),

@@ -60,3 +60,13 @@ def test_the_config_of_a_run_opens_no_other_file(tiny_run: Path, tmp_path: Path)
     (run / CONFIG).write_text("base: ../accounts.yaml\n")
     with pytest.raises(UsageError, match=r"config.yaml: base: expected a whole config, got one over another"):
         render_run(run, [], None, None, None, silent)
+
+
+def test_a_built_in_scene_that_is_not_that_of_the_run_is_told_as_that(tiny_run: Path, tmp_path: Path) -> None:
+    """Though what is up in a file that the run was made in is not up in it."""
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    manifest = json.loads((run / MANIFEST).read_text())
+    manifest["scene"] |= {"sha256": "0" * 64, "up": [0.0, -1.0, 0.0]}
+    (run / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="builtin:room: sha256: is not the scene of this run"):
+        render_run(run, [], None, "builtin:room", None, silent)

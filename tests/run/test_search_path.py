@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from cltransfer.progress import silent
 from cltransfer.run.flags import run_flags
 from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
-from cltransfer.run.search_path import _aside, _left_out, _past_steps, _with_floaters, search_path
+from cltransfer.run.search_path import _all_told, _aside, _left_out, _past_steps, _with_floaters, search_path
 from cltransfer.run.take import Take, searched
 from cltransfer.scenes.floaters import without_floaters
 from cltransfer.scenes.load import load_scene
@@ -141,6 +142,7 @@ def test_what_counts_as_far_worse(alone: float, among: float, matters: bool) -> 
         (0.4, 0.9, True),
         (0.5, 1.0, False),
         (0.7, 0.85, False),
+        (0.1, 1.05, False),
         (0.7, 0.7, True),
         (0.9, 0.1, True),
         (0.95, 0.1, False),
@@ -154,6 +156,16 @@ def test_a_path_past_floaters_gains_more_than_it_loses_and_is_no_path_for_them_a
 
 def quiet(frame: int, solved: Solved) -> None:
     """Hears how far a search is."""
+
+
+@pytest.mark.parametrize(
+    ("poor", "all_of_them"), [((1, 0, 1), True), ((1, 1, 1), True), ((0, 1, 1), False), ((0, 0, 0), False)]
+)
+def test_a_frame_whose_reference_tells_nothing_does_not_keep_a_path_where_it_stands(
+    poor: tuple[int, ...], all_of_them: bool
+) -> None:
+    clip: Any = SimpleNamespace(placed=torch.tensor([True, False, True]))
+    assert _all_told(clip, torch.tensor(poor, dtype=torch.bool)) == all_of_them
 
 
 def found_without_floaters(hanging: Inputs) -> tuple[Job, RunConfig, Take]:
