@@ -41,6 +41,28 @@ def test_whether_a_frame_is_lost_is_told_by_the_path_where_there_is_one() -> Non
     assert not replace(take, found=lost).leaps  # the path passes it by
 
 
+@pytest.mark.parametrize("worse", ["DRIFT", "LEAP"])
+def test_a_clip_that_was_lost_leanly_is_followed_thoroughly_too_and_the_better_is_taken(
+    monkeypatch: pytest.MonkeyPatch, worse: str
+) -> None:
+    """Where its last frames ended worse than the first, or one leaps: here by any difference."""
+    config = load_config(overrides=["frames=3", "search_side=48", "output_side=96", "threads=1"])
+    job, heard = prepare(Inputs("builtin:plaza", "builtin:push_in"), config, Clock(), silent, None), list[int]()
+    stage, thoroughly = replace(job.stage, scene=job.solid), replace(job.schedule, lean_limit=0.0)
+
+    def total(job: Job) -> float:
+        heard.clear()
+        return searched(job, config, stage, job.wanted, job.starts, lambda frame, _: heard.append(frame)).total
+
+    lean, thorough = total(job), total(replace(job, schedule=thoroughly))
+    assert lean < 0.95 * thorough
+    assert heard == [0, 1, 2]
+    monkeypatch.setattr(f"cltransfer.driver.follow.{worse}", 0.0)
+    monkeypatch.setattr(f"cltransfer.driver.follow.{worse}_FLOOR", 0.0)
+    assert total(job) == pytest.approx(lean)
+    assert heard == 2 * [0, 1, 2]
+
+
 FLOW = ["frames=8", "search_side=96", "output_side=96", "threads=1", "losses.camera_movement.weight=80"]
 NEARER, TREMBLES = slice(0, 5), 0.1  # frames; [rad]
 
