@@ -10,10 +10,12 @@ import torch
 
 from cltransfer.clips.clip import write_video
 from cltransfer.config import load_config
-from cltransfer.errors import CltransferError, InputError, UsageError
+from cltransfer.errors import CltransferError, InputError, ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
+from cltransfer.progress import silent
+from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.reading.tracks import cleaned
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, noise_floor, prepare
@@ -105,3 +107,15 @@ def test_a_scene_that_cannot_be_merged_is_refused_before_anything_is_read(tmp_pa
         prepare(inputs, config, Clock(), lambda step, *_: steps.append(step), Record(tmp_path / "journal"))
     assert steps == []
     assert not (tmp_path / "journal").exists()
+
+
+def test_a_result_that_cannot_be_read_back_is_refused_before_it_is_searched(tmp_path: Path) -> None:
+    """Of a reference as large, of which only the joints are known."""
+    seen = sample_features(0, 2)
+    joints = seen.require("keypoints") * torch.tensor([64.0, 64.0, 1.0])
+    FeatureFile(Features((4096, 2304), keypoints=joints), torch.arange(2).double(), "wide").save(
+        tmp_path / "a.safetensors"
+    )
+    config = load_config(overrides=[*SMALL, "output_side=4096", "extract.verify=false"])
+    with pytest.raises(ResourceError, match="frames: expected at most 8300000 pixels each, got 4096x2304"):
+        prepare(Inputs("builtin:plaza", str(tmp_path / "a.safetensors")), config, Clock(), silent, None)
