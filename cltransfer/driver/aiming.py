@@ -6,6 +6,8 @@ them it shows, and that on how far away it is: it is raised or lowered where it 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -43,18 +45,14 @@ def aimed(clip: WholeClip, x: Tensor, reference: Features, pitch: Tensor) -> Ten
     none is read so, it stands where it is read next to it.
     """
     subject = clip.stage.scene.subject
-    extractors = (step.extractor for step in clip.stage.plan.steps)
-    reader = next((e for e in extractors if getattr(e, "about", "") == "shown"), None)
     x = clip.search.aimed(x, clip.home, subject, reference)
-    if reader is None:
+    if _reader(clip) is None:
         return x
     lowest, highest = (bound[1] for bound in clip.search.bounds())
     too_low, too_high = torch.full_like(pitch, torch.nan), torch.full_like(pitch, torch.nan)  # (B,) of x
     best, least = x, torch.full_like(pitch, torch.inf)
     for _ in range(LEVELLED):
-        cameras = clip.cameras(x)
-        read = reader(Features(cameras.size, camera=cameras, person=subject), None).require("orientation")
-        off = wrap(pitch - read[:, 1])  # (B,), NaN where nothing is seen
+        off = wrap(pitch - pitch_of(clip, x))  # (B,), NaN where nothing is seen
         nearer = off.abs() < least
         best, least = torch.where(nearer[:, None], x, best), torch.where(nearer, off.abs(), least)
         if not (least >= LEVEL).any():
@@ -67,6 +65,21 @@ def aimed(clip: WholeClip, x: Tensor, reference: Features, pitch: Tensor) -> Ten
         x[:, 1] = raised.clamp(lowest, highest)
         x = clip.search.aimed(x, clip.home, subject, reference)
     return best
+
+
+def pitch_of(clip: WholeClip, x: Tensor) -> Tensor:
+    """Pitch (B,) [rad] as the losses' angles have it of the cameras of x (B, D); NaN where they show nobody."""
+    reader, cameras = _reader(clip), clip.cameras(x)
+    if reader is None:
+        return x[:, 1] * SCALE[1]
+    seen = Features(cameras.size, camera=cameras, person=clip.stage.scene.subject)
+    return reader(seen, None).require("orientation")[:, 1]
+
+
+def _reader(clip: WholeClip) -> Any:
+    """What reads angles about what is shown of the person; None where they are about the body."""
+    extractors = (step.extractor for step in clip.stage.plan.steps)
+    return next((one for one in extractors if getattr(one, "about", "") == "shown"), None)
 
 
 def aimed_path(clip: WholeClip, x: Tensor, pitch: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from torch import Tensor
 from ..along_clip import counted, runs
 from ..camera import Camera
 from ..search.subject_orbit import SCALE
-from .aiming import aimable, aimed_at, aimed_path, stands
+from .aiming import aimable, aimed_at, aimed_path, pitch_of
 from .whole_clip import WholeClip
 
 RIGHT = 0.3  # total that a frame which ended right has at most: every term at three tenths of its tolerance
@@ -80,7 +80,7 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
         x: what was found, (N, D), D = 7: with a lens that is kept the distance follows the size.
         totals: there, (N,).
     """
-    if not aimable(clip) or x.shape[1] < len(SCALE) or (read := stands(clip)) is None:
+    if not aimable(clip) or x.shape[1] < len(SCALE):
         return None
     # of a frame that hides the person little is asked
     right = (totals <= RIGHT) & aimed_at(clip.reference, clip.stage.scene.subject)
@@ -92,6 +92,6 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
     wrong = elsewhere & (totals > WRONG)
     if not bool(wrong.any()):
         return None
-    paths = guide.repeat(3, 1, 1)
+    paths, pitch = guide.repeat(3, 1, 1), pitch_of(clip, guide)  # as it was read, or aside of that
     paths[:, :, 3] = told + torch.tensor([0, NEAR, -NEAR], dtype=told.dtype)[:, None] / SCALE[3]
-    return SecondGuide(torch.stack([aimed_path(clip, path, read[:, 1]) for path in paths]), wrong)
+    return SecondGuide(torch.stack([aimed_path(clip, path, pitch) for path in paths]), wrong)

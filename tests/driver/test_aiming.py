@@ -121,7 +121,7 @@ def test_other_distances_are_levelled_anew(film: Film, person: Subject) -> None:
     wrong[3] = guide[3]
     second = second_guide(clip, far, wrong, torch.tensor([1.0, 1, 1, 0.1], dtype=torch.float64))
     assert second is not None
-    assert float(off(clip, second.x, person).max()) < LEVEL
+    assert float(off(clip, second.x, person).max()) < 2 * LEVEL  # of the guide, and of what is made of it
 
 
 def test_a_frame_that_shows_only_joints_that_the_scene_lacks_is_bridged(film: Film, person: Subject) -> None:

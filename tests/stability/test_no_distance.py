@@ -1,0 +1,31 @@
+"""No distance suits: what lies behind the person, from the side that the reference is filmed from, is at another depth.
+
+A tilt whose frames end at a wall in the plaza and far away in the courtyard, from whatever distance.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltransfer.bench.driver import drawn
+from cltransfer.config import load_config
+from cltransfer.run.inputs import Inputs
+from cltransfer.scenes.load import load_scene
+from cltransfer.shots import shot
+from cltransfer.transfer import transfer
+
+
+@pytest.mark.parametrize("about", ["body", "shown"])
+def test_the_clip_is_filmed_from_a_little_aside(tmp_path: Path, about: str) -> None:
+    """Followed from where it was read it ends at 10, the lens as wide as there is."""
+    path = tmp_path / "shot.json"
+    shot("tilt", load_scene("builtin:plaza").person, (160, 90), 4, setup=drawn("tilt", 670)).save(path)
+    small = ["search_side=96", "output_side=96", "threads=1", "extract.verify=false"]
+    config = load_config("fast", overrides=[*small, f"extractors.scene_orientation.about={about}"])
+    result = transfer(Inputs("builtin:courtyard", f"builtin:plaza@{path}"), config)
+    assert result.searched.total < 4
+    angle = result.searched.term("camera_angle")
+    assert angle is not None
+    assert 0.1 < float(angle.values.mean()) < 0.5  # rad: paid for the rest
