@@ -55,7 +55,7 @@ def _wide(gltf: Gltf, target: dict[str, Any]) -> int | None:
     node = gltf.entry("nodes", target["node"])
     if "mesh" not in node:
         return None
-    return len(gltf.entry("meshes", node["mesh"])["primitives"][0].get("targets", ()))
+    return len(gltf.entry("meshes", node["mesh"])["primitives"][0].get("targets", ())) or None
 
 
 def _sample(gltf: Gltf, sampler: dict[str, Any], time: float, path: str, wide: int) -> Array:

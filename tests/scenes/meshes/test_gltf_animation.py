@@ -79,8 +79,9 @@ def test_a_key_has_as_many_weights_as_the_mesh_has_targets(animated, values):
     gltf = animated("weights", [0.0, 1.0], values, "STEP")
     with pytest.raises(InputError, match=r"a.glb: animations: weights: expected 2 rows of 2 for its 2 keys, got \("):
         channels(gltf, 0.5, None)
-    del gltf.tree["nodes"][0]["mesh"]
-    assert channels(gltf, 0.5, None) == {}  # nothing is there to be moved
+    for holder, name in ((gltf.tree["meshes"][0]["primitives"][0], "targets"), (gltf.tree["nodes"][0], "mesh")):
+        del holder[name]
+        assert channels(gltf, 0.5, None) == {}  # nothing is there to be moved
 
 
 def test_weights_that_no_byte_of_the_file_holds_are_not_even_made(animated):
