@@ -23,7 +23,8 @@ KIND = "cltransfer.features."
 FORMAT = f"{KIND}1"
 LIMIT = 4 * 2**30  # bytes
 WIDEST = 2**16  # pixels of a side, far above what a decoder takes
-SHOWN = 40  # characters of what a file says, in an error
+SHOWN, TOLD = 40, 5  # characters of what a file says, in an error; tensors that are no feature, by name
+EXTRAS = "extras."
 STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confidence", "orientation")
 
 MASKS = ("subject", "layers")
@@ -63,7 +64,7 @@ class FeatureFile:
 
     def _tensors(self) -> dict[str, Tensor]:
         stored = {name: self.features.require(name).contiguous() for name in STORED if self.features.has(name)}
-        extras = {f"extras.{name}": value.contiguous() for name, value in self.features.extras.items()}
+        extras = {f"{EXTRAS}{name}": value.contiguous() for name, value in self.features.extras.items()}
         return {"times": self.times, **stored, **extras}
 
     @classmethod
@@ -113,7 +114,8 @@ def _counts(dtype: torch.dtype) -> bool:
 
 def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> Features:
     count, size = len(_times(path, tensors)), _size(path, meta)
-    for name, value in tensors.items():
+    given = {name: value for name, value in tensors.items() if name in ("times", *STORED) or name.startswith(EXTRAS)}
+    for name, value in given.items():
         if value.dim() == 0 or len(value) != count:
             got = "a single value" if value.dim() == 0 else len(value)
             raise InputError(path, name, f"expected {count} frames, got {got}")
@@ -125,17 +127,30 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
     own: dict[str, Any] = {name: _typed(path, name, tensors[name]) for name in STORED if name in tensors}
     _check_grids(path, own)
     _check_layers(path, own)
-    extras = {key[len("extras.") :]: value for key, value in tensors.items() if key.startswith("extras.")}
+    extras = {name.removeprefix(EXTRAS): value for name, value in given.items() if name.startswith(EXTRAS)}
     for name in sorted(NAMES & extras.keys()):
         hint = f"store it as {name}" if name in STORED else "leave it out"
-        raise InputError(path, f"extras.{name}", "is a feature of its own, not an extra", hint)
+        raise InputError(path, f"{EXTRAS}{name}", "is a feature of its own, not an extra", hint)
     reasons = _reasons(path, meta)
-    unknown = sorted(tensors.keys() - {"times", *own, *(f"extras.{name}" for name in extras)})
-    for name in unknown:
-        _log.warning("%s: %s: is no feature and left out (%s)", path, name, nearest(name, [*STORED, f"extras.{name}"]))
-    if not own and not extras:
-        raise InputError(path, "features", f"expected at least one, it holds {', '.join(['times', *unknown])} alone")
+    _check_known(path, [*own, *extras], sorted(tensors.keys() - given.keys()))
     return replace(Features(size), **own, extras=extras, reasons=reasons)
+
+
+def _check_known(path: Path, known: list[str], unknown: list[str]) -> None:
+    """Tell of ``unknown`` tensors, which are left out, and refuse a file without any that is ``known``."""
+    shown = [_shown(name) for name in unknown[:TOLD]] + [f"{len(unknown) - TOLD} more"] * (len(unknown) > TOLD)
+    if not known:
+        raise InputError(path, "features", f"expected at least one, it holds {', '.join(['times', *shown])} alone")
+    if unknown:
+        what = "are no features" if len(unknown) > 1 else "is no feature"
+        meant = nearest(shown[0], [*STORED, f"{EXTRAS}{shown[0]}"])
+        _log.warning("%s: %s: %s and left out (%s)", path, ", ".join(shown), what, meant)
+
+
+def _shown(name: str) -> str:
+    """What a stranger calls a tensor, on one line and cut."""
+    line = " ".join(name.split())
+    return line if len(line) <= SHOWN else f"{line[:SHOWN]}..."
 
 
 def _size(path: Path, meta: dict[str, str]) -> tuple[int, int]:

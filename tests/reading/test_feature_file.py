@@ -49,15 +49,35 @@ def test_tensors_that_no_feature_is_called_like_are_told(tmp_path: Path, caplog:
     joints = torch.ones(2, 14, 3)
     found = kept(tmp_path / "a", box=torch.ones(2, 5), key_points=joints, gaze_point=torch.ones(2, 3))
     assert found.names() == {"box"}
-    assert caplog.messages == [
-        f"{tmp_path / 'a'}: gaze_point: is no feature and left out (did you mean 'extras.gaze_point'?)",
-        f"{tmp_path / 'a'}: key_points: is no feature and left out (did you mean 'keypoints'?)",
-    ]
+    said = "gaze_point, key_points: are no features and left out (did you mean 'extras.gaze_point'?)"
+    assert caplog.messages == [f"{tmp_path / 'a'}: {said}"]
     caplog.clear()
     assert kept(tmp_path / "a", box=torch.ones(2, 5), **{"extras.gaze": joints}).names() == {"box", "gaze"}
     assert caplog.messages == []
     with pytest.raises(InputError, match=r"expected at least one, it holds times, key_points alone$"):
         kept(tmp_path / "a", key_points=joints)
+
+
+def test_what_no_feature_is_called_like_may_be_of_any_length(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert kept(tmp_path / "a", box=torch.ones(2, 5), step=torch.tensor(0), key_points=torch.ones(7)).names() == {"box"}
+    said = "key_points, step: are no features and left out (did you mean 'keypoints'?)"
+    assert caplog.messages == [f"{tmp_path / 'a'}: {said}"]
+    with pytest.raises(InputError, match=r"extras\.step: expected 2 frames, got a single value"):
+        kept(tmp_path / "a", **{"extras.step": torch.tensor(0)})
+
+
+def test_of_names_that_are_no_feature_s_a_few_are_told_on_one_line_and_cut(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    foreign = {f"{i}\n error: {'x' * 1000}": torch.ones(2) for i in range(9)}
+    assert kept(tmp_path / "a", box=torch.ones(2, 5), **foreign).names() == {"box"}
+    shown = ", ".join(f"{i} error: {'x' * 31}..." for i in range(5))
+    (line,) = caplog.messages
+    assert line.startswith(f"{tmp_path / 'a'}: {shown}, 4 more: are no features and left out (did you mean ")
+    assert "\n" not in line
+    with pytest.raises(InputError) as caught:
+        kept(tmp_path / "a", **foreign)
+    assert caught.value.reason == f"expected at least one, it holds times, {shown}, 4 more alone"
 
 
 def test_a_feature_file_may_be_named_by_a_text(tmp_path: Path) -> None:
