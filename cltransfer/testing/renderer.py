@@ -78,6 +78,13 @@ class RendererCase(ComponentCase):
             values = features.require(buffer)
             assert bool(((values >= 0) & (values <= 1 + 1e-5)).all())
 
+    def test_depth_is_above_zero_or_nan(self) -> None:
+        features = self.render(2, frozenset(self.component.provides))
+        for buffer in {"depth", "expected_depth"}.intersection(self.component.provides):
+            values = features.require(buffer)
+            fits = ((values > 0) & values.isfinite()) | values.isnan()
+            assert bool(fits.all()), f"expected {buffer} above 0 and finite, and NaN where nothing is"
+
     def test_depth_is_where_the_scene_is(self) -> None:
         """Nine in ten pixels with a depth unproject to within ``spacing`` of a surface point; where it draws one."""
         if "depth" not in self.component.provides:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import pytest
@@ -175,6 +175,33 @@ class InATuple(RendererCase):
 )
 def test_a_renderer_may_tell_what_it_draws_in_a_tuple(test: str) -> None:
     getattr(InATuple(), test)()
+
+
+@dataclass(frozen=True)
+class Cornered:
+    """Draws splats' depth, and ``nothing`` in a corner, where nothing is."""
+
+    nothing: float
+    provides: ClassVar[frozenset[str]] = frozenset({"expected_depth"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        drawn = GaussianSplats().render(scene, cameras, buffers)
+        depth = drawn.require("expected_depth").clone()
+        depth[:, 0, 0] = self.nothing
+        return replace(drawn, expected_depth=depth)
+
+
+@pytest.mark.parametrize("nothing", [0.0, -1.0, torch.inf])
+def test_a_depth_that_every_run_refuses_does_not_keep_to_the_contract(nothing: float) -> None:
+    class Deep(InATuple):
+        component: ClassVar[Any] = Cornered(nothing)
+
+    with pytest.raises(ModelError, match="expected expected_depth above 0, and NaN where nothing is"):
+        drawn_by(Cornered(nothing), Deep.scene, Deep().cameras(2), Cornered.provides)
+    with pytest.raises(AssertionError, match="expected expected_depth above 0 and finite, and NaN where nothing is"):
+        Deep().test_depth_is_above_zero_or_nan()
+    Deep.component = Cornered(torch.nan)
+    Deep().test_depth_is_above_zero_or_nan()
 
 
 @dataclass(frozen=True)
