@@ -35,6 +35,7 @@ class ClipScore:
         notes: what a reader should know of it.
         lacking: why a term has no value, by term.
         seconds: of the reference, from the first of the frames to the last.
+        had: terms that the reference has on any frame, whether or not the render has them.
     """
 
     method: str
@@ -46,6 +47,7 @@ class ClipScore:
     notes: tuple[str, ...] = ()
     lacking: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    had: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,4 +95,4 @@ class Kept:
 
 
 def _row_of(line: dict[str, Any]) -> ClipScore:
-    return ClipScore(**{**line, "notes": tuple(line["notes"])})
+    return ClipScore(**{**line, "notes": tuple(line["notes"]), "had": tuple(line.get("had", ()))})

@@ -113,7 +113,8 @@ def _scored(method: str, name: str, reference: str, render: str | None, config: 
     means, defined = {row.name: row.mean for row in found}, {row.name: row.defined for row in found}
     lacking = {row.name: row.reason for row in found if row.reason}
     seconds = round(float(report.times[-1] - report.times[0]), 3)
-    return ClipScore(method, name, means, defined, len(report.times), "", report.notes, lacking, seconds)
+    had = tuple(term.name for term in report.scores.terms if term.had)
+    return ClipScore(method, name, means, defined, len(report.times), "", report.notes, lacking, seconds, had)
 
 
 def notes_of(rows: list[ClipScore]) -> list[str]:
@@ -192,12 +193,12 @@ def bootstrap_t(values: NDArray[np.float64], seed: int = 0) -> tuple[float, floa
 
 
 def worst_of(config: RunConfig, rows: list[ClipScore]) -> dict[str, float]:
-    """What it costs to lose each term, and the total where all are lost that any clip of ``rows`` has.
+    """What it costs to lose each term, and the total where all are lost that any reference of ``rows`` has.
 
     Of a term that none has, as filmic space without depth, no total is charged the penalty.
     """
     losses = Components.build(config).losses
-    had = {name for row in rows for name, frames in row.defined.items() if frames}
+    had = {name for row in rows for name in row.had}
     total = sum(loss.weight * loss.penalty for name, loss in losses.items() if loss.weight > 0 and name in had)
     return {**{name: loss.penalty for name, loss in losses.items()}, "total": total}
 

@@ -5,7 +5,8 @@ import errno
 import io
 import json
 import os
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,9 @@ from cltransfer.evaluate_kept import ClipScore, Kept
 from cltransfer.evaluate_many import bootstrap_t, evaluate_many, interval, notes_of, summarise, worst_of
 from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, methods_latex, methods_markdown
 from cltransfer.features import Features
-from cltransfer.registry import LOSSES
+from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.data import ReportData
+from cltransfer.testing import sample_features
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
@@ -116,17 +118,58 @@ def test_an_end_that_is_not_known_is_a_dash_and_no_number() -> None:
 def test_losing_everything_costs_every_penalty_that_weighs_something_and_that_a_clip_can_be_charged() -> None:
     config = load_config(overrides=["losses={shot_size: {weight: 3.0}, framing: {weight: 0.0}}"])
     losses = config.build("losses")
-    had = ClipScore("ours", "a", dict.fromkeys(losses, 0.1), dict.fromkeys(losses, 4), 4)
+    had = ClipScore("ours", "a", dict.fromkeys(losses, 0.1), dict.fromkeys(losses, 4), 4, had=tuple(losses))
     worst = worst_of(config, [had])
     assert {name: worst[name] for name in ("shot_size", "framing")} == {"shot_size": 1.0, "framing": 2**0.5}
     rest = load_config(overrides=["losses={shot_size: null, framing: null}"]).build("losses")
     charged = {name: loss.weight * loss.penalty for name, loss in rest.items()}
     assert worst["total"] == pytest.approx(3.0 + sum(charged.values()))
-    flat = ClipScore("ours", "b", had.means, {**had.defined, "filmic_space": 0}, 4)
+    flat = replace(had, clip="b", had=tuple(name for name in losses if name != "filmic_space"))
     assert worst_of(config, [flat, had]) == worst
     without = worst_of(config, [flat, MISSING])
     assert without["total"] == pytest.approx(worst["total"] - charged["filmic_space"])
     assert without["filmic_space"] == worst["filmic_space"]
+
+
+@dataclass(frozen=True)
+class InTheLight:
+    """One person in frames that are bright, nobody in dark ones."""
+
+    requires: tuple[str, ...] = ("image",)
+    provides: tuple[str, ...] = ("keypoints", "subject")
+    family: str = "image"
+
+    def __call__(self, now: Features, before: Features | None = None) -> Features:
+        bright = now.require("image").mean((1, 2, 3)) > 0.2
+        person = Features.concatenate([sample_features(0, 1)] * len(bright))
+        keypoints = torch.where(bright[:, None, None], person.require("keypoints"), torch.nan)
+        subject = bright[:, None, None].expand_as(now.require("image")[:, 0])
+        return replace(now, keypoints=keypoints, subject=subject)
+
+
+@pytest.fixture
+def in_the_light() -> Iterator[RunConfig]:
+    EXTRACTORS.register("in_the_light")(InTheLight)
+    config = load_config()
+    losses = {name: config.losses[name] for name in ("framing", "filmic_space")}
+    yield replace(config, losses=losses, extractors={"in_the_light": {}})
+    EXTRACTORS._classes.pop("in_the_light")
+
+
+def test_of_six_clips_in_which_nobody_is_found_every_penalty_that_is_charged_counts(
+    in_the_light: RunConfig, tmp_path: Path
+) -> None:
+    clips = {name: wall(seed, 2) // 2 + 127 for seed, name in enumerate("abcdef")}
+    references = folder_of(tmp_path / "references", **clips)
+    dark = folder_of(tmp_path / "dark", **{name: image // 8 for name, image in clips.items()})
+    rows = evaluate_many(references, {"dark": dark}, in_the_light, folder=tmp_path / "kept")
+    assert [(row.reason, row.defined["framing"], row.had) for row in rows] == [("", 0, ("framing",))] * 6
+    framing = in_the_light.build("losses")["framing"]
+    worst = worst_of(in_the_light, rows)
+    assert worst["total"] == pytest.approx(framing.weight * framing.penalty)
+    found = summarise(rows, worst=worst)["dark"]
+    assert (found["framing"].mean, found["total"].mean) == (None, pytest.approx(worst["total"]))
+    assert evaluate_many(references, {"dark": dark}, in_the_light, folder=tmp_path / "kept") == rows
 
 
 def test_clips_without_a_value_are_counted_not_used() -> None:

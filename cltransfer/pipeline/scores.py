@@ -22,6 +22,7 @@ class Term:
         weight: lambda of Eq. 15.
         values: raw, (N,); NaN where undefined.
         reason: why it is undefined, where it is.
+        had: whether the reference has it on any frame, so that a total is charged where the render has not.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Term:
     weight: float
     values: Tensor  # (N,)
     reason: str = ""
+    had: bool = False
 
     @property
     def defined(self) -> int:
@@ -97,14 +99,15 @@ def tabulate(
     defined = objective.defined(reference)
     terms = []
     for i, (name, loss) in enumerate(objective.losses.items()):
+        had = bool(defined[:, i].any())
         reason = _lacking(loss, reference, missing, "the reference")
-        if not reason and not defined[:, i].any():
+        if not reason and not had:
             alone = len(values) == 1 and objective.moves(loss)
             reason = "needs two frames, one is scored" if alone else "undefined on every frame of the reference"
         if not reason and not torch.isfinite(values[:, i]).any():
             reason = "" if rendered is None else _lacking(loss, rendered, {}, "the render")
             reason = reason or "undefined on every frame of the render"
-        terms.append(Term(name, loss.unit, loss.weight, values[:, i], reason))
+        terms.append(Term(name, loss.unit, loss.weight, values[:, i], reason, had))
     return Scores(tuple(terms), frame_totals(objective, values, defined))
 
 
