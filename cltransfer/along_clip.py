@@ -13,8 +13,8 @@ from torch.nn.functional import pad
 
 from .errors import InputError
 
-SHORTEST, ROUNDED = 1e-3, 1e-5  # [s] between two frames at least, as lossless videos keep it; by which it may be less
-LONGEST = 1e4  # [s] from the first frame to the last, as mp4 holds with a clock of 90 kHz
+SHORTEST, ROUNDED = 1e-6, 5e-7  # [s] between two frames at least; by which it may be less, counted from 1970
+LONGEST = 1e6  # [s] from the first frame to the last, as an mp4 holds with a clock of milliseconds
 LATEST = 1e10  # [s] of any time: what is counted from 1970 lies below, and milliseconds can be told apart
 MEDIAN = 5  # frames
 EVEN = 1e-3  # of the usual spacing, by which evenly spaced frames may differ
@@ -22,20 +22,29 @@ WIDEST = 4.0  # times the usual spacing that a pause counts as at most, and its 
 
 
 def check_times(where: str | Path, field: str, times: Tensor, hint: str = "") -> None:
-    """Refuse times (N,) [s], increasing, that no video which is made of them would keep.
+    """Refuse times (N,) [s], increasing, that are none of frames.
 
     Raises:
-        InputError: they are not finite, or two of them are too close or too far apart.
+        InputError: they are not finite, far beyond any clock, or two of them are too close to be told apart.
     """
     if not bool((times.abs() <= LATEST).all()):
         raise InputError(where, field, f"expected finite numbers within {LATEST:.0e} s of 0", hint)
-    steps, span = times.diff(), float(times[-1] - times[0])
-    if span > LONGEST:
-        reason = f"expected at most {LONGEST:g} s from the first frame to the last, got {span:g} s"
-        raise InputError(where, field, reason, hint)
+    steps = times.diff()
     if len(times) > 1 and float(steps.min()) < SHORTEST - ROUNDED:
         reason = f"expected {SHORTEST:g} s and more between frames, frame {int(steps.argmin()) + 1} is shown"
         raise InputError(where, field, f"{reason} {float(steps.min()):.3g} s after the one before", hint)
+
+
+def check_span(where: str | Path, field: str, times: Tensor, hint: str = "") -> None:
+    """Refuse times (N,) [s], increasing, that an mp4 does not hold.
+
+    Raises:
+        InputError: the last is too long after the first.
+    """
+    span = float(times[-1] - times[0])
+    if span > LONGEST:
+        reason = f"expected at most {LONGEST:g} s from the first frame to the last, got {span:g} s"
+        raise InputError(where, field, reason, hint)
 
 
 def places(times: Tensor) -> Tensor | None:

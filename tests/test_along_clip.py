@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from cltransfer.along_clip import LATEST, LONGEST, WIDEST, along, check_times, counted, places
+from cltransfer.along_clip import LATEST, LONGEST, WIDEST, along, check_span, check_times, counted, places
 from cltransfer.clips.thinned import evenly
 from cltransfer.errors import InputError
 
@@ -42,13 +42,20 @@ def test_times_of_high_frame_rates_are_taken_as_any_clock_keeps_them(rate: int, 
     check_times("clip", "t", times)
 
 
-def test_one_frame_and_the_longest_clip_are_taken() -> None:
+def test_one_frame_and_bursts_and_years_are_taken() -> None:
     check_times("clip", "t", torch.tensor([-LATEST], dtype=torch.float64))
-    check_times("clip", "t", torch.tensor([-LONGEST, 0.0], dtype=torch.float64))
+    check_times("clip", "t", torch.tensor([-LATEST, 0.0, 1e-6, 0.0333, 0.0336, LATEST], dtype=torch.float64))
 
 
-@pytest.mark.parametrize("times", [[0, float("nan")], [0, float("inf")], [2 * LATEST], [0, 2 * LONGEST], [0, 5e-4]])
-def test_times_that_no_video_keeps_are_refused(times: list[float]) -> None:
+def test_a_span_that_no_mp4_holds_is_refused() -> None:
+    check_span("clip", "t", torch.tensor([-LONGEST, 0.0], dtype=torch.float64), "#t=1,2")
+    line = r"^clip: t: expected at most 1e\+06 s from the first frame to the last, got 2e\+06 s \(#t=1,2\)$"
+    with pytest.raises(InputError, match=line):
+        check_span("clip", "t", torch.tensor([-LONGEST, 0.0, LONGEST], dtype=torch.float64), "#t=1,2")
+
+
+@pytest.mark.parametrize("times", [[0, float("nan")], [0, float("inf")], [2 * LATEST], [0, 1e-7]])
+def test_times_that_are_none_of_frames_are_refused(times: list[float]) -> None:
     with pytest.raises(InputError, match=r"^clip: t: expected .* \(frames=N\)$"):
         check_times("clip", "t", torch.tensor(times, dtype=torch.float64), "frames=N")
 

@@ -151,9 +151,8 @@ def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
 
     refuse("time: expected finite numbers", frames=changed(2, time=math.inf))
     refuse("time: expected finite numbers within 1e[+]10 s of 0", frames=changed(2, time=1e300))
-    refuse("time: expected at most 10000 s from the first frame to the last", frames=changed(2, time=1e9))
-    soon = good["frames"][0]["time"] + 1e-4
-    refuse("time: expected 0.001 s and more between frames, frame 1 is shown 0.0001 s", frames=changed(1, time=soon))
+    soon = good["frames"][0]["time"] + 1e-7
+    refuse("time: expected 1e-06 s and more between frames, frame 1 is shown 1e-07 s", frames=changed(1, time=soon))
     refuse("not a trajectory", frames=changed(2, time=10**400))
     refuse(
         "w2c: expected 0 0 0 1 as the last row", frames=changed(1, w2c=[*good["frames"][1]["w2c"][:3], [0, 0, 0, 2]])

@@ -23,6 +23,8 @@ from .image_folder import FOLDER_RATE, folder_times
 from .part import ClipPart, files_of, find_part, images_of
 from .thinned import evenly
 
+FINE = 1e4  # [s] that an mp4 lasts at most by 90 kHz: it holds 2^31 ticks, and B-frames take twice the span of all
+
 
 @dataclass(frozen=True)
 class Clip:
@@ -115,8 +117,8 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
         path: ``.mp4`` (H.264, yuv420p, crf 18, BT.709; an odd side is padded by one repeated row or column)
             or, where ``lossless``, ``.mkv`` (FFV1, RGB exact to the bit).
         image: RGB, (N, 3, H, W) uint8.
-        times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv, and where two
-            would be one, the later ones that much later.
+        times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv and in an mp4 that
+            lasts longer than :data:`FINE`, and where two would be one, the later ones that much later.
         lossless: which of the two.
 
     Raises:
@@ -127,7 +129,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
     path = Path(path)
     if image.dtype != torch.uint8 or image.dim() != 4 or image.shape[1] != 3 or len(image) < 1:
         raise ValueError(f"image must be (N, 3, H, W) uint8, got {tuple(image.shape)} {image.dtype}")
-    suffix, rate = (".mkv", 1000) if lossless else (".mp4", 90_000)
+    suffix = ".mkv" if lossless else ".mp4"
     if path.suffix.lower() != suffix:
         raise ValueError(f"path must end in {suffix}, got {path.name}")
     if len(times) != len(image) or not bool((times.diff() > 0).all()):
@@ -135,6 +137,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
     span = float(times[-1] - times[0])
     if not lossless and span > LONGEST:
         raise ResourceError(path, "times", f"an mp4 holds {LONGEST:g} s, got {span:g} s", "show a part: #t=START,END")
+    rate = 1000 if lossless or span > FINE else 90_000
     number = torch.arange(len(times))
     pts = (((times - times[0]) * rate).round().long() - number).cummax(0).values + number  # (N,) [1/rate s]
     try:
@@ -152,7 +155,8 @@ def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None
     interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
     options = {"fflags": "+bitexact"}  # no number of its own
     if not lossless:
-        options["movie_timescale"] = str(time_base.denominator)  # by milliseconds its end would be cut off
+        # of both clocks the former cuts the end off by other ticks, the latter makes more of few
+        options["movie_timescale"] = options["video_track_timescale"] = str(time_base.denominator)
     with av.open(str(path.absolute()), "w", options=options) as container:
         stream = container.add_stream(
             "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)

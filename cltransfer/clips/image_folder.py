@@ -70,7 +70,7 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
     """When each of ``files`` is shown, (N,) increasing [s]: by ``times.json``, else ``fps`` images a second.
 
     Raises:
-        InputError: ``times.json`` does not fit or tells times that no video keeps, or there is none and an image is
+        InputError: ``times.json`` does not fit or tells times that are none of frames, or there is none and an image is
             missing.
         UsageError: there are both ``times.json`` and ``fps``.
     """

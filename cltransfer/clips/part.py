@@ -20,6 +20,7 @@ from .image_folder import folder_times, image_files
 
 FRAME_LIMIT = 2000  # frames kept in memory
 BYTE_LIMIT = 4 * 2**30  # of all frames kept
+CUT = "take a part, of a clip by #t=START,END"
 HINT = "keep fewer of them, frames=N, or cut the clip, #t=START,END"
 _TICK = 0.00051  # [s] by which a time may miss the ends of a span, which are named to a millisecond
 

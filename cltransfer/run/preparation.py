@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..along_clip import check_times, places
+from ..along_clip import check_span, check_times, places
 from ..camera import Camera, fitted_size, resized
-from ..clips.part import HINT
+from ..clips.part import CUT, HINT
 from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
 from ..drawing import check_renderer
@@ -159,6 +159,7 @@ def _read(
         clock.lap("depth alignment")
     reference = read_reference(inputs.reference, parts, Reading(config.frames, config.output_side, family), progress)
     check_times(inputs.reference, "t", reference.times, HINT)  # the result has them too
+    check_span(inputs.reference, "t", reference.times, CUT)
     parts = as_read(parts, reference)
     by_networks = reference.family == "image" and config.extract.verify
     if by_networks or family == "image":

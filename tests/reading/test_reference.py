@@ -205,9 +205,9 @@ def test_a_feature_file_is_asked_for_before_it_is_read(tmp_path: Path, monkeypat
         FeatureFile.load(tmp_path / "seen.safetensors")
 
 
-def test_a_feature_file_whose_times_no_result_could_keep_is_no_reference(tmp_path: Path) -> None:
+def test_a_feature_file_whose_times_are_none_of_frames_is_no_reference(tmp_path: Path) -> None:
     path, parts = tmp_path / "seen.safetensors", Components.build(load_config())
-    for last in (-1.7e308, 0.0001, 1e9):
+    for last in (-1.7e308, 1e-7, 1e11):
         FeatureFile(sample_features(0, 2), torch.tensor([min(last, 0.0), abs(last)], dtype=torch.float64), "").save(
             path
         )
