@@ -4,7 +4,7 @@ Where a camera stands around the person is read off the reference, and where and
 by projection alone. What is left is the distance at one size. That is looked up for a few frames along the clip and
 chosen for all of them together, by dynamic programming, coarsely and then finely: a depth that suits the first frame
 best may suit the rest badly, and a search that follows the clip frame by frame cannot come back from there. Where no
-distance suits, what is behind the person there suits none: then the whole path is tried from a little aside too.
+distance suits, what stands before and behind the person there does not: the whole path is tried from aside too.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""No distance suits: what lies behind the person, from the side that the reference is filmed from, is at another depth.
+"""No distance suits: what stands before and behind the person, on the side that the reference is filmed from.
 
-A tilt whose frames end at a wall in the plaza and far away in the courtyard, from whatever distance.
+A tilt from behind a post; in the courtyard no column stands there, but a little aside.
 """
 
 from __future__ import annotations
