@@ -22,7 +22,7 @@ from .whole_clip import WholeClip
 
 DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subject heights, 0.5 to 6.8
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
-SIDES = ((0, 0.25), (0, -0.25), (1, 0.25), (1, -0.25))  # azimuth and elevation [rad]: a tolerance of the angle aside
+SIDES = ((0, 0.25), (0, -0.25), (1, 0.25), (1, -0.25))  # azimuth and elevation [rad]: five tolerances of the angle
 GAINS = 0.5  # total of a frame that another side has to gain
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 COARSE = 9  # steps of values that are looked up first
 STEP = 3  # the same around the cheapest path, and everywhere where that is poor; in steps of one where it is not good
 GAP = 0.5  # of what the cheapest step costs, above which nothing between two steps is taken for a gap
-POOR = 3.0  # total of a frame, every term that needs no flow at its tolerance, above which all steps are looked up
+POOR = 3.0  # total of a frame, without movement, above which all steps are looked up
 POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, no less than that, which is not good
 
 
