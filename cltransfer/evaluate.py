@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import replace
 
 from torch import Tensor
 
+from .clips.kept_clip import kept_clip
 from .clips.pairs import open_pairs
 from .clips.source import ClipSource
 from .computer.threads import default_count, set_threads, threads_restored
@@ -22,7 +22,6 @@ from .reading.frames import check_maps, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
 from .reading.scene_source import split_scene
 from .report.data import Flag, ReportData
-from .storage.run_files import kept_frames
 
 OWN_STEPS = "compares two frames of each side, whose steps are not equally long: give both one frame rate"
 CLIPS = "expected clips, image folders or folders of runs"
@@ -70,7 +69,7 @@ def evaluate(
     plan = parts.plan("image")
     asked, found = ClipSource.parse(reference), ClipSource.parse(render)
     title = f"{found.path.name} against {asked.path.name}"
-    asked, found = (replace(where, path=kept_frames(where.path)) for where in (asked, found))
+    asked, found = kept_clip(asked), kept_clip(found)
     both, flags, drawn = open_pairs(asked, found, config.frames)
     plan.load_networks()
     taught, made, times = both.reference.image, both.render.image, both.shown

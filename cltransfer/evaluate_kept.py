@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from .clips.image_folder import clip_hash
+from .clips.kept_clip import kept_clip, kept_hash
 from .clips.source import ClipSource
 from .config import to_yaml
 from .config.options import RunConfig
@@ -17,7 +17,6 @@ from .models.content import files_content, read_by, reading
 from .pipeline.components import Components
 from .registry.plugin_code import code_of, own_code
 from .storage.kept_lines import keep, read_kept
-from .storage.run_files import kept_frames
 
 KEPT, KEPT_LIMIT = "scores.jsonl", 2**28  # file of scores that were kept, bytes that it may have
 
@@ -84,8 +83,8 @@ class Kept:
         """What the score of a clip depends on; empty where it is not kept."""
         if self.path is None or render is None:
             return ""
-        sources = [ClipSource.parse(clip) for clip in (reference, render)]
-        clips = [[clip_hash(kept_frames(source.path)), source.fps] for source in sources]
+        sources = [kept_clip(ClipSource.parse(clip)) for clip in (reference, render)]
+        clips = [[kept_hash(source), source.fps] for source in sources]
         return hashlib.sha256(json.dumps([self.about, method, name, clips]).encode()).hexdigest()[:32]
 
     def keep(self, key: str, row: ClipScore) -> None:

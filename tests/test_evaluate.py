@@ -34,7 +34,8 @@ from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.metrics import metrics_json, number
 from cltransfer.run.kept_reading import Read
 from cltransfer.run.readback import read_back, read_held
-from cltransfer.testing import sample_features, without_person
+from cltransfer.testing import sample_cameras, sample_features, without_person
+from cltransfer.trajectory import Trajectory
 
 
 def pan() -> Tensor:
@@ -132,6 +133,19 @@ def test_a_run_is_scored_by_the_frames_it_has_kept(
         said = json.loads(answer.out)
         assert (said["metrics"]["total"]["mean"], said["title"]) == (0, title)
     assert command("evaluate", clip, f"{run}#fps=30", *mean_flow, "--quiet").code == 2
+
+
+def test_a_run_whose_frames_are_closer_than_a_millisecond_is_scored_by_all_of_them(
+    config: RunConfig, tmp_path: Path
+) -> None:
+    times, run = torch.arange(10).double() / 5000, tmp_path / "run"
+    write_video(tmp_path / "clip.mp4", pan(), times)
+    write_video(run / "video" / "frames.mkv", pan(), times, lossless=True)
+    Trajectory(sample_cameras(0, 10), times).save(run / "trajectory.json")
+    (run / "manifest.json").write_text('{"format": "cltransfer.run"}')
+    (run / "DONE").touch()
+    report = evaluate(tmp_path / "clip.mp4", run, config)
+    assert (len(report.times), report.notes) == (10, ())
 
 
 def test_notes_are_printed_and_kept(command: Any, mean_flow: tuple[str, ...], clip: Path, tmp_path: Path) -> None:

@@ -30,7 +30,8 @@ from cltransfer.evaluate_table import clips_csv, methods_csv, methods_json, meth
 from cltransfer.features import Features
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.report.data import ReportData
-from cltransfer.testing import sample_features
+from cltransfer.testing import sample_cameras, sample_features
+from cltransfer.trajectory import Trajectory
 
 ROWS = [
     ClipScore("ours", "a", {"shot_size": 0.1, "filmic_space": None}, {"shot_size": 4, "filmic_space": 0}, 4),
@@ -313,6 +314,21 @@ def test_of_a_run_the_kept_frames_are_scored_and_none_before_it_is_done(
     done, killed = evaluate_many(tmp_path / "references", runs, load_config(overrides=mean_flow))
     assert done.reason == ""
     assert "b: DONE: this run was not finished" in killed.reason
+
+
+def test_a_score_of_a_run_that_was_kept_is_none_of_its_frames_at_other_times(
+    mean_flow: tuple[str, ...], tmp_path: Path
+) -> None:
+    references, run = folder_of(tmp_path / "references", a=wall(0, 1)), tmp_path / "runs" / "a"
+    write_video(run / "video" / "frames.mkv", wall(0, 1), torch.arange(4).double() / 8, lossless=True)
+    (run / "manifest.json").write_text('{"format": "cltransfer.run"}')
+    (run / "DONE").touch()
+    scored = []
+    for step in (0.125, 0.25):
+        Trajectory(sample_cameras(0, 4), step * torch.arange(4).double()).save(run / "trajectory.json")
+        runs, config = {"ours": tmp_path / "runs"}, load_config(overrides=mean_flow)
+        scored += evaluate_many(references, runs, config, folder=tmp_path / "kept")
+    assert [(row.reason, row.frames) for row in scored] == [("", 4), ("", 2)]
 
 
 def test_folders_are_scored_clip_by_clip(command: Any, mean_flow: tuple[str, ...], tmp_path: Path) -> None:

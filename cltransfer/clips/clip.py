@@ -18,6 +18,7 @@ from ..computer.threads import thread_count
 from ..errors import ResourceError
 from ..features import Features
 from ..storage.files import atomic
+from ..trajectory import Trajectory
 from .decoding import Frame, decode
 from .image_folder import FOLDER_RATE, folder_times
 from .part import ClipPart, files_of, find_part, images_of
@@ -97,12 +98,19 @@ def clip_of(part: ClipPart, kept: Tensor, max_side: int = 960) -> Clip:
     return Clip(image, times - times[0], part.path, float(times[0]), notes)
 
 
-def timed_frames(path: Path, fps: float | None = None) -> Iterator[tuple[float, Frame]]:
-    """Every frame of a video, or of an image folder that may need ``fps``, with its time after the first [s]."""
+def timed_frames(path: Path, fps: float | None = None, trajectory: Path | None = None) -> Iterator[tuple[float, Frame]]:
+    """Every frame of a video, or of an image folder that may need ``fps``, with its time after the first [s].
+
+    The ``trajectory`` of a run tells when those of its video are shown.
+    """
     files = files_of(path, fps)
     if files:
         times = folder_times(path, files, fps)
         yield from zip((times - times[0]).tolist(), images_of(files))
+        return
+    if trajectory is not None:
+        told = Trajectory.load(trajectory).times
+        yield from zip((told - told[0]).tolist(), decode(path))
         return
     first = None
     for frame in decode(path):

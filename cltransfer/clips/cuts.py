@@ -180,7 +180,7 @@ def check_one_shot(where: ClipSource) -> tuple[str, ...]:
     Raises:
         InputError: there is one; the line says where and how to take one shot of the clip.
     """
-    times, small = small_pictures(where.path, where.fps)
+    times, small = small_pictures(where.path, where.fps, where.trajectory)
     inside = within(times, where.span)
     if len(inside) == 0:
         return ()
@@ -223,11 +223,13 @@ def _part(where: ClipSource, first: float, span: tuple[float, float]) -> ClipSou
     return replace(where, span=span, person=person)
 
 
-def small_pictures(path: Path, fps: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Times (F,) [s] and small pictures (F, h, w, 3) uint8 of every frame of a video or image folder."""
+def small_pictures(
+    path: Path, fps: float | None = None, trajectory: Path | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (F,) [s] and small pictures (F, h, w, 3) uint8 of every frame; see :func:`.clip.timed_frames`."""
     frames: Iterable[tuple[float, np.ndarray]] = (
         (time, frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray())
-        for time, frame in timed_frames(path, fps)
+        for time, frame in timed_frames(path, fps, trajectory)
     )
     times, small = array("d"), bytearray()
     for time, picture in frames:

@@ -29,7 +29,7 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
         ResourceError: its frames do not fit in memory.
         UsageError: images a second are named for what has times of its own.
     """
-    part = find_part(where.path, where.span, where.fps)
+    part = find_part(where.path, where.span, where.fps, where.trajectory)
     return open_part(where, part, evenly(part.times, frames))
 
 

@@ -52,7 +52,7 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
         UsageError: images a second are named for what has times of its own.
     """
     drawn_as = replace(found, cuts=found.cuts or "keep", letterbox=found.letterbox or "keep")
-    original, shown = (find_part(where.path, where.span, where.fps) for where in (asked, found))
+    original, shown = (find_part(where.path, where.span, where.fps, where.trajectory) for where in (asked, found))
     starts = [part.times - part.times[0] for part in (original, shown)]
     first, second = pairs(starts[0], starts[1])
     notes = (*_one_by_one(found, starts[0]), *_not_scored(starts[0], starts[1], first, frames))

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..computer.memory import require_free
 from ..errors import InputError, UsageError
+from ..trajectory import Trajectory
 from .alpha import TRANSPARENT, is_transparent
 from .decoding import Frame, decode
 from .image_folder import folder_times, image_files
@@ -69,20 +70,21 @@ class ClipPart:
         return _stack(self.path, chosen, len(kept), max_side)
 
 
-def find_part(path: Path, span: tuple[float, float], fps: float | None) -> ClipPart:
+def find_part(path: Path, span: tuple[float, float], fps: float | None, trajectory: Path | None = None) -> ClipPart:
     """The frames of a clip that are shown within ``span`` [s] after its first, both included.
 
     Args:
         path: a video, or a folder that plays as its ``times.json`` says (a list of seconds, one per image).
         span: from when to when.
         fps: images a second of a folder without ``times.json``; None takes 24.
+        trajectory: what tells when the frames of a run's video are shown.
 
     Raises:
-        InputError: the clip is missing or damaged, or shows no frame then.
+        InputError: the clip is missing, damaged or cut off, or shows no frame then.
         UsageError: ``fps`` is given for a clip that has times of its own.
     """
     files = files_of(path, fps)
-    times = folder_times(path, files, fps) if files else np.array([frame.time for frame in decode(path)])
+    times = folder_times(path, files, fps) if files else _video_times(path, trajectory)
     times = times - times[0]
     inside = within(times, span)
     if len(inside) == 0:
@@ -90,6 +92,18 @@ def find_part(path: Path, span: tuple[float, float], fps: float | None) -> ClipP
         raise InputError(path, "t", f"no frame {when}: the clip ends at {times[-1]:.3f} s")
     shown = tuple(files[i] for i in inside) if files else ()
     return ClipPart(path, shown, torch.from_numpy(inside), torch.from_numpy(times[inside]))
+
+
+def _video_times(path: Path, trajectory: Path | None) -> np.ndarray:
+    """When the frames of a video are shown, (N,) increasing [s], by the ``trajectory`` of its run if there is one."""
+    times = np.array([frame.time for frame in decode(path)])
+    if trajectory is None:
+        return times
+    told = Trajectory.load(trajectory).times.numpy()
+    if len(told) != len(times):
+        reason = f"expected {len(told)} as in {trajectory.name}, got {len(times)}"
+        raise InputError(path, "frames", reason, "make the run anew")
+    return told
 
 
 def within(times: np.ndarray, span: tuple[float, float]) -> np.ndarray:

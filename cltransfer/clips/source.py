@@ -29,6 +29,7 @@ class ClipSource:
         letterbox: crop black bars, or keep them; None keeps them in a render that is scored, and crops any other clip.
         cuts: refuse a clip of several shots, or keep it; None keeps a render that is scored, and refuses any other.
         fps: images a second of a folder that has no ``times.json``; None takes 24, which is told.
+        trajectory: what tells when the frames of a run's video are shown; None leaves that to the clip.
     """
 
     path: Path
@@ -37,6 +38,7 @@ class ClipSource:
     letterbox: str | None = None
     cuts: str | None = None
     fps: float | None = None
+    trajectory: Path | None = None
 
     @classmethod
     def parse(cls, source: str) -> ClipSource:

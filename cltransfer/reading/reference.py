@@ -25,7 +25,6 @@ from ..progress import Progress, silent
 from ..registry.plugin_code import own_code
 from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
-from ..storage.run_files import kept_frames
 from .feature_file import LIMIT, FeatureFile
 from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, render_features, require_person
 from .scene_source import split_scene
@@ -142,17 +141,18 @@ def is_scene(source: str) -> bool:
 
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
     from ..clips.image_folder import clip_hash
+    from ..clips.kept_clip import kept_clip
     from ..clips.open_clip import open_clip
     from ..clips.source import ClipSource
 
     asked_for = ClipSource.parse(source)
     if source in SHOTS and not asked_for.path.exists():
         raise InputError(source, "", "no such file", f"did you mean builtin:{source}?")
-    where = replace(asked_for, path=kept_frames(asked_for.path))
+    where = kept_clip(asked_for)
     clip, flags = open_clip(where, frames)
     plan = parts.plan("image")
     digest = clip_hash(where.path)
-    asked = [frames, str(where.span), where.fps, where.person]
+    asked = [frames, str(where.span), where.fps, where.person, clip.times.tolist()]
     key = _key([digest, _pixels(clip.image), clip.size, *asked], plan)
     cached = cache_dir() / "features" / f"{key}.safetensors"
     stored = _kept(cached)

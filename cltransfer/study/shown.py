@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..clips.clip import read_clip
 from ..clips.image_folder import clip_hash
+from ..clips.kept_clip import kept_clip
 from ..clips.open_clip import open_clip
 from ..clips.source import ClipSource
 from ..errors import InputError, UsageError
@@ -66,7 +67,7 @@ def clip_of(where: ClipSource) -> Shown:
     Raises:
         InputError: they cannot be read, or some were cut off.
     """
-    as_is = replace(kept(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
+    as_is = replace(kept_clip(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
     clip, _ = open_clip(as_is)
     if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
         _check_whole(where.path, len(clip.times), kept_frames(where.path))

@@ -14,6 +14,7 @@ from PIL import Image
 
 from cltransfer.camera import Camera
 from cltransfer.clips import decoding
+from cltransfer.clips.clip import write_video
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.features import Features, OfThisRun
@@ -24,7 +25,7 @@ from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.reading.reference import Reading, Reference, as_read, read_reference
 from cltransfer.scenes.load import load_scene
 from cltransfer.storage.files import cache_dir
-from cltransfer.testing import sample_features
+from cltransfer.testing import sample_cameras, sample_features
 from cltransfer.trajectory import Trajectory
 
 MIRROR = 2  # orientation of EXIF
@@ -68,6 +69,21 @@ def test_a_reading_of_frames_that_are_decoded_otherwise_now_is_not_used(
     torch.testing.assert_close(read_reference(source, parts, Reading()).features.require("flow"), now, equal_nan=True)
     assert len(readings) == 2  # the third time nothing was read
     assert len(list((cache_dir() / "features").iterdir())) == 2
+
+
+def test_a_run_is_read_at_the_times_of_its_trajectory_and_anew_at_others(
+    mean_flow: tuple[str, ...], readings: list[Features], tmp_path: Path
+) -> None:
+    run, parts = tmp_path / "run", Components.build(load_config(overrides=mean_flow))
+    wall = torch.randint(0, 256, (3, 3, 36, 64), generator=torch.Generator().manual_seed(0), dtype=torch.uint8)
+    write_video(run / "video" / "frames.mkv", wall, torch.arange(3).double(), lossless=True)
+    (run / "manifest.json").write_text('{"format": "cltransfer.run"}')
+    (run / "DONE").touch()
+    for step in (1e-4, 2e-4, 2e-4):
+        times = step * torch.arange(3).double()
+        Trajectory(sample_cameras(0, 3), times).save(run / "trajectory.json")
+        assert torch.equal(read_reference(str(run), parts, Reading()).times, times)
+    assert len(readings) == 2  # the third time nothing was read
 
 
 def test_a_cache_that_cannot_be_written_loses_no_reading(

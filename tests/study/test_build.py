@@ -21,11 +21,12 @@ from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
-from cltransfer.storage.run_files import BESIDE, FRAMES
+from cltransfer.storage.run_files import BESIDE, FRAMES, TRAJECTORY
 from cltransfer.study.build import Wanted, build_study
 from cltransfer.study.build import page as page_of
 from cltransfer.study.design import NO_STUDY, Study, design
 from cltransfer.study.shown import clip_of, digest_of, source_of
+from cltransfer.trajectory import Trajectory
 
 
 def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path]) -> None:
@@ -125,6 +126,12 @@ def test_a_clip_is_not_compared_with_itself(clips: Wanted, tiny_run: Path, tmp_p
             build_study(Wanted(runs, ("a", "b"), references), out)
     assert not out.exists()
     build_study(replace(clips, runs=(*clips.runs[:2], *clips.runs[:2])), out)  # in two comparisons
+
+
+def test_frames_of_a_run_are_shown_when_its_trajectory_says(tiny_run: Path) -> None:
+    times = Trajectory.load(tiny_run / TRAJECTORY).times
+    assert not torch.equal(times, times.round(decimals=3))  # as its video counts
+    assert torch.equal(clip_of(source_of(tiny_run)).times, times)
 
 
 def test_run_folders_show_their_own_reference(tiny_run: Path, tmp_path: Path, command: Callable[..., Any]) -> None:
