@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .clips.clip_folder import sources_in
+from .clips.clip_folder import refuse_linked, sources_in
+from .clips.source import ClipSource
 from .config.options import RunConfig
 from .errors import CltransferError, InputError, ModelError
 from .evaluate import evaluate
@@ -92,6 +93,8 @@ def evaluate_many(
             for method, clips in rendered.items():
                 key = ""
                 try:
+                    for source in filter(None, (reference, clips.get(name))):
+                        refuse_linked(ClipSource.parse(source).path)
                     key = kept.key(method, name, reference, clips.get(name))
                     row = kept.known.get(key) or _scored(method, name, reference, clips.get(name), config)
                 except (CltransferError, OSError, MemoryError) as error:

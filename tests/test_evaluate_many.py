@@ -351,6 +351,27 @@ def test_folders_are_scored_clip_by_clip(command: Any, mean_flow: tuple[str, ...
     assert written == ["clips.csv", "methods.csv", "methods.md", "methods.tex", "metrics.json", "scores.jsonl"]
 
 
+def test_a_clip_that_is_a_link_out_of_its_folder_is_a_row_and_the_others_are_scored(
+    command: Any, mean_flow: tuple[str, ...], tmp_path: Path
+) -> None:
+    references, elsewhere = (
+        folder_of(tmp_path / name, a=wall(0, 2), b=wall(1, 2), c=wall(2, 2), d=wall(3, 2))
+        for name in ("references", "elsewhere")
+    )
+    ours = folder_of(tmp_path / "ours", a=wall(0, 2), c=wall(2, 2))
+    (ours / "b.mkv").symlink_to(elsewhere / "b.mkv")
+    (ours / "d.mkv").symlink_to("d.mkv")  # to itself
+    (references / "c.mkv").unlink()
+    (references / "c.mkv").symlink_to(elsewhere / "c.mkv")
+    said = command("evaluate", references, f"ours={ours}", *mean_flow, "--out", tmp_path / "out", "--json")
+    assert said.code == 0, said.err
+    clips = {clip["clip"]: clip["reason"] for clip in json.loads(said.out)["clips"]}
+    assert clips["a"] == ""
+    assert clips["d"] != ""
+    for name, folder in (("b", ours), ("c", references)):
+        assert clips[name].startswith(f"{folder / name}.mkv: is a link that leads out of its folder (a hard link ")
+
+
 def test_a_clip_that_a_loss_fails_on_is_a_row_and_the_others_are_scored(
     mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,7 +13,7 @@ from ..storage.run_files import is_run
 from .image_folder import TIMES, VIDEOS, natural_order, untimed
 from .source import ClipSource
 
-LINKED = "a hard link takes no room either: cp -rl CLIP FOLDER"
+LINKED = "a hard link takes no room either: cp -rl CLIP FOLDER; or copy it, or name its own folder"
 FEW = 3  # clips that a note names; of more it says how many
 
 
@@ -20,7 +21,7 @@ def clips_in(folder: Path) -> dict[str, Path]:
     """Videos, image folders and run folders right inside ``folder``, by name without suffix.
 
     Raises:
-        InputError: there is no such folder, or none in it, or two have one name, or one is a link that leads out of it.
+        InputError: there is no such folder, or none in it, or two have one name.
     """
     if not folder.is_dir():
         raise InputError(folder, "clips", "expected a folder" if folder.exists() else "no such folder")
@@ -28,8 +29,6 @@ def clips_in(folder: Path) -> dict[str, Path]:
     for entry in sorted(folder.iterdir(), key=lambda entry: natural_order(entry.name)):
         if entry.name.startswith(".") or not _is_clip(entry):
             continue
-        if entry.is_symlink() and not entry.resolve().is_relative_to(folder.resolve()):
-            raise InputError(entry, "", "is a link that leads out of its folder", LINKED)
         name = unicodedata.normalize("NFC", entry.name if entry.is_dir() else entry.stem)  # Macs pack NFD
         if name in found:
             raise InputError(folder, name, "two clips have this name", "clips are matched by name")
@@ -37,6 +36,20 @@ def clips_in(folder: Path) -> dict[str, Path]:
     if not found:
         raise InputError(folder, "clips", "expected videos, image folders or runs, found none")
     return found
+
+
+def refuse_linked(clip: Path) -> None:
+    """Refuse a ``clip`` right inside a folder that is a link out of it: nothing is read outside what is named.
+
+    Raises:
+        InputError: it is one.
+    """
+    if _leads_out(clip):
+        raise InputError(clip, "", "is a link that leads out of its folder", LINKED)
+
+
+def _leads_out(clip: Path) -> bool:
+    return clip.is_symlink() and not Path(os.path.realpath(clip)).is_relative_to(os.path.realpath(clip.parent))
 
 
 def _is_clip(entry: Path) -> bool:
@@ -56,12 +69,17 @@ def sources_in(folder: str | Path) -> dict[str, str]:
     rate, clips = where.fps, clips_in(where.path)
     if replace(where, fps=None) != ClipSource(where.path):
         raise UsageError(folder, "", "expected a folder of clips and at most #fps=N behind it")
-    asked = {name: rate if untimed(path) and not is_run(path) else None for name, path in clips.items()}
+    asked = {name: rate if _asks(path) else None for name, path in clips.items()}
     if rate is not None and not any(asked.values()):
         raise UsageError(
             folder, "#fps", f"expected folders of images without {TIMES} in it, found none", "leave it out"
         )
     return {name: ClipSource(path, fps=asked[name]).named for name, path in clips.items()}
+
+
+def _asks(clip: Path) -> bool:
+    """Whether ``clip`` is images that do not say how fast they play; no link out of its folder is looked into."""
+    return not _leads_out(clip) and untimed(clip) and not is_run(clip)
 
 
 def left_over(references: str | Path, methods: Mapping[str, str | Path]) -> list[str]:

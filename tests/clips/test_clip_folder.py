@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cltransfer.clips.clip_folder import clips_in, left_over, sources_in
+from cltransfer.clips.clip_folder import clips_in, left_over, refuse_linked, sources_in
 from cltransfer.errors import InputError, UsageError
 
 
@@ -30,17 +30,22 @@ def test_clips_are_videos_image_folders_and_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.mkv", "a"])
-def test_a_clip_that_is_a_link_out_of_its_folder_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_clip_that_is_a_link_out_of_its_folder_is_refused_and_the_others_are_not(tmp_path: Path, name: str) -> None:
     folder = a_folder(tmp_path / "all", "b/0.png", "notes.txt")
-    (tmp_path / "private").mkdir()
+    a_folder(tmp_path / "private", "0.png")
     (folder / name).symlink_to(tmp_path / "private")
-    with pytest.raises(InputError, match=rf"all/{name}: is a link that leads out of its folder \(a hard link takes"):
-        clips_in(folder)
+    clips = clips_in(folder)
+    assert sources_in(f"{folder}#fps=30") == {name: str(folder / name), "b": f"{folder / 'b'}#fps=30"}
+    with pytest.raises(InputError, match=rf"all/{name}: is a link that leads out of its folder \(.* name its own fold"):
+        refuse_linked(clips[name])
+    refuse_linked(clips["b"])
     (folder / name).unlink()
     (folder / name).symlink_to("b")
     (folder / "diary").symlink_to(tmp_path / "private" / "diary.txt")  # which is no clip
     (tmp_path / "mine").symlink_to(folder)
-    assert list(clips_in(tmp_path / "mine")) == [name, "b"]
+    for clip in clips_in(tmp_path / "mine").values():
+        refuse_linked(clip)
+    assert left_over(folder, {}) == ["references: diary, notes.txt are not scored: no video by its suffix"]
 
 
 def test_names_match_however_their_accents_are_written(tmp_path: Path) -> None:
