@@ -26,8 +26,8 @@ class SceneOrientation:
     Args:
         about: the middle of the ``body``, the person's anchor, or of what is ``shown`` of it, which is the same where
             the frame holds all of it. Networks see no more of a close-up than the face, and call it level where the
-            camera is as high as that, though it looks down on the body's middle by 50 degrees. ``auto`` is the body
-            but in a transfer from a reference that networks have read.
+            camera is as high as that, though it looks down on the body's middle by 50 degrees. ``auto`` is the body,
+            but what is shown in ``describe`` and in a transfer from a reference that networks have read.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("camera", "person")
