@@ -138,12 +138,14 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
 
 def _check_known(path: Path, known: list[str], unknown: list[str]) -> None:
     """Tell of ``unknown`` tensors, which are left out, and refuse a file without any that is ``known``."""
-    shown = [_shown(name) for name in unknown[:TOLD]] + [f"{len(unknown) - TOLD} more"] * (len(unknown) > TOLD)
+    names = [_shown(name) for name in unknown[:TOLD]]
+    shown = names + [f"{len(unknown) - TOLD} more"] * (len(unknown) > TOLD)
     if not known:
         raise InputError(path, "features", f"expected at least one, it holds {', '.join(['times', *shown])} alone")
     if unknown:
         what = "are no features" if len(unknown) > 1 else "is no feature"
-        meant = nearest(shown[0], [*STORED, f"{EXTRAS}{shown[0]}"])
+        hints = [nearest(name, [*STORED, f"{EXTRAS}{name}"]) for name in names]
+        meant = next((hint for hint in hints if hint.startswith("did you mean")), hints[0])
         _log.warning("%s: %s: %s and left out (%s)", path, ", ".join(shown), what, meant)
 
 

@@ -58,6 +58,16 @@ def test_tensors_that_no_feature_is_called_like_are_told(tmp_path: Path, caplog:
         kept(tmp_path / "a", key_points=joints)
 
 
+def test_a_slip_is_told_beside_what_is_like_no_feature_at_all(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    kept(tmp_path / "a", box=torch.ones(2, 5), audio=torch.ones(2), keypoint=torch.ones(2, 14, 3))
+    said = "audio, keypoint: are no features and left out (did you mean 'keypoints'?)"
+    assert caplog.messages == [f"{tmp_path / 'a'}: {said}"]
+    caplog.clear()
+    kept(tmp_path / "a", box=torch.ones(2, 5), audio=torch.ones(2), text=torch.ones(2))
+    (line,) = caplog.messages
+    assert line.startswith(f"{tmp_path / 'a'}: audio, text: are no features and left out (known: box, ")
+
+
 def test_what_no_feature_is_called_like_may_be_of_any_length(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert kept(tmp_path / "a", box=torch.ones(2, 5), step=torch.tensor(0), key_points=torch.ones(7)).names() == {"box"}
     said = "key_points, step: are no features and left out (did you mean 'keypoints'?)"
