@@ -139,6 +139,15 @@ def is_scene(source: str) -> bool:
     return source.startswith("builtin:") or split_scene(source) is not None
 
 
+def times_field(source: str) -> str:
+    """By what name a reference says when its frames are shown, for error lines.
+
+    >>> times_field("clip.mp4"), times_field("clip.safetensors"), times_field("builtin:pan")
+    ('t', 'times', 'time')
+    """
+    return "time" if is_scene(source) else "times" if source.endswith(".safetensors") else "t"
+
+
 def _from_clip(source: str, parts: Components, frames: int | None, progress: Progress) -> Reference:
     from ..clips.image_folder import clip_hash
     from ..clips.kept_clip import kept_clip

@@ -30,7 +30,7 @@ from ..pipeline.plan import Family
 from ..pipeline.scores import frame_totals
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, load_network, needs_scene
-from ..reading.reference import Reading, Reference, as_read, read_reference
+from ..reading.reference import Reading, Reference, as_read, read_reference, times_field
 from ..reading.tracks import cleaned, turned_back
 from ..registry.plugin_code import own_code
 from ..scenes import Scene
@@ -158,8 +158,9 @@ def _read(
         parts, alignment = align_parts(parts, scene)
         clock.lap("depth alignment")
     reference = read_reference(inputs.reference, parts, Reading(config.frames, config.output_side, family), progress)
-    check_times(inputs.reference, "t", reference.times, HINT)  # the result has them too
-    check_span(inputs.reference, "t", reference.times, CUT)
+    field = times_field(inputs.reference)
+    check_times(inputs.reference, field, reference.times, HINT)  # the result has them too
+    check_span(inputs.reference, field, reference.times, CUT)
     parts = as_read(parts, reference)
     by_networks = reference.family == "image" and config.extract.verify
     if by_networks or family == "image":

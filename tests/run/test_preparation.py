@@ -20,7 +20,8 @@ from cltransfer.reading.tracks import cleaned
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, noise_floor, prepare
 from cltransfer.run.record import Record
-from cltransfer.testing import sample_features
+from cltransfer.testing import sample_cameras, sample_features
+from cltransfer.trajectory import Trajectory
 
 SMALL = ("preset=fast", "frames=2", "search_side=48", "output_side=64", "threads=1")
 KEPT = ("shot_size", "framing", "camera_angle")  # without movement a frame that shows nobody has no term
@@ -85,6 +86,18 @@ def test_a_clip_whose_times_no_result_could_keep_is_refused_before_the_search(
     with pytest.raises(InputError, match=r"a.mkv: t: expected at most 1e\+06 s .*, got 2e\+06 s \(take a part, .*#t="):
         prepare(Inputs("builtin:plaza", str(tmp_path / "a.mkv")), config, Clock(), lambda *_: None, Record(journal))
     assert not journal.exists()
+
+
+@pytest.mark.parametrize(("name", "field"), [("path.json", "time"), ("a.safetensors", "times")])
+def test_times_that_no_result_could_keep_are_named_as_the_file_calls_them(
+    name: str, field: str, tmp_path: Path
+) -> None:
+    file, times = tmp_path / name, torch.tensor([0.0, 2e6], dtype=torch.float64)
+    Trajectory(sample_cameras(0, 2), times).save(tmp_path / "path.json")
+    FeatureFile(replace(sample_features(0, 2), camera=None, person=None), times, "").save(tmp_path / "a.safetensors")
+    source = f"builtin:plaza@{file}" if field == "time" else str(file)
+    with pytest.raises(InputError, match=rf"{name}: {field}: expected at most 1e\+06 s from the first frame"):
+        prepare(Inputs("builtin:plaza", source), load_config(overrides=[*SMALL]), Clock(), silent, None)
 
 
 @pytest.mark.parametrize(
