@@ -22,16 +22,17 @@ NO_POINTS = "# 3D points: none\n"
 def check_model(folder: Path) -> None:
     """Refuse a folder with a model that is not of :func:`write_colmap`: photographs may have made it.
 
+    A binary one is refused beside ours too, since programs read it in place of the text.
+
     Raises:
         UsageError: it is one, or no folder.
     """
     check_out(folder)
     points = folder / "points3D.txt"
-    if points.is_file() and points.stat().st_size == len(NO_POINTS) and points.read_text() == NO_POINTS:
-        return
+    ours = points.is_file() and points.stat().st_size == len(NO_POINTS) and points.read_text() == NO_POINTS
     for kind in ("cameras", "images", "points3D"):
         for file in (folder / f"{kind}.txt", folder / f"{kind}.bin"):
-            if file.exists():
+            if file.exists() and not (ours and file.suffix == ".txt"):
                 raise UsageError(folder, "--out", f"has a model of its own, {file.name}", "name another folder")
 
 

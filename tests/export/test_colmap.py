@@ -47,6 +47,14 @@ def test_our_own_model_is_written_anew(tmp_path, path):
     check_model(tmp_path / "new")
 
 
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin", "points3D.bin"])
+def test_a_binary_model_beside_ours_would_be_read_in_its_place(tmp_path, path, name):
+    write_colmap(tmp_path, path)
+    (tmp_path / name).write_bytes(bytes(8))
+    with pytest.raises(UsageError, match=f"has a model of its own, {name}"):
+        check_model(tmp_path)
+
+
 def test_colmap_sees_what_we_see(tmp_path, path: Trajectory, seen):
     pycolmap = pytest.importorskip("pycolmap", reason="COLMAP is not installed: pip install -e '.[sfm]'")
     write_colmap(tmp_path, path)
