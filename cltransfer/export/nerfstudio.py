@@ -16,11 +16,16 @@ from ..storage.files import write_json
 from ..trajectory import Trajectory
 
 
-def write_camera_path(path: Path, trajectory: Trajectory) -> None:
+def write_camera_path(path: Path, trajectory: Trajectory, fps: float | None = None) -> None:
     """Write ``camera_path.json``, whole or not at all.
 
     ``camera_path`` is what nerfstudio renders, ``keyframes`` what its viewer loads. Each camera of the former also
     carries its ``time`` [s], which nerfstudio ignores.
+
+    Args:
+        path: the file.
+        trajectory: the cameras.
+        fps: frames a second that nerfstudio plays them at; None: those of the path.
 
     Raises:
         InputError: pixels are not square or the principal point is not in the middle; the format has no room for it.
@@ -28,6 +33,7 @@ def write_camera_path(path: Path, trajectory: Trajectory) -> None:
     camera, (width, height) = trajectory.camera, trajectory.camera.size
     if not torch.allclose(camera.K, intrinsics(camera.focal, camera.size), rtol=1e-9, atol=1e-6):
         raise InputError(path, "K", "expected square pixels and a principal point in the middle of the frame")
+    rate = fps or trajectory.fps
     frames = [
         {
             "camera_to_world": pose.flatten().tolist(),
@@ -41,13 +47,13 @@ def write_camera_path(path: Path, trajectory: Trajectory) -> None:
         "camera_type": "perspective",
         "render_height": height,
         "render_width": width,
-        "fps": trajectory.fps,
-        "seconds": len(trajectory) / trajectory.fps,
+        "fps": rate,
+        "seconds": len(trajectory) / rate,
         "is_cycle": False,
         "smoothness_value": 0,
-        "default_transition_sec": 1 / trajectory.fps,
+        "default_transition_sec": 1 / rate,
         "camera_path": frames,
-        "keyframes": _keyframes(frames, 1 / trajectory.fps),
+        "keyframes": _keyframes(frames, 1 / rate),
     })  # fmt: skip
 
 

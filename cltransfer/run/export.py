@@ -61,7 +61,7 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None) -
     elif kind == ".py":
         write_blender(out, trajectory, rate, turned)
     elif kind == ".json":
-        write_camera_path(out, trajectory)
+        write_camera_path(out, trajectory, fps)
     else:
         write_colmap(out, trajectory)
     return trajectory

@@ -88,6 +88,9 @@ def test_the_rate_that_is_asked_for_numbers_the_frames(tiny_run: Path, tmp_path:
     for source, fps in ((tiny_run, 8.0), (tmp_path / "one.json", 48.0)):
         export_path(source, tmp_path / "shot.USDA", fps, None)
         assert f"    timeCodesPerSecond = {fps:g}\n" in (tmp_path / "shot.USDA").read_text()
+        written = export_path(source, tmp_path / "shot.json", fps, None)
+        told = json.loads((tmp_path / "shot.json").read_text())
+        assert (told["fps"], told["seconds"], told["default_transition_sec"]) == (fps, len(written) / fps, 1 / fps)
 
 
 def test_a_folder_that_is_there_may_have_any_name(tiny_run: Path, tmp_path: Path) -> None:
