@@ -32,6 +32,7 @@ from .folder import MARK, check_key, key_of
 from .shown import Shown, clip_of, digest_of, kept, reference_of, source_of
 
 SIDE = 720  # largest height of a video [px]
+WRITTEN = 946_684_800  # [s] when every video is said to have been: the year 2000, since a zip holds none before 1980
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         write_text(out / INDEX, page(study))
         (out / "videos").mkdir(exist_ok=True)
         for video in Path(made).iterdir():
-            os.utime(video, (0, 0))  # the order in which they were written would tell methods apart
+            os.utime(video, (WRITTEN, WRITTEN))  # the order in which they were made would tell methods apart
             shutil.move(video, out / "videos" / video.name)  # a folder that is mounted lies on another disk
     write_text(out / "README.txt", _readme(study, out))
     return study, key_of(out)

@@ -7,6 +7,8 @@ import os
 import re
 import shlex
 import shutil
+import time
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
@@ -22,7 +24,7 @@ from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
 from cltransfer.storage.run_files import BESIDE, FRAMES, TRAJECTORY
-from cltransfer.study.build import Wanted, build_study
+from cltransfer.study.build import WRITTEN, Wanted, build_study
 from cltransfer.study.build import page as page_of
 from cltransfer.study.design import NO_STUDY, Study, design
 from cltransfer.study.shown import clip_of, digest_of, source_of
@@ -40,6 +42,14 @@ def test_nothing_in_the_page_tells_whose_video_is_whose(page: tuple[Path, Path])
     videos = list((folder / "videos").iterdir())
     assert len(videos) == 6
     assert len({video.stat().st_mtime for video in videos}) == 1  # written method by method
+
+
+def test_the_page_goes_into_a_zip(page: tuple[Path, Path], tmp_path: Path) -> None:
+    made = shutil.make_archive(str(tmp_path / "page"), "zip", page[0])
+    with zipfile.ZipFile(made) as archive:
+        inside = [info for info in archive.infolist() if info.filename.endswith(".mp4")]
+    assert len(inside) == 6
+    assert {info.date_time for info in inside} == {time.localtime(WRITTEN)[:6]}
 
 
 def test_the_order_of_two_clips_on_the_page_is_that_of_their_tokens() -> None:
