@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,8 @@ from ..errors import UsageError
 from ..storage.files import check_out
 from ..storage.pages import INDEX
 from .shared import Json, show
+
+READS = "--analyse answers/*.csv --key page.key.json"
 
 
 def study(
@@ -33,7 +36,9 @@ def study(
         list[str] | None,
         typer.Option(help="Reference clip of each sample, named as clips are (repeatable); runs know their own."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the shuffled names under which the videos are shown.")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the shuffled names under which the videos are shown. Default 0.")
+    ] = None,
     analyse: Annotated[
         bool, typer.Option("--analyse", help="Read the arguments as the CSV files that participants saved.")
     ] = False,
@@ -52,19 +57,31 @@ def study(
     if out is not None:
         check_out(out)
     if analyse:
+        _refuse({"--method": method, "--reference": reference, "--seed": seed}, "an analysis, only of a page")
         if key is None:
             raise UsageError("", "--key", "expected the key that was written beside the page")
         return _analyse([Path(path) for path in paths], key, out, as_json)
+    for path in paths:
+        if path.lower().endswith(".csv") and not Path(path).is_dir():
+            raise UsageError(path, "", "expected a run folder or a clip, got a table", f"to read answers: {READS}")
+    _refuse({"--key": key}, "a page, only of an analysis", f"to read answers: {READS}")
     if out is None:
         raise UsageError("", "--out", "expected a folder for the page")
     from ..study.build import Wanted, build_study, counted
 
-    wanted = Wanted(tuple(paths), tuple(method or ("A", "B")), tuple(reference or ()), seed)
+    wanted = Wanted(tuple(paths), tuple(method or ("A", "B")), tuple(reference or ()), seed or 0)
     made, key_file = build_study(wanted, out)
     count, index, notes = len(made.items), str(out / INDEX), wanted.notes()
     values = {"page": index, "key": str(key_file), "study": made.name, "comparisons": count, "notes": notes}
     lines = [f"{index}: {counted(made)}", f"{key_file}: whose video is whose; keep it from them"]
     return show(values, "\n".join([*lines, *(f"note: {note}" for note in notes)]), as_json)
+
+
+def _refuse(options: Mapping[str, object], of_what: str, hint: str = "") -> None:
+    """Refuse those of ``options`` that were given: what is made has no use for them."""
+    for name, value in options.items():
+        if value is not None:
+            raise UsageError("", name, f"changes nothing of {of_what}", hint)
 
 
 def _analyse(files: list[Path], key: Path, out: Path | None, as_json: bool) -> None:
