@@ -43,6 +43,7 @@ from ..storage.run_files import (
     TRAJECTORY,
     VIDEO,
     clear,
+    open_run,
 )
 from .flags import run_flags
 from .inputs import Inputs
@@ -62,7 +63,13 @@ def _name(source: str) -> str:
 
 
 def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
-    """Write everything a run leaves behind; returns what its report shows."""
+    """Write everything a run leaves behind; returns what its report shows.
+
+    Raises:
+        UsageError: there is something else in ``folder`` than a run.
+        InputError: a part of it leads elsewhere.
+    """
+    open_run(folder)
     manifest = _manifest(result, inputs, config, plugins)
     clear(folder)
     write_json(folder / MANIFEST, manifest)

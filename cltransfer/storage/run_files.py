@@ -101,7 +101,7 @@ def open_run(folder: Path, resume: bool = False) -> Path:
     _refuse_links(folder)
     if resume and not (folder / JOURNAL).is_file():
         raise UsageError(folder, "--resume", f"expected the folder of a run, it has no {JOURNAL}", "begin one: --out")
-    if folder.is_dir() and any(folder.iterdir()) and not is_run(folder):
+    if folder.is_dir() and not is_run(folder) and set(folder.iterdir()) - set(temporaries(folder / MANIFEST)):
         option = "--resume" if resume else "--out"
         raise UsageError(folder, option, "is neither empty nor a run", "name another folder")
     return folder
@@ -127,9 +127,11 @@ def refuse_written(folder: Path, read: Iterable[Path]) -> None:
 def clear(folder: Path) -> None:
     """Take away what an earlier run has left in ``folder``, first what says that it is whole.
 
-    What of it was being written when the run was killed goes too.
+    What of it was being written when the run was killed goes too. Its manifest stays, by which the folder is known as
+    that of a run until there is another.
     """
     for name in RESULTS:
-        (folder / name).unlink(missing_ok=True)
+        if name != MANIFEST:
+            (folder / name).unlink(missing_ok=True)
         for unfinished in temporaries(folder / name):
             unfinished.unlink(missing_ok=True)

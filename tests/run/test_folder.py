@@ -6,9 +6,13 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from cltransfer.config import load_config
-from cltransfer.run.folder import command_again, default_folder, report_data
+from cltransfer.errors import InputError, UsageError
+from cltransfer.run.folder import command_again, default_folder, report_data, write_run
 from cltransfer.run.inputs import Inputs
+from cltransfer.storage.run_files import CONFIG, DONE, MANIFEST, VIDEO
 from cltransfer.transfer import transfer
 
 
@@ -34,6 +38,27 @@ def test_of_several_rounds_the_one_that_is_kept_is_counted_from_one() -> None:
         told = report_data(Path("out"), twice, inputs, ()).spent["total by round"]
         assert told == f"{total}, {total} (kept {best + 1})"
     assert report_data(Path("out"), result, inputs, ()).spent["total by round"] == total
+
+
+def test_nothing_is_written_over_what_is_no_run_nor_through_a_link_out_of_one(tmp_path: Path) -> None:
+    inputs = Inputs("builtin:plaza", "builtin:static")
+    config = load_config(overrides=["preset=fast", "frames=1", "search_side=32", "output_side=48", "path=exact"])
+    result, app, run = transfer(inputs, config), tmp_path / "app", tmp_path / "run"
+    for folder in (app, tmp_path / "films", run):
+        folder.mkdir()
+    for name in (MANIFEST, CONFIG):
+        (app / name).write_text('{"name": "an app"}')
+    (tmp_path / "films" / VIDEO.name).write_bytes(b"mine")
+    (run / VIDEO.parent).symlink_to(tmp_path / "films")
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    with pytest.raises(UsageError, match="app: --out: is neither empty nor a run"):
+        write_run(app, result, inputs, config, [])
+    with pytest.raises(InputError, match="leads out of the folder of its run"):
+        write_run(run, result, inputs, config, [])
+    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+    for _ in range(2):
+        write_run(tmp_path / "new", result, inputs, config, [])
+    assert (tmp_path / "new" / DONE).is_file()
 
 
 def test_the_command_of_a_run_names_what_it_was_given() -> None:

@@ -89,7 +89,7 @@ def test_what_an_earlier_run_left_is_taken_away_and_nothing_else(tmp_path: Path)
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     clear(tmp_path)
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["camera", "notes.txt", "video"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["camera", MANIFEST, "notes.txt", "video"]
 
 
 def test_what_was_being_written_when_a_run_was_killed_is_taken_away_too(tmp_path: Path) -> None:
@@ -143,6 +143,14 @@ def test_only_a_run_that_was_begun_is_resumed(tmp_path: Path) -> None:
     (tmp_path / "full" / "thesis.tex").touch()
     with pytest.raises(UsageError, match="is neither empty nor a run"):
         open_run(tmp_path / "full")
+
+
+def test_a_run_that_was_killed_over_its_first_file_is_written_anew(tmp_path: Path) -> None:
+    (tmp_path / f".tmp-7-0123abcd-{MANIFEST}").touch()
+    assert open_run(tmp_path) == tmp_path
+    (tmp_path / ".tmp-7-0123abcd-thesis.tex").touch()
+    with pytest.raises(UsageError, match="is neither empty nor a run"):
+        open_run(tmp_path)
 
 
 @pytest.mark.parametrize("name", [JOURNAL, "trajectory.json", "video"])
