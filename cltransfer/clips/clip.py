@@ -118,7 +118,7 @@ def timed_frames(path: Path, fps: float | None = None, trajectory: Path | None =
         yield frame.time - first, frame
 
 
-def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool = False) -> None:
+def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool = False, comment: str = "") -> None:
     """Write frames with their own times; the file appears whole, with its frames counted, or not at all.
 
     Args:
@@ -128,6 +128,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
         times: (N,) [s], increasing; written from 0, rounded to 1/90000 s in mp4 and to 1 ms in mkv and in an mp4 that
             lasts longer than :data:`FINE`, and where two would be one, the later ones that much later.
         lossless: which of the two.
+        comment: what the file says of itself; in an mp4 it stands within the last bytes.
 
     Raises:
         ValueError: a shape, type or suffix is wrong, or the times do not increase.
@@ -150,7 +151,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
     pts = (((times - times[0]) * rate).round().long() - number).cummax(0).values + number  # (N,) [1/rate s]
     try:
         with atomic(path) as temporary:
-            _encode(temporary, image, pts, Fraction(1, rate))
+            _encode(temporary, image, pts, Fraction(1, rate), comment)
             count = sum(1 for _ in decode(temporary))
             if count != len(image):
                 raise ResourceError(path, "frames", f"{len(image)} were written, {count} read back")
@@ -158,7 +159,7 @@ def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool =
         raise ResourceError(path, "", f"cannot be written: {error.strerror}") from None
 
 
-def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None:
+def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction, comment: str) -> None:
     lossless = path.suffix.lower() == ".mkv"
     interval = float(pts.diff().double().mean()) * time_base if len(pts) > 1 else 1 / FOLDER_RATE
     options = {"fflags": "+bitexact"}  # no number of its own
@@ -166,6 +167,8 @@ def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction) -> None
         # of both clocks the former cuts the end off by other ticks, the latter makes more of few
         options["movie_timescale"] = options["video_track_timescale"] = str(time_base.denominator)
     with av.open(str(path.absolute()), "w", options=options) as container:
+        if comment:
+            container.metadata["comment"] = comment
         stream = container.add_stream(
             "ffv1" if lossless else "libx264", rate=Fraction(1 / interval).limit_denominator(1001)
         )

@@ -24,7 +24,7 @@ from ..reading.named_scenes import recall
 from ..scenes import Scene
 from ..scenes.load import BUILTIN, load_scene
 from ..storage.alone import alone
-from ..storage.files import check_out_file, read_json, same_file
+from ..storage.files import check_out_file, content_hash, read_json, same_file
 from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, is_run, kept_by_runs, require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -33,6 +33,8 @@ from .readback import RENDER_BATCH, render_frames
 
 ACTING = ("output_side", "renderer", "threads")  # keys of the config that change how a path is drawn
 LOOKED_AT = 160  # longer side at which the frames between are looked at [px]
+MARK = "A film of cltransfer."  # what a film that was rendered here says of itself
+TAIL = 4096  # bytes at the end of a file within which it says so
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,9 @@ def render_run(
         progress: called with a step, frames done, frames in all.
 
     Raises:
-        UsageError: ``out`` is no .mp4, cannot be written or is another file of this run, or any of another; the run's
-            config cannot be meant, a key changes nothing here, or ``fps`` makes too many frames.
+        UsageError: ``out`` is no .mp4, cannot be written or is another file of this run, its reference, any of another
+            run, or one that was not rendered here; the run's config cannot be meant, a key changes nothing here, or
+            ``fps`` makes too many frames.
         InputError: the folder is no run or one that was not finished, or the scene is another one.
         ResourceError: the frames cannot be kept in memory, or another process writes into the folder.
     """
@@ -89,6 +92,8 @@ def _filmed_run(
     run: Path, overrides: Sequence[str], fps: float | None, scene: str | None, target: Path, progress: Progress
 ) -> Film:
     require_done(run)
+    if not same_file(target, run / VIDEO):
+        _check_film(target, run)
     digest, up = _scene_of(run)
     config = load_config(run / CONFIG, overrides, whole=True)
     if not (run / CONFIG).stat().st_size:
@@ -104,12 +109,25 @@ def _filmed_run(
     cameras = resized(trajectory.camera, fitted_size(trajectory.camera.size, config.output_side))
     image = render_frames(loaded, parts, cameras, progress)
     progress("writing the video", 0, 0)
-    write_video(target, image, trajectory.times)
+    write_video(target, image, trajectory.times, comment=MARK)
     if fps is None:
         return Film(target)
     person = Subject.load(run / SUBJECT) if (run / SUBJECT).is_file() else None
     progress("looking at what lies between", 0, 0)
     return Film(target, tuple(_doubts(loaded, parts, cameras, trajectory.times, person)))
+
+
+def _check_film(out: Path, run: Path) -> None:
+    """Refuse an ``out`` that is there and no earlier film, or one that the run in ``run`` was made from."""
+    if not out.is_file() or not out.stat().st_size:
+        return
+    with out.open("rb") as stream:
+        stream.seek(max(0, out.stat().st_size - TAIL))
+        ours = MARK.encode() in stream.read()
+    if not ours:
+        raise UsageError(out, "--out", "is there, and was not rendered here", "name another, or take it away first")
+    if content_hash(out) == _reference_of(run):
+        raise UsageError(out, "--out", "is the reference of this run", "name another")
 
 
 def _check_keys(overrides: Sequence[str]) -> None:
@@ -118,6 +136,14 @@ def _check_keys(overrides: Sequence[str]) -> None:
         if key not in ACTING:
             what = "the path of a run stands; only how it is drawn can change"
             raise UsageError("", key, what, f"{', '.join(ACTING)}, and --fps for more frames a second")
+
+
+def _reference_of(run: Path) -> str:
+    """Digest of the reference of a run."""
+    try:
+        return str(read_json(run / MANIFEST)["reference"]["sha256"])
+    except (KeyError, TypeError):
+        raise InputError(run / MANIFEST, "reference", "expected sha256") from None
 
 
 def _scene_of(run: Path) -> tuple[str, tuple[float, float, float]]:

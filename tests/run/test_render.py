@@ -7,10 +7,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+import torch
 
+from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.errors import InputError, UsageError
 from cltransfer.progress import silent
 from cltransfer.run.render import render_run
+from cltransfer.storage.files import content_hash
 from cltransfer.storage.run_files import BESIDE, CONFIG, JOURNAL, MANIFEST, VIDEO
 
 
@@ -52,6 +55,36 @@ def test_no_film_of_another_run_is_written_over(tiny_run: Path, tmp_path: Path) 
         with pytest.raises(UsageError, match="--out: is a file of a run itself"):
             render_run(tiny_run, [], None, None, out, silent)
     assert (other / VIDEO).read_bytes() == before
+
+
+def test_what_was_not_rendered_here_stays(tiny_run: Path, tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mp4"
+    write_video(clip, torch.zeros(2, 3, 36, 64, dtype=torch.uint8), torch.arange(2) / 24)
+    shutil.copy(clip, tmp_path / "CLIP.MP4")
+    (tmp_path / "notes.mp4").write_text("no film")
+    for out in (clip, tmp_path / "CLIP.MP4", tmp_path / "notes.mp4"):
+        before = out.read_bytes()
+        with pytest.raises(UsageError, match=f"{out.name}: --out: is there, and was not rendered here .name another"):
+            render_run(tiny_run, [], None, None, out, silent)
+        assert out.read_bytes() == before
+
+
+def test_an_earlier_film_is_replaced_and_so_is_an_empty_file_but_no_reference(tiny_run: Path, tmp_path: Path) -> None:
+    run, film = shutil.copytree(tiny_run, tmp_path / "run"), tmp_path / "film.mp4"
+    film.touch()
+    for side in (64, 48):
+        render_run(run, [f"output_side={side}"], None, None, film, silent)
+        assert read_clip(film).size[0] == side
+    manifest = json.loads((run / MANIFEST).read_text())
+    manifest["reference"]["sha256"] = content_hash(film)
+    (run / MANIFEST).write_text(json.dumps(manifest))
+    before = film.read_bytes()
+    with pytest.raises(UsageError, match=r"film.mp4: --out: is the reference of this run .name another"):
+        render_run(run, [], None, None, film, silent)
+    assert film.read_bytes() == before
+    (run / MANIFEST).write_text(json.dumps({**manifest, "reference": None}))
+    with pytest.raises(InputError, match=r"manifest.json: reference: expected sha256"):
+        render_run(run, [], None, None, film, silent)
 
 
 def test_the_config_of_a_run_opens_no_other_file(tiny_run: Path, tmp_path: Path) -> None:
