@@ -68,18 +68,24 @@ def _of_answers_worth(wins: Array, counts: Array) -> tuple[float, float]:
     """Clopper-Pearson of as many independent answers as theirs are worth.
 
     They are fewer, the more people differ, and the fewer they are (Korn and Graubard, Survey Methodology 24, 1998).
+    People who do not differ tell nothing of how others would, and those hardly more of whom fewer answers dissent than
+    one of them gave: the interval holds that of people who all have the same share, too.
     """
     people, answers = len(wins), float(counts.sum())
     share = float(wins.sum()) / answers
-    if len(set((wins / counts).tolist())) == 1:  # they do not differ, which tells nothing of how others would
-        return _of_one_share(share, math.floor(people_worth(counts)))
+    alike = _of_one_share(share, math.floor(people_worth(counts)))
+    if len(set((wins / counts).tolist())) == 1:
+        return alike
     spread = people / (people - 1) * float(((wins - share * counts) ** 2).sum()) / answers**2
     alone = share * (1 - share)  # variance of one answer
     freedom = max(people_worth(counts) - 1, 1.0)
     fewness = t.ppf((1 + CONFIDENCE) / 2, answers - 1) / t.ppf((1 + CONFIDENCE) / 2, freedom)
     worth = min(answers, alone / spread * float(fewness) ** 2)
     won, tail = share * worth, (1 - CONFIDENCE) / 2
-    return float(beta.ppf(tail, won, worth - won + 1)), float(beta.ppf(1 - tail, won + 1, worth - won))
+    low, high = float(beta.ppf(tail, won, worth - won + 1)), float(beta.ppf(1 - tail, won + 1, worth - won))
+    if min(share, 1 - share) * people_worth(counts) < 1:
+        return min(low, alike[0]), max(high, alike[1])
+    return low, high
 
 
 def _of_one_share(share: float, people: int) -> tuple[float, float]:

@@ -43,6 +43,15 @@ def test_the_interval_of_a_share_holds_the_truth_where_some_stop_early(
     assert np.mean(held) >= 0.92
 
 
+@pytest.mark.parametrize(("people", "likes", "dislikes"), [(10, 0.45, 0.05), (12, 0.9, 0.1), (12, 1.9, 0.1)])
+def test_the_interval_of_a_share_holds_the_truth_where_few_dissent(people: int, likes: float, dislikes: float) -> None:
+    rng, counts, held = np.random.default_rng(1), np.full(people, 24.0), []
+    for _ in range(300):
+        low, high = share_interval(rng.binomial(24, rng.beta(likes, dislikes, people)).astype(float), counts)
+        held.append(low <= likes / (likes + dislikes) <= high)
+    assert np.mean(held) >= 0.95
+
+
 @pytest.mark.parametrize("differ", [0.0, 1.5])
 def test_the_intervals_of_strengths_hold_the_truth(differ: float) -> None:
     """Six people and eight answers of each pair; the truth is that of very many people."""
@@ -75,6 +84,18 @@ def test_people_who_all_agree_count_for_no_more_than_they_are_worth() -> None:
     """Six of whom one answered more than all others together are worth 2.95 who answer equally often: two."""
     counts = np.array([6.0, 1, 1, 1, 1, 1])
     assert share_interval(counts, counts) == pytest.approx((0.025**0.5, 1.0))
+
+
+def test_one_answer_that_dissents_tells_no_more_than_none() -> None:
+    """Of six who gave 24 answers each, five prefer the first throughout; the other way round it is the mirror image."""
+    counts, least = np.full(6, 24.0), exact_interval(6, 6)[0]
+    for dissent in range(25):
+        wins = np.array([24.0] * 5 + [24 - dissent])
+        low, high = share_interval(wins, counts)
+        assert low <= least + 1e-12
+        assert high == 1
+        assert share_interval(counts - wins, counts) == pytest.approx((1 - high, 1 - low))
+        least = low
 
 
 def test_participants_are_drawn_anew_with_all_that_they_answered() -> None:
