@@ -13,6 +13,7 @@ CORNERS, ON_SUBJECT = 1500, 500  # of a frame at most: off the subject, on it
 CONTRAST = 0.02  # half of OpenCV's: smooth walls must give some too
 WINDOW = 6  # frames apart that are matched at most
 RATIO = 0.85  # distance of the nearest descriptor over that of the second nearest
+UPSCALED = 0.25  # [px] by which OpenCV's SIFT finds corners too far down and to the right, in every octave
 FEWEST = 20  # matches a pair of frames needs to count
 
 
@@ -55,12 +56,13 @@ def find_corners(frame: NDArray, subject: NDArray) -> Corners:
     off, on = _sift(grey, 1 - near, CORNERS), _sift(grey, near, ON_SUBJECT)
     places, descriptors = (np.concatenate(pair) for pair in zip(off, on))
     rooted = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))  # Hellinger distance
-    return Corners(places + 0.5, rooted, np.arange(len(places)) >= len(off[0]))
+    return Corners(places + 0.5 - UPSCALED, rooted, np.arange(len(places)) >= len(off[0]))
 
 
 def _sift(grey: NDArray, mask: NDArray, count: int) -> tuple[NDArray, NDArray]:
     """Places (P, 2) [px, integer-centred] and descriptors (P, 128) under ``mask`` (H, W) uint8, the strongest."""
-    sift = cv2.SIFT.create(nfeatures=0, contrastThreshold=CONTRAST)  # a limit of its own counts the whole frame
+    # a limit of its own counts the whole frame; UPSCALED is what its usual upscaling moves corners by
+    sift = cv2.SIFT.create(nfeatures=0, contrastThreshold=CONTRAST, enable_precise_upscale=False)
     found = sift.detect(grey, mask)
     strongest = np.argsort([-point.response for point in found], kind="stable")[:count]
     keypoints, descriptors = sift.compute(grey, [found[i] for i in strongest])

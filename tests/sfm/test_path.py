@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
+from scipy.stats import spearmanr
 
 from cltransfer import shots
 from cltransfer.camera import Camera, intrinsics
@@ -85,12 +86,15 @@ def test_depth_of_points_is_right_up_to_scale_on_the_subject_too(orbit):
 
 @pytest.mark.parametrize(("frames", "seed"), [(8, 0), pytest.param(12, 0, marks=pytest.mark.slow), (8, 3)])
 def test_space_is_not_turned_inside_out(filmed, frames, seed):
-    """Of seed 0 the mapper has a right model too, that explains fewer corners; of seed 3 it has none."""
+    """Of seed 0 the mapper has a right model too, that explains fewer corners; of seed 3 it has none.
+
+    By ranks: what is far is far, wherever one point of thousands is found at the camera.
+    """
     true, image, depth, subject = filmed("handheld", frames, seed)
     points = reconstruct_path(image, subject, true.times).points
     column, row = points.pixels.floor().long().T
     both = torch.stack([points.depth, depth[points.frames, row, column].double()]).log()[:, points.confidence > 0.5]
-    assert float(torch.corrcoef(both[:, both.isfinite().all(0)])[0, 1]) > 0.7
+    assert spearmanr(*both[:, both.isfinite().all(0)].numpy())[0] > 0.7
 
 
 @pytest.mark.parametrize(("name", "reason"), [("pan", "no parallax"), ("zoom", "no parallax")])
