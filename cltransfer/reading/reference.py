@@ -49,6 +49,7 @@ class Reference:
         family: which extractors read it: image (a clip) or scene (a scene with a trajectory).
         missing: features it cannot have, with the reason.
         flags: what was done to it and what is doubtful in it, for reports.
+        zoom: its longest focal length over its shortest, >= 1, where its cameras are known; None where they are not.
     """
 
     features: Features
@@ -59,6 +60,7 @@ class Reference:
     family: Family
     missing: Mapping[str, str]
     flags: tuple[str, ...] = ()
+    zoom: float | None = None
 
     def __len__(self) -> int:
         return len(self.times)
@@ -258,8 +260,9 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
-    name = source.removeprefix("builtin:").replace("@", "-")
-    return Reference(features, path.times, image, Path(name).stem, digest, reading.scene_family, plan.missing)
+    name, focal = Path(source.removeprefix("builtin:").replace("@", "-")).stem, path.camera.focal
+    zoom, family = float(focal.max() / focal.min()), reading.scene_family
+    return Reference(features, path.times, image, name, digest, family, plan.missing, zoom=zoom)
 
 
 def quantised(image: Tensor) -> Tensor:

@@ -19,12 +19,8 @@ def lens_range(features: Features) -> float:
     A layer at depth Z grows by g = z + t / Z in a frame, by the lens z and by what the camera travels t towards it. Two
     layers, the person and what is behind, tell both: z = (g_b Z_b - g_c Z_c) / (Z_b - Z_c). A rough measure, since what
     is behind is no plane: of drawn clips it was 0.5 to 1.0 where the lens goes by 0.7 to 1.1, dolly zooms among them,
-    and where it stands 0 to 0.3, but for some pans and orbits (0.5) and things close before the camera (to 1.6). Where
-    the cameras are known, they tell.
+    and where it stands 0 to 0.3, but for some pans and orbits (0.5) and things close before the camera (to 1.6).
     """
-    if features.camera is not None:
-        focal = features.camera.focal.log()
-        return float(focal.max() - focal.min())
     if any(not features.has(name) for name in NEEDED) or len(features) < 2:
         return math.nan
     flow = features.require("flow")

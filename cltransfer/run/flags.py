@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 DEGENERATE = 1.0  # least curvature of the total along a direction of x below which nothing determines it; usually > 10
 ON_BOUND = 1e-6  # of the half-range
-ZOOMS = 1.25  # times the shortest focal length of the result
-SHOWN = 0.3  # log range of the reference's, below which it stands
+ZOOMS = 1.25  # times its shortest focal length, up to which a lens stands
+SHOWN = 0.3  # log range of the reference's as its flow and depth tell it, below which it stands
 WORSE = 1.05  # times the total of the first view held still, above which a result is worse
 OTHERWISE, MUCH = 3.0, 1.0  # times the total of the search, and so much more, above which a result is read otherwise
 
@@ -118,10 +118,16 @@ def _near(result: Result) -> Iterator[Flag]:
 
 def _lens(result: Result) -> Iterator[Flag]:
     """Whether the lens of the result goes where that of the reference stands."""
-    focal = result.trajectory.camera.focal
+    focal, reference = result.trajectory.camera.focal, result.reference
     zoom = float(focal.max() / focal.min())
-    if zoom > ZOOMS and lens_range(result.reference.features) < SHOWN:
-        told = f"the lens zooms {zoom:.3g} times, which the reference, as its flow and depth tell, does not"
+    if zoom <= ZOOMS:
+        return
+    if reference.zoom is None:
+        by, stands = ", as its flow and depth tell,", lens_range(reference.features) < SHOWN
+    else:
+        by, stands = "", reference.zoom <= ZOOMS
+    if stands:
+        told = f"the lens zooms {zoom:.3g} times, which the reference{by} does not"
         still = result.kept.path is not None and getattr(result.search, "lens", None) is not None
         hint = "zoom=still keeps one focal length" if still else "zoom=fixed keeps that of the first frame"
         yield Flag(None, f"{told}: {hint}")

@@ -1,9 +1,10 @@
-"""Whether a clip zooms is told by its flow and depth, and by its cameras where they are known."""
+"""Whether a clip zooms is told by its flow and depth, and by its cameras where they are known, as of a scene."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 
@@ -12,6 +13,7 @@ from cltransfer.driver.stage import Stage, read_path
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
+from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.reading.zoom import lens_range
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
@@ -30,16 +32,25 @@ def read(name: str) -> Features:
 @pytest.mark.parametrize("name", [*ZOOMS, "push_in", "pull_out", "pan", "tilt", "boom", "truck", "static", "dutch"])
 def test_a_zoom_is_told_from_all_else(name: str) -> None:
     features = read(name)
-    told = lens_range(replace(features, camera=None))
+    told = lens_range(features)
     if name in ZOOMS:
         assert 0.6 * ZOOMS[name] < told < 1.1 * ZOOMS[name]
     else:
         assert told < 0.3
-    assert lens_range(features) == pytest.approx(ZOOMS.get(name, 0.0), abs=0.01)
+    assert lens_range(replace(features, camera=None)) == told
+
+
+@pytest.mark.parametrize("family", ["scene", "image"])
+def test_of_a_scene_the_lens_itself_is_known(mean_flow: tuple[str, ...], family: Literal["scene", "image"]) -> None:
+    parts = Components.build(load_config(overrides=list(mean_flow)))
+    for name, log in (("zoom", ZOOMS["zoom"]), ("pan", 0.0)):
+        found = read_reference(f"builtin:{name}", parts, Reading(FRAMES, 64, family))
+        assert found.zoom == pytest.approx(math.exp(log), abs=0.01)
+        assert found.features.camera is None
 
 
 def test_where_nothing_tells_it_is_not_known() -> None:
-    features = replace(read("zoom"), camera=None)
+    features = read("zoom")
     assert math.isnan(lens_range(replace(features, depth=None)))
     assert math.isnan(lens_range(features[:1]))
     assert math.isnan(lens_range(replace(features, layers=features.require("layers") & False)))

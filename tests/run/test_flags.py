@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.path_order import LeastPath
 from cltransfer.losses.camera_movement import CameraMovement
@@ -243,32 +242,33 @@ def test_a_sliver_of_a_mask_is_no_size(plain: Result) -> None:
     assert not any("fewer than two" in flag.reason for flag in flags)
 
 
-@pytest.mark.parametrize(("own", "told"), [(1.0, True), (1.5, False), (None, False)])
+@pytest.mark.parametrize(
+    ("zoom", "depth", "told"),
+    [
+        (1.0, True, "which the reference does not"),
+        (1.0, False, "which the reference does not"),
+        (1.5, True, ""),
+        (None, True, "which the reference, as its flow and depth tell, does not"),
+        (None, False, ""),
+    ],
+)
 def test_a_lens_that_zooms_where_that_of_the_reference_stands_is_told(
-    plain: Result, own: float | None, told: bool
+    plain: Result, zoom: float | None, depth: bool, told: str
 ) -> None:
-    """Of a reference whose camera is not known its flow and depth tell, with two frames of it as well as none."""
-
-    def zoomed(camera: Camera, times: float) -> Camera:
-        K = camera.K.clone()
-        K[1:, [0, 1], [0, 1]] *= times
-        return replace(camera, K=K)
-
-    features = plain.reference.features
-    if own is None:
-        features = replace(features, camera=None, depth=None)
-    elif features.camera is not None:
-        features = replace(features, camera=zoomed(features.camera, own))
-    else:
-        features = replace(features, camera=zoomed(plain.trajectory.camera, own))
-    result = replace(plain, reference=replace(plain.reference, features=features))
-    result = replace(result, trajectory=replace(result.trajectory, camera=zoomed(result.trajectory.camera, 1.5)))
+    """Of a scene its own lens tells, whatever was read of it; of a clip its flow and depth, if it has both."""
+    reference = replace(plain.reference, zoom=zoom)
+    if not depth:
+        reference = replace(reference, features=replace(reference.features, depth=None))
+    K = plain.trajectory.camera.K.clone()
+    K[1:, [0, 1], [0, 1]] *= 1.5
+    camera = replace(plain.trajectory.camera, K=K)
+    result = replace(plain, reference=reference, trajectory=replace(plain.trajectory, camera=camera))
     flags = [flag.reason for flag in run_flags(result) if "the lens zooms" in flag.reason]
-    assert len(flags) == told
+    assert [flag.partition("times, ")[2].partition(":")[0] for flag in flags] == [told] * bool(told)
     assert all(flag.endswith("zoom=fixed keeps that of the first frame") for flag in flags)  # there is no path
     path = LeastPath(torch.zeros(len(plain.reference), 7), None, 0.0, False, 0.0, 0.0, 0.0)
     smooth = run_flags(kept(result, path=path))
-    assert sum(flag.reason.endswith("zoom=still keeps one focal length") for flag in smooth) == told
+    assert sum(flag.reason.endswith("zoom=still keeps one focal length") for flag in smooth) == bool(told)
 
 
 @pytest.mark.parametrize("mode", ["robust", "faithful"])
