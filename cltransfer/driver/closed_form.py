@@ -9,6 +9,8 @@ distance suits, what stands before and behind the person there does not: the who
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -18,11 +20,14 @@ from ..along_clip import along, counted
 from ..search.subject_orbit import SCALE
 from .aiming import aimable, aimed, aimed_at, aimed_path, stands
 from .lookups import POOR, STEP, cheapest_along
+from .lookups_aside import cheapest_aside
 from .whole_clip import WholeClip
 
 DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subject heights, 0.5 to 6.8
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
-SIDES = ((0, 0.25), (0, -0.25), (1, 0.25), (1, -0.25))  # azimuth and elevation [rad]: five tolerances of the angle
+SIDES = ((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))  # azimuth and elevation [rad]: five tolerances
+LITTLE = np.array([(0.0, 0.04), (0.0, -0.04), (0.0, 0.08), (0.0, -0.08)])  # the same, about one
+WORTH = 0.6  # total of the frames that are looked up, in the mean, above which a little aside is looked too
 GAINS = 0.5  # total of a frame that another side has to gain
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
@@ -48,67 +53,127 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Tensor | None
     x = torch.zeros(len(reference), 7 if free_lens else 6, dtype=torch.float64)  # in the middle, as high as the frame
     x[:, :3] = read / SCALE[:3]
     if free_lens:
-        found = _best_side(clip, x, samples, read[:, 1])
-        return None if found is None else aimed_path(clip, *found)
+        found = _best(clip, x, samples, read[:, 1])
+        return None if found is None else aimed_path(clip, found.x, found.pitch)
     return aimed_path(clip, x, read[:, 1])
 
 
-def _best_side(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> tuple[Tensor, Tensor] | None:
-    """The path x (N, 7) at distances that suit it and its ``pitch`` (N,) [rad], or both from aside if none suits here.
-
-    None where no frame is seen from any distance.
-    """
-    first = _distances(clip, x, samples, pitch)
-    if first is None:
-        return None
-    best, least = (first[0], pitch), first[1]
-    if least > POOR:
-        least -= GAINS
-        for axis, by in SIDES:
-            beside = x.clone()
-            beside[:, axis] += by / SCALE[axis]
-            higher = pitch + by if axis == 1 else pitch
-            found = _distances(clip, clip.inside(beside), samples, higher)
-            if found is not None and found[1] < least:
-                best, least = (found[0], higher), found[1]
-    return best
-
-
-def _distances(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> tuple[Tensor, float] | None:
-    """The path x (N, 7) at the distances that cost least along the clip, and what the frames looked up cost there.
-
-    None where no frame is seen from any distance.
+@dataclass(frozen=True)
+class _Sampled:
+    """A clip of which a few frames are looked up at distances, from where its cameras stand.
 
     Args:
         clip: N frames.
-        x: where the cameras stand, (N, D).
-        samples: frames for which distances are looked up.
-        pitch: as the reference was read, (N,) [rad].
+        x: where the cameras stand, (N, 7).
+        pitch: of them as the reference was read, (N,) [rad].
+        frames: that are looked up, (S,).
     """
-    reference, at = clip.reference, counted(len(x), clip.at)
+
+    clip: WholeClip
+    x: Tensor  # (N, 7)
+    pitch: Tensor  # (N,)
+    frames: NDArray  # (S,)
+
+    @property
+    def rate(self) -> float:
+        """What a bend between these frames costs."""
+        return BEND * len(self.frames) / len(self.x)
+
+    def turned(self, by: Tensor) -> _Sampled:
+        """The same from aside, turned about the person by azimuth and elevation ``by``, (2,) or (N, 2) [rad]."""
+        if not bool(by.any()):
+            return self
+        x = self.x.clone()
+        x[:, :2] += by / SCALE[:2]
+        return replace(self, x=self.clip.inside(x), pitch=self.pitch + by[..., 1])
+
+    def costs(self, k: int, tried: NDArray) -> tuple[NDArray, bool]:
+        """What sample ``k`` costs at those of :data:`DISTANCES`, and whether any shows something."""
+        frame = int(self.frames[k])
+        return _costs(self.clip, frame, self.x[frame], DISTANCES[tried].log(), self.pitch[frame])
+
+    def path(self, logs: NDArray, turns: NDArray) -> _Sampled:
+        """The path between samples at ``logs`` (S,) of the distance, each from aside by ``turns`` (S, 2) [rad]."""
+        at = counted(len(self.x), self.clip.at)
+        there = at.numpy()[self.frames]
+        columns = [np.interp(at.numpy(), there, column) for column in (logs, *turns.T)]
+        found = torch.from_numpy(np.stack(columns, axis=1))
+        if len(self.frames) > 1:
+            apart = (len(self.x) - 1) / (len(self.frames) - 1)
+            found = along(found, min(BETWEEN * apart, LONGEST), at)
+        path = self.turned(found[:, 1:])
+        x = path.x.clone()
+        x[:, 3] = found[:, 0] / SCALE[3]
+        return replace(path, x=x)
+
+
+@dataclass(frozen=True)
+class _Straight:
+    """Distances that were looked up from where cameras stand.
+
+    Args:
+        stands: the frames that were.
+        costs: of them at the distances, (S, K), infinite where it was not looked.
+        chosen: the distance of each, (S,).
+    """
+
+    stands: _Sampled
+    costs: NDArray  # (S, K)
+    chosen: NDArray  # (S,)
+
+    @property
+    def cost(self) -> float:
+        """Of what is chosen, in the mean."""
+        return float(self.costs[np.arange(len(self.costs)), self.chosen].mean())
+
+    def from_aside(self) -> _Sampled:
+        """The path between them, from a little aside where that costs less."""
+        turns, chosen = np.zeros((len(self.chosen), 2)), self.chosen
+        if self.cost > WORTH:
+            ways = [self.stands.turned(torch.from_numpy(by)) for by in LITTLE]
+            way, chosen = cheapest_aside(
+                lambda k, w, tried: ways[w - 1].costs(k, tried)[0],
+                (self.costs, chosen),
+                DISTANCES.log().numpy(),
+                LITTLE,
+                self.stands.rate,
+            )
+            turns = np.concatenate([np.zeros((1, 2)), LITTLE])[way]
+        return self.stands.path(DISTANCES.log().numpy()[chosen], turns)
+
+
+def _best(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> _Sampled | None:
+    """The path x (N, 7) at distances that suit it, from aside where those suit better.
+
+    None where no frame is seen from any distance.
+    """
+    reference = clip.reference
     frames, told = _spread(len(reference), samples), aimed_at(reference, clip.stage.scene.subject).numpy()
     if samples == 1 or not told[frames].any():  # among those that tell
         frames = np.flatnonzero(told)[_spread(int(told.sum()), samples)]
-    logs, seen = DISTANCES.log(), False
-    known = np.full((len(frames), len(logs)), np.inf)
+    stands = _Sampled(clip, x, pitch, frames)
+    best = _straight(stands)
+    if best is None:
+        return None
+    if best.cost > POOR:
+        sides = [_straight(stands.turned(torch.tensor(by, dtype=x.dtype))) for by in SIDES]
+        side = min((side for side in sides if side is not None), key=lambda side: side.cost, default=best)
+        best = side if side.cost < best.cost - GAINS else best
+    return best.from_aside()
+
+
+def _straight(stands: _Sampled) -> _Straight | None:
+    """The distances that cost least along the clip from where it ``stands``; None where no frame is seen from any."""
+    seen = False
 
     def look_up(k: int, tried: NDArray) -> NDArray:
         nonlocal seen
-        frame = int(frames[k])
-        known[k, tried], found = _costs(clip, frame, x[frame], logs[tried], pitch[frame])
+        costs, found = stands.costs(k, tried)
         seen |= found
-        return known[k, tried]
+        return costs
 
-    chosen = cheapest_along(look_up, len(frames), logs.numpy(), BEND * len(frames) / len(reference))
-    if not seen:
-        return None
-    between = torch.from_numpy(np.interp(at.numpy(), at.numpy()[frames], logs.numpy()[chosen]))
-    if len(frames) > 1:
-        apart = (len(reference) - 1) / (len(frames) - 1)
-        between = along(between[:, None], min(BETWEEN * apart, LONGEST), at)[:, 0]
-    path = x.clone()
-    path[:, 3] = between / SCALE[3]
-    return path, float(known[np.arange(len(frames)), chosen].mean())
+    costs, chosen = cheapest_along(look_up, len(stands.frames), DISTANCES.log().numpy(), stands.rate)
+    return _Straight(stands, costs, chosen) if seen else None
 
 
 def _spread(frames: int, samples: int) -> NDArray:

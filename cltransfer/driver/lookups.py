@@ -14,8 +14,12 @@ POOR = 3.0  # total of a frame, without movement, above which all steps are look
 POORER, LEAST = 3.0, 1.0  # the same: times the median of the frames looked up, no less than that, which is not good
 
 
-def cheapest_along(look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float) -> NDArray:
-    """Which of K values each sample takes, (S,), see :func:`_cheapest`; ``look_up(k, tried)`` costs evaluations.
+def cheapest_along(
+    look_up: Callable[[int, NDArray], NDArray], samples: int, values: NDArray, rate: float
+) -> tuple[NDArray, NDArray]:
+    """Costs (S, K) of K values and which of them each sample takes, (S,), see :func:`cheapest`.
+
+    ``look_up(k, tried)`` costs evaluations; what was not looked up costs infinitely much.
 
     First some for every sample, then those about the cheapest path, all steps where that is poor, those between steps
     where it is not good, and in the end what its neighbours take: a narrow gap that one has found would be left again
@@ -33,8 +37,8 @@ def cheapest_along(look_up: Callable[[int, NDArray], NDArray], samples: int, val
         costs = np.where(asked, known, costs)
         if wanted is _between:
             costs = _with_gaps(costs, chosen)
-        chosen = _cheapest(costs, values, rate)
-    return chosen
+        chosen = cheapest(costs, values[:, None], rate)[0]
+    return costs, chosen
 
 
 def _steps(costs: NDArray, chosen: NDArray) -> NDArray:
@@ -99,24 +103,29 @@ def _poor(costs: NDArray) -> NDArray:
     return costs > min(POOR, max(LEAST, POORER * float(np.median(costs))))
 
 
-def _cheapest(costs: NDArray, values: NDArray, rate: float) -> NDArray:
-    """Which value (S,) each of S samples takes, so that costs (S, K) and ``rate`` times every bend are least.
+def cheapest(costs: NDArray, places: NDArray, rate: float) -> tuple[NDArray, float]:
+    """Which of K values (S,) each of S samples takes, so that costs (S, K) and ``rate`` times every bend are least.
 
-    A bend is a second difference: a steady move is as good as standing still, since the reference may move too.
+    And what that comes to, a sample. A bend is a second difference of ``places`` (K, C), what the values are: a steady
+    move is as good as standing still, since the reference may move too.
 
-    >>> _cheapest(np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 5.0).tolist()
+    >>> cheapest(np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0]]), np.array([[0.0], [1.0]]), 5.0)[0].tolist()
     [1, 1, 1]
     """
     if len(costs) < 3:
-        return costs.argmin(1)
-    bend = rate * np.abs(values[:, None, None] - 2 * values[:, None] + values)  # (K, K, K)
-    best, back = costs[0][:, None] + costs[1], []  # (K, K) of the last two
-    for cost in costs[2:]:
-        ways = best[:, :, None] + bend
+        return costs.argmin(1), float(costs.min(1).mean())
+    known = [np.flatnonzero(np.isfinite(cost)) for cost in costs]
+    there = [places[k].T[:, :, None, None] for k in known]  # (C, K, 1, 1)
+    before, now = costs[0][known[0]], costs[1][known[1]]
+    best, back = before[:, None] + now, []  # (K, K) of the last two
+    for s in range(2, len(costs)):
+        first, then, last = there[s - 2], there[s - 1].swapaxes(1, 2), there[s].swapaxes(1, 3)
+        bend = sum(np.abs(a - 2 * b + c) for a, b, c in zip(first, then, last, strict=True))  # (K, K, K)
+        ways = best[:, :, None] + rate * bend
         back.append(ways.argmin(0))
-        best = ways.min(0) + cost
-    last, now = np.unravel_index(best.argmin(), best.shape)
-    chosen = [int(now), int(last)]
+        best = ways.min(0) + costs[s][known[s]]
+    then, last = np.unravel_index(best.argmin(), best.shape)
+    chosen = [int(last), int(then)]
     for step in reversed(back):
         chosen.append(int(step[chosen[-1], chosen[-2]]))
-    return np.array(chosen[::-1])
+    return np.array([k[i] for k, i in zip(known, chosen[::-1], strict=True)]), float(best.min()) / len(costs)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cltransfer.driver.closed_form import DISTANCES
-from cltransfer.driver.lookups import STEP, _cheapest, cheapest_along
+from cltransfer.driver.lookups import STEP, cheapest, cheapest_along
 
 VALUES = DISTANCES.log().numpy()
 STEPS = np.arange(len(VALUES)) / STEP
@@ -22,7 +22,7 @@ def test_what_one_frame_found_is_looked_up_beside_it() -> None:
         known[k] |= tried
         return costs[k, tried]
 
-    assert cheapest_along(look_up, 6, VALUES, 1.0).tolist() == [8 * STEP] * 6
+    assert cheapest_along(look_up, 6, VALUES, 1.0)[1].tolist() == [8 * STEP] * 6
     between = 2 * (STEP - 1)
     assert known[:3].sum(1).max() <= 24 / 2 + 2 + between  # those that nothing is wrong with
 
@@ -33,7 +33,7 @@ def test_where_no_step_is_good_those_between_are_looked_up(samples: int, lowest:
     """A post before the lens hides the person from every step but not from between two of them."""
     costs = np.stack([8.0 - 0.1 * STEPS] * samples)
     costs[:, 16 * STEP], costs[:, 15 * STEP + 1 : 16 * STEP] = lowest, 0.5
-    taken = cheapest_along(lambda k, tried: costs[k, tried], samples, VALUES, 1.0)
+    taken = cheapest_along(lambda k, tried: costs[k, tried], samples, VALUES, 1.0)[1]
     assert set(taken.tolist()) <= {15 * STEP + 1, 15 * STEP + 2}
 
 
@@ -41,7 +41,7 @@ def test_what_is_little_better_between_steps_is_not_taken() -> None:
     """It would bend the path for nothing where every distance is poor."""
     costs = np.stack([8.0 - 0.1 * STEPS] * 4)
     costs[:, 16 * STEP], costs[:, 15 * STEP + 1 : 16 * STEP] = 3.4, 2.0
-    taken = cheapest_along(lambda k, tried: costs[k, tried], 4, VALUES, 1.0)
+    taken = cheapest_along(lambda k, tried: costs[k, tried], 4, VALUES, 1.0)[1]
     assert taken.tolist() == [16 * STEP] * 4
 
 
@@ -73,18 +73,38 @@ def test_where_a_step_is_good_nothing_between_is_looked_up() -> None:
 def test_a_single_frame_sees_a_gap_that_coarse_lookups_miss() -> None:
     costs = 1.0 + 0.1 * np.abs(STEPS - 16)
     costs[2 * STEP] = 0.2
-    assert cheapest_along(lambda k, tried: costs[tried], 1, VALUES, 1.0).tolist() == [2 * STEP]
+    assert cheapest_along(lambda k, tried: costs[tried], 1, VALUES, 1.0)[1].tolist() == [2 * STEP]
 
 
 def test_a_depth_that_suits_the_first_frame_alone_is_not_taken() -> None:
     costs = np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
-    assert _cheapest(costs, np.array([0.0, 1.0]), 5.0).tolist() == [1, 1, 1, 1]
+    chosen, total = cheapest(costs, np.array([[0.0], [1.0]]), 5.0)
+    assert chosen.tolist() == [1, 1, 1, 1]
+    assert total == pytest.approx(0.1 / 4)
 
 
 def test_a_steady_move_costs_no_more_than_standing_still() -> None:
     costs = 0.2 * np.abs(np.arange(4)[:, None] - np.arange(4))
-    assert _cheapest(costs, np.arange(4.0), 5.0).tolist() == [0, 1, 2, 3]
+    chosen, total = cheapest(costs, np.arange(4.0)[:, None], 5.0)
+    assert chosen.tolist() == [0, 1, 2, 3]
+    assert total == 0
+
+
+def test_a_bend_costs_in_every_direction() -> None:
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
+    costs = np.full((3, 3), 9.0)
+    costs[0, 0], costs[1, 1], costs[2, 2] = 0.3, 0.3, 0.3
+    assert cheapest(costs, places, 0.1)[1] == pytest.approx((0.9 + 0.1 * (2 + 2)) / 3)
+
+
+def test_what_was_not_looked_up_is_not_taken() -> None:
+    costs = np.array([[np.inf, 1.0], [2.0, np.inf], [np.inf, 3.0]])
+    chosen, total = cheapest(costs, np.array([[0.0], [1.0]]), 0.0)
+    assert chosen.tolist() == [1, 0, 1]
+    assert total == 2
 
 
 def test_two_samples_take_the_cheapest_each() -> None:
-    assert _cheapest(np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 5.0).tolist() == [0, 1]
+    chosen, total = cheapest(np.array([[0.0, 1.0], [1.0, 0.5]]), np.array([[0.0], [1.0]]), 5.0)
+    assert chosen.tolist() == [0, 1]
+    assert total == 0.25

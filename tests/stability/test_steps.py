@@ -1,5 +1,6 @@
 """A layer's depth, a mode, jumps where another part of it gets the larger: paths are led across, or go aside."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,12 @@ from cltransfer.bench.driver import SIZE, TARGETS, TEACHER, drawn, settings
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.transfer import Inputs, Result, transfer
+
+
+@pytest.fixture(autouse=True)
+def straight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No path of these begins aside of its steps, as tests/stability/test_no_distance.py has one."""
+    monkeypatch.setattr("cltransfer.driver.closed_form.WORTH", math.inf)
 
 
 def taught(program: str, seed: int, preset: str, folder: Path) -> Result:
