@@ -32,8 +32,21 @@ GAINS = 0.5  # total of a frame that another side has to gain
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 
 
-def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Tensor | None:
-    """The path (N, D) in closed form; None where the search, or what was read of the reference, does not allow one.
+@dataclass(frozen=True)
+class Guide:
+    """A path in closed form.
+
+    Args:
+        x: of N cameras, (N, D).
+        pitch: that they were to have as angles are read, (N,) [rad].
+    """
+
+    x: Tensor  # (N, D)
+    pitch: Tensor  # (N,)
+
+
+def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Guide | None:
+    """A path in closed form; None where the search, or what was read of the reference, does not allow one.
 
     Evaluates about half of ``samples`` times the steps of :data:`DISTANCES`, for a clip of any length; all of them for
     a frame that none of that half suits, or far less than the others, and for a single sample; where none suits, those
@@ -54,8 +67,8 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Tensor | None
     x[:, :3] = read / SCALE[:3]
     if free_lens:
         found = _best(clip, x, samples, read[:, 1])
-        return None if found is None else aimed_path(clip, found.x, found.pitch)
-    return aimed_path(clip, x, read[:, 1])
+        return None if found is None else Guide(aimed_path(clip, found.x, found.pitch), found.pitch)
+    return Guide(aimed_path(clip, x, read[:, 1]), read[:, 1])
 
 
 @dataclass(frozen=True)

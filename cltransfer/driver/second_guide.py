@@ -17,7 +17,8 @@ from torch import Tensor
 from ..along_clip import counted, runs
 from ..camera import Camera
 from ..search.subject_orbit import SCALE
-from .aiming import aimable, aimed_at, aimed_path, pitch_of
+from .aiming import aimable, aimed_at, aimed_path
+from .closed_form import Guide
 from .whole_clip import WholeClip
 
 RIGHT = 0.3  # total that a frame which ended right has at most: every term at three tenths of its tolerance
@@ -68,7 +69,7 @@ class SecondGuide:
         return float((best < totals)[self.wrong].double().mean()) >= GAINS
 
 
-def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> SecondGuide | None:
+def second_guide(clip: WholeClip, guide: Guide, x: Tensor, totals: Tensor) -> SecondGuide | None:
     """The path ``guide`` at the distances of the frames that ended right.
 
     None where too few did, where those that did not stand at the same distances, so that it would be no other path, or
@@ -76,7 +77,7 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
 
     Args:
         clip: what was searched.
-        guide: (N, D) in closed form.
+        guide: of N frames.
         x: what was found, (N, D), D = 7: with a lens that is kept the distance follows the size.
         totals: there, (N,).
     """
@@ -92,6 +93,6 @@ def second_guide(clip: WholeClip, guide: Tensor, x: Tensor, totals: Tensor) -> S
     wrong = elsewhere & (totals > WRONG)
     if not bool(wrong.any()):
         return None
-    paths, pitch = guide.repeat(3, 1, 1), pitch_of(clip, guide)  # as it was read, or aside of that
+    paths = guide.x.repeat(3, 1, 1)
     paths[:, :, 3] = told + torch.tensor([0, NEAR, -NEAR], dtype=told.dtype)[:, None] / SCALE[3]
-    return SecondGuide(torch.stack([aimed_path(clip, path, pitch) for path in paths]), wrong)
+    return SecondGuide(torch.stack([aimed_path(clip, path, guide.pitch) for path in paths]), wrong)

@@ -10,7 +10,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..errors import InputError
 from ..features import Features
-from .closed_form import closed_form
+from .closed_form import Guide, closed_form
 from .initial_view import any_view, best_of_orbit, first_seen
 from .schedule import Schedule
 from .stage import Stage
@@ -27,11 +27,11 @@ class Starts:
 
     Args:
         homes: initial views, the best first.
-        guide: a path (N, D) in closed form, None where there is none.
+        guide: a path of N cameras in closed form, None where there is none.
     """
 
     homes: Camera
-    guide: Tensor | None  # (N, D)
+    guide: Guide | None
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Starting:
             samples = 1 if self.schedule.still else self.samples
             guide = closed_form(WholeClip(stage, self.search, target, lens, self.at), free, samples)
             if guide is not None:
-                homes.append(self.search.cameras(guide[:1], lens, subject))
+                homes.append(self.search.cameras(guide.x[:1], lens, subject))
         placed = stage.objective.placed(target)
         unsure = (guide is None or self.by_networks) and bool(placed.any())
         if not homes or (refined and unsure and subject is not None):

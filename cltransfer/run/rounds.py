@@ -11,6 +11,8 @@ from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..config.options import RunConfig
+from ..driver.aiming import pitch_of
+from ..driver.closed_form import Guide
 from ..driver.follow import Path
 from ..driver.frame import Solved
 from ..driver.guard import hidden_share
@@ -129,7 +131,8 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             return made, f"no {'further ' if number else ''}{UNBIASED}"
         stage, first, note = now.take.clip.stage, now.take.cameras[0], ""
         homes = first if config.warm_start else concatenate([first, job.starts.homes])
-        target, starts = corrected(job.wanted, bias), Starts(homes, now.take.clip.about(first, now.take.x))
+        clip, x = now.take.clip, now.take.x
+        target, starts = corrected(job.wanted, bias), Starts(homes, Guide(clip.about(first, x), pitch_of(clip, x)))
     return made, note
 
 

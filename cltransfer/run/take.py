@@ -79,14 +79,15 @@ def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts
     """
     clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
     among, schedule = replace(clip, stage=stage.reduced(clip.home, config.lod)), job.schedule
+    guide = None if starts.guide is None else starts.guide.x
 
     def taken(found: Path) -> Take:
         found = _followed_again(among, job.schedule, starts, report, found)
-        return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, starts.guide))
+        return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, guide))
 
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
-        return taken(follow(among, starts.homes, schedule, report, starts.guide))
-    first = follow(among, starts.homes, schedule.lean, report, starts.guide)
+        return taken(follow(among, starts.homes, schedule, report, guide))
+    first = follow(among, starts.homes, schedule.lean, report, guide)
     if first.local is None:
         return taken(first)
     poor = first.local.total > schedule.lean_limit or first.drifts
@@ -94,7 +95,7 @@ def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts
         lean = taken(first)
         if not lean.leaps:
             return lean
-    second = follow(among, starts.homes, schedule, report, starts.guide)
+    second = follow(among, starts.homes, schedule, report, guide)
     return taken(_better(first, second)) if poor else min(lean, taken(second), key=lambda take: take.total)
 
 

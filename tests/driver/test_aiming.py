@@ -13,7 +13,7 @@ from torch import Tensor
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.aiming import LEAD, LEVEL, _bridged, _led, _unturned, aimed_at, aimed_path, stands
-from cltransfer.driver.closed_form import DISTANCES, closed_form
+from cltransfer.driver.closed_form import DISTANCES, Guide, closed_form
 from cltransfer.driver.lookups import STEP
 from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.whole_clip import WholeClip
@@ -75,7 +75,7 @@ def test_a_close_up_stands_where_what_is_shown_is_seen_as_it_was_read(about: str
     clip = film(eyes, about=about)
     guide = closed_form(clip, False, 5)
     assert guide is not None
-    torch.testing.assert_close(clip.cameras(guide).center, eyes, atol=0.04 * person.height, rtol=0)
+    torch.testing.assert_close(clip.cameras(guide.x).center, eyes, atol=0.04 * person.height, rtol=0)
 
 
 def test_the_closest_close_ups_are_level_too_and_none_stands_far_from_its_neighbours(
@@ -84,8 +84,8 @@ def test_the_closest_close_ups_are_level_too_and_none_stands_far_from_its_neighb
     clip = film(in_front(person, [0.5, 0.46, 0.42, 0.38, 0.34, 0.3]))
     guide = closed_form(clip, False, 5)
     assert guide is not None
-    assert float(off(clip, guide, person).max()) < LEVEL
-    assert float(guide[:, 1].diff().abs().max() * SCALE[1]) < 0.15
+    assert float(off(clip, guide.x, person).max()) < LEVEL
+    assert float(guide.x[:, 1].diff().abs().max() * SCALE[1]) < 0.15
 
 
 def test_distances_are_looked_up_from_as_high_as_was_read(film: Film, person: Subject) -> None:
@@ -94,7 +94,7 @@ def test_distances_are_looked_up_from_as_high_as_was_read(film: Film, person: Su
     guide = closed_form(clip, True, 1)
     assert guide is not None
     step = float(DISTANCES[STEP] / DISTANCES[0]) - 1
-    away = (clip.cameras(guide).center - eyes).norm(dim=1) / person.height
+    away = (clip.cameras(guide.x).center - eyes).norm(dim=1) / person.height
     assert float(away.max()) < 2.5 * step
 
 
@@ -104,24 +104,37 @@ def test_nobody_is_raised_beyond_the_steepest_camera_that_there_is(film: Film, p
     clip = film(eyes, 0.0)
     guide, steepest = closed_form(clip, False, 5), clip.search.elevation
     assert guide is not None
-    elevation = guide[:, 1] * SCALE[1]
+    elevation = guide.x[:, 1] * SCALE[1]
     assert float(elevation.max()) <= math.radians(88) + 0.01
-    assert float(off(clip, guide, person)[elevation < steepest].max()) < LEVEL
+    assert float(off(clip, guide.x, person)[elevation < steepest].max()) < LEVEL
 
 
 def test_other_distances_are_levelled_anew(film: Film, person: Subject) -> None:
     clip = film(in_front(person, [0.5] * 4), zoom="free")
     guide = closed_form(clip, True, 1)
     assert guide is not None
-    read, far = stands(clip), guide.clone()
+    read, far = stands(clip), guide.x.clone()
     assert read is not None
     far[:, 3] += math.log(3) / SCALE[3]
     far = aimed_path(clip, far, read[:, 1])
     wrong = far.clone()
-    wrong[3] = guide[3]
-    second = second_guide(clip, far, wrong, torch.tensor([1.0, 1, 1, 0.1], dtype=torch.float64))
+    wrong[3] = guide.x[3]
+    second = second_guide(clip, Guide(far, read[:, 1]), wrong, torch.tensor([1.0, 1, 1, 0.1], dtype=torch.float64))
     assert second is not None
-    assert float(off(clip, second.x, person).max()) < 2 * LEVEL  # of the guide, and of what is made of it
+    assert float(off(clip, second.x, person).max()) < LEVEL
+
+
+def test_another_distance_is_levelled_to_what_was_read_and_not_to_what_was_reached(film: Film, person: Subject) -> None:
+    """A frame that could not be level from where the guide has it may be so from elsewhere."""
+    clip = film(in_front(person, [0.5] * 4), zoom="free")
+    guide = closed_form(clip, True, 1)
+    assert guide is not None
+    short = guide.x.clone()
+    short[:3, 1] -= 0.3 / SCALE[1]  # where it was not reached
+    short[:3, 3] += math.log(3) / SCALE[3]
+    second = second_guide(clip, replace(guide, x=short), short, torch.tensor([1.0, 1, 1, 0.1], dtype=torch.float64))
+    assert second is not None
+    assert float(off(clip, second.x, person).max()) < LEVEL
 
 
 def test_a_frame_that_shows_only_joints_that_the_scene_lacks_is_bridged(film: Film, person: Subject) -> None:

@@ -141,7 +141,7 @@ def led(job: Job, reference: Features) -> tuple[Tensor, Camera, Subject]:
     home = any_view(subject, SIZE)
     guide = closed_form(WholeClip(job.stage, job.search, reference, home), True, 4)
     assert guide is not None
-    return guide, job.search.cameras(guide[:1], home, subject), subject
+    return guide.x, job.search.cameras(guide.x[:1], home, subject), subject
 
 
 @pytest.mark.parametrize(("name", "view"), [("orbit", "behind"), ("tilt", "guide")])

@@ -43,14 +43,14 @@ def clip(job: Job) -> WholeClip:
 def second(job: Job, totals: list[float], x: Tensor | None = None) -> SecondGuide | None:
     """The second guide of frames that ended at ``totals``, at x or else where the first guide is."""
     assert job.starts.guide is not None
-    found = job.starts.guide if x is None else x
+    found = job.starts.guide.x if x is None else x
     return second_guide(clip(job), job.starts.guide, found, torch.tensor(totals, dtype=torch.float64))
 
 
 def astray(job: Job, frames: slice) -> Tensor:
     """The guide, but some frames stand too far away."""
     assert job.starts.guide is not None
-    x = job.starts.guide.clone()
+    x = job.starts.guide.x.clone()
     x[frames, 3] += FAR
     return x
 
@@ -60,7 +60,7 @@ def test_wrong_frames_get_the_distance_of_the_nearest_right_one(job: Job) -> Non
     found = second(job, [1.0] * 3 + [0.1] * 5, x)
     assert found is not None
     torch.testing.assert_close(found.x[:3, 3], x[3, 3].expand(3))
-    torch.testing.assert_close(found.x[3:], job.starts.guide[3:], atol=1e-5, rtol=0)  # type: ignore[index]
+    torch.testing.assert_close(found.x[3:], job.starts.guide.x[3:], atol=1e-5, rtol=0)  # type: ignore[index]
 
 
 def test_a_frame_that_hides_the_person_tells_nothing(job: Job) -> None:

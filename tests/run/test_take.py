@@ -74,11 +74,11 @@ def astray() -> tuple[Job, Stage, Starts]:
     stays = replace(job.schedule.refinement, steps=0)
     schedule = replace(job.schedule, refinement=stays, lean_limit=0.0, basin=math.inf, rescue=math.inf)
     assert job.starts.guide is not None
-    guide, stage = job.starts.guide.clone(), replace(job.stage, scene=job.solid)
+    guide, stage = job.starts.guide.x.clone(), replace(job.stage, scene=job.solid)
     guide[NEARER, 3] -= 0.5
     guide[NEARER, 0] += TREMBLES * torch.tensor([1.0, -1.0, 1.0, -1.0, 1.0])
     clip = WholeClip(stage, job.search, job.wanted, job.starts.homes[0])
-    return replace(job, schedule=schedule), stage, Starts(clip.cameras(guide[:1]), guide)
+    return replace(job, schedule=schedule), stage, Starts(clip.cameras(guide[:1]), replace(job.starts.guide, x=guide))
 
 
 def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weight(
@@ -86,7 +86,7 @@ def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weigh
 ) -> None:
     job, stage, starts = astray
     clip = WholeClip(stage, job.search, job.wanted, starts.homes[0])
-    found = follow(clip, starts.homes, job.schedule, quiet, starts.guide)
+    found = follow(clip, starts.homes, job.schedule, quiet, starts.guide.x)
     assert found.local is not None
     assert starts.guide is not None
     again = second_guide(clip, starts.guide, found.x, found.totals)

@@ -87,6 +87,6 @@ def test_where_a_lookup_lands_far_above_the_others_it_is_made_in_full(tmp_path: 
     inputs = Inputs(TEACHER, f"{TEACHER}@{tmp_path / 'shot.json'}")
     job = prepare(inputs, settings("balanced", 506), Clock(), silent, None)
     assert job.starts.guide is not None
-    guide = job.search.cameras(job.starts.guide, job.starts.homes[0], job.stage.scene.subject)
+    guide = job.search.cameras(job.starts.guide.x, job.starts.homes[0], job.stage.scene.subject)
     off = (guide.center - true.camera.center).norm(dim=1) / person().height
     assert float(off.max()) < 0.5  # measured 0.39, at the end; 1.7 at the beginning with coarse distances alone
