@@ -4,7 +4,8 @@ Where a camera stands around the person is read off the reference, and where and
 by projection alone. What is left is the distance at one size. That is looked up for a few frames along the clip and
 chosen for all of them together, by dynamic programming, coarsely and then finely: a depth that suits the first frame
 best may suit the rest badly, and a search that follows the clip frame by frame cannot come back from there. Where no
-distance suits, what stands before and behind the person there does not: the whole path is tried from aside too.
+distance suits, what stands before and behind the person there does not: the whole path is tried from aside too. Where
+what suits costs much, part of the clip or all of it may stand a tolerance higher or lower.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ BEND = 5.0  # total that the background's flow costs where the log of the distan
 
 @dataclass(frozen=True)
 class Guide:
-    """A path in closed form.
+    """A path that frames may start from: in closed form, or what an earlier round has found.
 
     Args:
         x: of N cameras, (N, D).
-        pitch: that they were to have as angles are read, (N,) [rad].
+        pitch: that they are to have as angles are read, (N,) [rad].
     """
 
     x: Tensor  # (N, D)
@@ -50,8 +51,9 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Guide | None:
 
     Evaluates about half of ``samples`` times the steps of :data:`DISTANCES`, for a clip of any length; all of them for
     a frame that none of that half suits, or far less than the others, and for a single sample; where none suits, those
-    between two steps too. Where the frames that are looked up cost more than :data:`.lookups.POOR` in the mean,
-    as often again from each of :data:`SIDES`.
+    between two steps too. Where the frames that are looked up cost more than :data:`WORTH` in the mean, two of them or
+    all from :data:`LITTLE` aside too, and where more than :data:`.lookups.POOR` as often again from each of
+    :data:`SIDES` before.
 
     Args:
         clip: N frames; its home may be any view of the right size, which lends its lens where that is kept, and

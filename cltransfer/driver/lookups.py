@@ -107,7 +107,7 @@ def cheapest(costs: NDArray, places: NDArray, rate: float) -> tuple[NDArray, flo
     """Which of K values (S,) each of S samples takes, so that costs (S, K) and ``rate`` times every bend are least.
 
     And what that comes to, a sample. A bend is a second difference of ``places`` (K, C), what the values are: a steady
-    move is as good as standing still, since the reference may move too.
+    move is as good as standing still, since the reference may move too. Samples count as evenly spaced.
 
     >>> cheapest(np.array([[0.0, 0.1], [1.0, 0.0], [1.0, 0.0]]), np.array([[0.0], [1.0]]), 5.0)[0].tolist()
     [1, 1, 1]

@@ -1,4 +1,4 @@
-"""Lookups from aside: a little to one side, higher or lower, another part of what is behind the person is seen.
+"""Lookups from aside: a little higher or lower, say, another part of what is behind the person is seen.
 
 The depth of a layer jumps where another part of what is in it gets the larger, so that one view costs a tenth of what
 the next one does. From where a reference was read all distances may be on the dear side of such a jump, while a
@@ -86,11 +86,12 @@ class _Cells:
         return len(new)
 
     def first(self, k: int, chosen: int) -> int:
-        """The cheapest cell of sample ``k`` after a first look from every way about the distance that is ``chosen``."""
+        """The cheapest cell aside that a first look about the distance ``chosen`` finds, or that where none gains."""
         ways = np.arange(1, self.costs.shape[1] // self.steps)
         near = _kept(chosen + STEP * np.array(FIRST), self.steps)
         self.look(k, (self.steps * ways[:, None] + near).ravel())
-        return int(self.costs[k].argmin())
+        best = self.steps + int(self.costs[k, self.steps :].argmin())
+        return best if self.costs[k, best] < self.costs[k, chosen] else chosen
 
 
 def _costliest(costs: NDArray) -> NDArray:

@@ -27,7 +27,7 @@ class Starts:
 
     Args:
         homes: initial views, the best first.
-        guide: a path of N cameras in closed form, None where there is none.
+        guide: a path that frames may start from, None where there is none.
     """
 
     homes: Camera

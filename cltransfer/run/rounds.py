@@ -22,7 +22,7 @@ from ..driver.starts import NoViewError, Starts
 from ..features import Features, nobody
 from ..progress import Progress
 from ..skeleton import VISIBLE
-from .correct import LEAST, corrected, measure_bias
+from .correct import LEAST, Bias, corrected, measure_bias
 from .left_out import LeftOut
 from .preparation import Clock, Job
 from .readback import Readback, read_back
@@ -131,9 +131,14 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             return made, f"no {'further ' if number else ''}{UNBIASED}"
         stage, first, note = now.take.clip.stage, now.take.cameras[0], ""
         homes = first if config.warm_start else concatenate([first, job.starts.homes])
-        clip, x = now.take.clip, now.take.x
-        target, starts = corrected(job.wanted, bias), Starts(homes, Guide(clip.about(first, x), pitch_of(clip, x)))
+        target, starts = corrected(job.wanted, bias), Starts(homes, _guide(job.starts.guide, now.take, first, bias))
     return made, note
+
+
+def _guide(read: Guide | None, take: Take, first: Camera, bias: Bias) -> Guide:
+    """The path taken as the guide of a round from its ``first`` camera, less the bias as high as it was ``read``."""
+    pitch = pitch_of(take.clip, take.x) if read is None else read.pitch - bias.angles[:, 1]
+    return Guide(take.clip.about(first, take.x), pitch)
 
 
 def _why_uncorrected(job: Job, config: RunConfig) -> str:

@@ -74,6 +74,16 @@ def test_what_one_sample_alone_gains_bends_the_clip_for_nothing() -> None:
     assert scene.chosen()[0] == [0] * 8
 
 
+def test_a_distance_that_nobody_else_takes_hides_no_way_aside() -> None:
+    """The costliest would be cheaper far away too, where the others cannot follow."""
+    scene = Landscape(8, rate=5 / 3)
+    scene.costs[0] = 6.0
+    scene.costs[0, :, 12 * STEP], scene.costs[2] = 1.0, 0.5
+    scene.costs[0, [2, 6], 12 * STEP], scene.costs[0, [2, 6], 21 * STEP], scene.costs[2, [2, 6]] = 3.0, 1.9, 2.0
+    assert scene.straight()[1].tolist() == [12 * STEP] * 8
+    assert scene.chosen()[0] == [2] * 8
+
+
 @pytest.mark.parametrize("first", [0.0, 3.0])
 def test_a_part_of_the_clip_goes_aside_alone_where_that_gains_more_than_it_bends(first: float) -> None:
     scene = Landscape(8)

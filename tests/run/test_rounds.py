@@ -1,0 +1,23 @@
+"""Rounds: what one of them tells the next."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import torch
+
+from cltransfer.driver.closed_form import Guide
+from cltransfer.run.correct import Bias
+from cltransfer.run.rounds import _guide
+
+FRAMES = 3
+
+
+def test_a_frame_that_was_not_reached_is_as_high_in_the_next_round_as_it_was_read_less_the_bias() -> None:
+    x = torch.rand(FRAMES, 7, dtype=torch.float64)
+    take: Any = SimpleNamespace(clip=SimpleNamespace(about=lambda home, path: path + 1), x=x)
+    read = Guide(x - 5, torch.tensor([0.1, 0.2, 0.3], dtype=torch.float64))
+    angles = torch.zeros(FRAMES, 3, dtype=torch.float64)
+    angles[:, 1] = torch.tensor([0.0, 0.05, -0.05], dtype=torch.float64)
+    found = _guide(read, take, None, Bias(torch.zeros(FRAMES, 14, 2), angles))  # type: ignore[arg-type]
+    torch.testing.assert_close(found.x, x + 1)
+    torch.testing.assert_close(found.pitch, torch.tensor([0.1, 0.15, 0.35], dtype=torch.float64))
