@@ -37,6 +37,14 @@ def join(browser: Any, folder: Path, participant: str, first: str = "") -> None:
     until(lambda: text(browser, "where"))
 
 
+def reload_with(browser: Any, shelf: str, record: str) -> None:
+    """Load the page anew where this browser has kept the ``record``: what is put there before may come too late."""
+    source = f"localStorage.setItem({json.dumps(shelf)}, {json.dumps(record)})"
+    added = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": source})
+    browser.refresh()
+    browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+
+
 def pair(browser: Any) -> list[str]:
     """Tokens on the left and on the right."""
     return [Path(v.get_attribute("src")).stem for v in browser.find_elements(By.CSS_SELECTOR, ".pair video")]
@@ -157,12 +165,10 @@ def test_a_record_that_is_damaged_is_not_taken_up(browser: Any, page: tuple[Path
     shelf = f"cltransfer-study-{Study.load(page[1]).name}"
     whole = browser.execute_script("return localStorage.getItem(arguments[0])", shelf)
     for damage in DAMAGE:
-        change = f"const kept = JSON.parse(arguments[1]), answers = kept.answers; {damage}; "
-        browser.execute_script(change + "localStorage.setItem(arguments[0], JSON.stringify(kept))", shelf, whole)
-        browser.refresh()
+        change = f"const kept = JSON.parse(arguments[0]), answers = kept.answers; {damage}; "
+        reload_with(browser, shelf, browser.execute_script(change + "return JSON.stringify(kept)", whole))
         until(lambda: browser.find_element(By.ID, "participant").is_displayed())
-    browser.execute_script("localStorage.setItem(arguments[0], arguments[1])", shelf, whole)
-    browser.refresh()
+    reload_with(browser, shelf, whole)
     until(lambda: text(browser, "count") == "Question 3 of 3")
 
 
