@@ -127,12 +127,12 @@ class _Straight:
     """Distances that were looked up from where cameras stand.
 
     Args:
-        stands: the frames that were.
+        sampled: the frames that were.
         costs: of them at the distances, (S, K), infinite where it was not looked.
         chosen: the distance of each, (S,).
     """
 
-    stands: _Sampled
+    sampled: _Sampled
     costs: NDArray  # (S, K)
     chosen: NDArray  # (S,)
 
@@ -145,16 +145,16 @@ class _Straight:
         """The path between them, from a little aside where that costs less."""
         turns, chosen = np.zeros((len(self.chosen), 2)), self.chosen
         if self.cost > WORTH:
-            ways = [self.stands.turned(torch.from_numpy(by)) for by in LITTLE]
+            ways = [self.sampled.turned(torch.from_numpy(by)) for by in LITTLE]
             way, chosen = cheapest_aside(
                 lambda k, w, tried: ways[w - 1].costs(k, tried)[0],
                 (self.costs, chosen),
                 DISTANCES.log().numpy(),
                 LITTLE,
-                self.stands.rate,
+                self.sampled.rate,
             )
             turns = np.concatenate([np.zeros((1, 2)), LITTLE])[way]
-        return self.stands.path(DISTANCES.log().numpy()[chosen], turns)
+        return self.sampled.path(DISTANCES.log().numpy()[chosen], turns)
 
 
 def _best(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> _Sampled | None:
@@ -166,29 +166,29 @@ def _best(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> _Sampled |
     frames, told = _spread(len(reference), samples), aimed_at(reference, clip.stage.scene.subject).numpy()
     if samples == 1 or not told[frames].any():  # among those that tell
         frames = np.flatnonzero(told)[_spread(int(told.sum()), samples)]
-    stands = _Sampled(clip, x, pitch, frames)
-    best = _straight(stands)
+    here = _Sampled(clip, x, pitch, frames)
+    best = _straight(here)
     if best is None:
         return None
     if best.cost > POOR:
-        sides = [_straight(stands.turned(torch.tensor(by, dtype=x.dtype))) for by in SIDES]
+        sides = [_straight(here.turned(torch.tensor(by, dtype=x.dtype))) for by in SIDES]
         side = min((side for side in sides if side is not None), key=lambda side: side.cost, default=best)
         best = side if side.cost < best.cost - GAINS else best
     return best.from_aside()
 
 
-def _straight(stands: _Sampled) -> _Straight | None:
-    """The distances that cost least along the clip from where it ``stands``; None where no frame is seen from any."""
+def _straight(sampled: _Sampled) -> _Straight | None:
+    """The distances that cost least along the clip from where it stands; None where no frame is seen from any."""
     seen = False
 
     def look_up(k: int, tried: NDArray) -> NDArray:
         nonlocal seen
-        costs, found = stands.costs(k, tried)
+        costs, found = sampled.costs(k, tried)
         seen |= found
         return costs
 
-    costs, chosen = cheapest_along(look_up, len(stands.frames), DISTANCES.log().numpy(), stands.rate)
-    return _Straight(stands, costs, chosen) if seen else None
+    costs, chosen = cheapest_along(look_up, len(sampled.frames), DISTANCES.log().numpy(), sampled.rate)
+    return _Straight(sampled, costs, chosen) if seen else None
 
 
 def _spread(frames: int, samples: int) -> NDArray:

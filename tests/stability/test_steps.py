@@ -14,7 +14,10 @@ from cltransfer.transfer import Inputs, Result, transfer
 
 @pytest.fixture(autouse=True)
 def straight(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No path of these begins aside of its steps, as tests/stability/test_no_distance.py has one."""
+    """No path of these begins aside of its steps, as one of tests/stability/test_no_distance.py does.
+
+    Dolly zoom 637 would be at 0.25 so, but for floaters at 1.76 (docs/decisions.md, distances).
+    """
     monkeypatch.setattr("cltransfer.driver.closed_form.WORTH", math.inf)
 
 
