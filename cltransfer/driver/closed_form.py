@@ -59,8 +59,7 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Guide | None:
         clip: N frames; its home may be any view of the right size, which lends its lens where that is kept, and
             nothing else.
         free_lens: whether x holds the lens; if not, the distance follows the size and nothing is looked up.
-        samples: frames along the clip for which distances are looked up, at least 1; where it is 1 the first
-            that shows joints.
+        samples: frames for which distances are looked up, at least 1, evenly over those that show joints.
     """
     reference = clip.reference
     if not aimable(clip) or (read := stands(clip)) is None:
@@ -92,7 +91,7 @@ class _Sampled:
     @property
     def rate(self) -> float:
         """What a bend between these frames costs."""
-        return BEND * len(self.frames) / len(self.x)
+        return BEND * len(self.frames) / (int(self.frames[-1] - self.frames[0]) + 1)
 
     def turned(self, by: Tensor) -> _Sampled:
         """The same from aside, turned about the person by azimuth and elevation ``by``, (2,) or (N, 2) [rad]."""
@@ -114,7 +113,7 @@ class _Sampled:
         columns = [np.interp(at.numpy(), there, column) for column in (logs, *turns.T)]
         found = torch.from_numpy(np.stack(columns, axis=1))
         if len(self.frames) > 1:
-            apart = (len(self.x) - 1) / (len(self.frames) - 1)
+            apart = float(self.frames[-1] - self.frames[0]) / (len(self.frames) - 1)
             found = along(found, min(BETWEEN * apart, LONGEST), at)
         path = self.turned(found[:, 1:])
         x = path.x.clone()
@@ -163,9 +162,8 @@ def _best(clip: WholeClip, x: Tensor, samples: int, pitch: Tensor) -> _Sampled |
     None where no frame is seen from any distance.
     """
     reference = clip.reference
-    frames, told = _spread(len(reference), samples), aimed_at(reference, clip.stage.scene.subject).numpy()
-    if samples == 1 or not told[frames].any():  # among those that tell
-        frames = np.flatnonzero(told)[_spread(int(told.sum()), samples)]
+    told = np.flatnonzero(aimed_at(reference, clip.stage.scene.subject).numpy())  # others cost nothing from anywhere
+    frames = told[_spread(len(told), samples)]
     here = _Sampled(clip, x, pitch, frames)
     best = _straight(here)
     if best is None:

@@ -133,7 +133,8 @@ def _by_cma(
 def _by_adam(
     problem: Problem, starts: Tensor, memory: Memory, schedule: Schedule, generator: np.random.Generator
 ) -> Solved:
-    x = starts[int(problem.totals(starts).argmin())] if problem.before is None and len(starts) > 1 else starts[0]
+    several = len(starts) > 1 and (problem.before is None or not schedule.warm)
+    x = starts[int(problem.totals(starts).argmin())] if several else starts[0]
     found = descend(problem, x, schedule.adam, generator)
     return Solved(found.x, found.total, found.steps, "iterations", Memory(totals=(*memory.totals, found.total)))
 

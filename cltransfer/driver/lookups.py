@@ -31,6 +31,8 @@ def cheapest_along(
     first = (_steps,) if samples == 1 else (_coarse, _beside, _rest)
     for wanted in (*first, _between, *[_likewise] * (samples - 1)):
         asked = wanted(costs, chosen)
+        if wanted is _likewise and not (asked & np.isinf(costs)).any():
+            break
         for k, tried in enumerate(asked & np.isinf(known)):
             if tried.any():
                 known[k, tried] = look_up(k, tried)

@@ -21,7 +21,7 @@ from .whole_clip import WholeClip
 STANDS = 1e-5  # by which a path changes at most that is static as it was found, in the units of x: float32 rounds
 LEAST_FLOOR = 0.01  # total that nobody sees, a hundredth of a tolerance
 SHARE = 0.02  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
-TRUSTED = 0.1  # total below which the Jacobians that the frames ended with describe the clip
+TRUSTED = 0.1  # total, of frames that tell where to stand, below which the Jacobians that they ended with describe it
 JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; one a round of refining
@@ -117,7 +117,7 @@ def least_path(
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
-    if residuals is None or clip.stage.plan.passes or free <= TRUSTED:
+    if residuals is None or clip.stage.plan.passes or free <= TRUSTED * clip.told:
         effort = Effort(0, 0)  # differences taken through noisy networks mislead
     if effort.rounds and local is None and residuals is not None:
         local = clip.local(x, residuals)
@@ -221,9 +221,11 @@ def _by_model(
     """
     promised = math.inf
     for knots, way in ladder:
+        if not left:
+            break
         spline = _fitted(clip, free.x, local, knots, way)
         first = spline.predicted
-        if not left or first is None or first > min(limit, CLEARLY * promised):
+        if first is None or first > min(limit, CLEARLY * promised):
             continue
         while left and spline.predicted is not None and spline.predicted <= limit:
             left -= 1

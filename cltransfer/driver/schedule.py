@@ -116,7 +116,7 @@ def _still(objective: Objective, reference: Features, tolerance: float) -> bool:
     """Whether every frame shows what the second one would at rest, by the losses. The first one has no flow."""
     if len(reference) < 3:
         return False
-    defined, rest = objective.defined(reference), reference[1]
+    defined, rest = objective.defined(reference) & objective.weighs, reference[1]
     if rest.has("flow"):  # a steady move looks the same in every frame too
         rest = rest.having("flow", torch.zeros_like(rest.require("flow")))
     alike = objective.totals(objective.terms(rest, reference), defined) <= tolerance

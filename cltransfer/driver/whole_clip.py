@@ -50,6 +50,11 @@ class WholeClip:
         """Frames (N,) bool of which the reference tells where to stand; the others cost nothing wherever that is."""
         return self.stage.objective.placed(self.reference)
 
+    @cached_property
+    def told(self) -> float:
+        """Share of the frames that are :attr:`placed`: the others water a mean total down; 1 where none is."""
+        return float(self.placed.double().mean()) or 1.0
+
     def cameras(self, x: Tensor) -> Camera:
         """N cameras of x (N, D)."""
         return self.search.cameras(x, self.home, self.stage.scene.subject)

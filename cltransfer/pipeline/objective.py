@@ -133,9 +133,9 @@ class Objective:
         return {name: tuple(getattr(loss, "groups", lacking[name])) for name, loss in self.losses.items()}
 
     def rows(self, defined: Tensor) -> Tensor:
-        """Residuals of the ``defined`` terms (L,), (R,) bool; of losses that have some."""
+        """Residuals of the ``defined`` terms (L,) that weigh something, (R,) bool; of losses that have some."""
         sizes = torch.tensor([len(own) for own in self._groups.values()])
-        return defined.repeat_interleave(sizes)
+        return (defined & self.weighs).repeat_interleave(sizes)
 
     @property
     def paired(self) -> Tensor:

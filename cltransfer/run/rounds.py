@@ -48,11 +48,13 @@ class Round:
         take: what the round before found.
         shown: what the networks read of its frames.
         seen: what geometry reads of them.
+        off: how much lower than read they were to be seen from, as the networks err, (N,) [rad].
     """
 
     take: Take
     shown: Features
     seen: Features
+    off: Tensor  # (N,)
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
     by, stage = job, replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
     before: Round | None = None
+    none = off = torch.zeros(len(job.reference), dtype=torch.float64)
     lost_in, note = -1, why_none
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
@@ -113,12 +116,12 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         clock.lap("reading back")
         if last or seen is None:
             break
-        now = Round(take, shown.features, seen)
+        now = Round(take, shown.features, seen, off)
         if before is None and _lost_behind_things(job, now):
             before, lost_in = now, number
             by, note = _watchful(job), f"no correction: {UNHIDDEN}"
             stage, target = replace(by.stage, scene=job.solid), job.wanted
-            starts = _starts(by, stage)
+            starts, off = _starts(by, stage), none
             continue
         if before is not None and by is not job and best_of(made) <= lost_in:  # of no use
             by, now = job, before
@@ -131,13 +134,15 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
             return made, f"no {'further ' if number else ''}{UNBIASED}"
         stage, first, note = now.take.clip.stage, now.take.cameras[0], ""
         homes = first if config.warm_start else concatenate([first, job.starts.homes])
-        target, starts = corrected(job.wanted, bias), Starts(homes, _guide(job.starts.guide, now.take, first, bias))
+        target, starts = corrected(job.wanted, bias), Starts(homes, _guide(now, first, bias))
+        off = bias.angles[:, 1]
     return made, note
 
 
-def _guide(read: Guide | None, take: Take, first: Camera, bias: Bias) -> Guide:
-    """The path taken as the guide of a round from its ``first`` camera, less the bias as high as it was ``read``."""
-    pitch = pitch_of(take.clip, take.x) if read is None else read.pitch - bias.angles[:, 1]
+def _guide(now: Round, first: Camera, bias: Bias) -> Guide:
+    """The path taken as the guide of a round from its ``first`` camera, as high as its own guide was, less the bias."""
+    take = now.take
+    pitch = pitch_of(take.clip, take.x) if take.guide is None else take.guide.pitch + now.off - bias.angles[:, 1]
     return Guide(take.clip.about(first, take.x), pitch)
 
 

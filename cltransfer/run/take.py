@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..camera import Camera, concatenate
 from ..config.options import RunConfig
+from ..driver.closed_form import Guide
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
@@ -33,12 +34,14 @@ class Take:
         clip: what was searched.
         found: each frame's minimum.
         path: its order; None where every frame was left as it was found.
+        guide: that it started from, None where there was none.
         left_out: what the search did not see, None where it saw everything.
     """
 
     clip: WholeClip
     found: Path
     path: LeastPath | None
+    guide: Guide | None
     left_out: LeftOut | None = None
 
     @property
@@ -83,14 +86,15 @@ def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts
 
     def taken(found: Path) -> Take:
         found = _followed_again(among, job.schedule, starts, report, found)
-        return Take(clip, found, None if config.path == "exact" else _least(job, config, clip, found, guide))
+        path = None if config.path == "exact" else _least(job, config, clip, found, guide)
+        return Take(clip, found, path, starts.guide)
 
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
         return taken(follow(among, starts.homes, schedule, report, guide))
     first = follow(among, starts.homes, schedule.lean, report, guide)
     if first.local is None:
         return taken(first)
-    poor = first.local.total > schedule.lean_limit or first.drifts
+    poor = first.local.total > schedule.lean_limit * clip.told or first.drifts
     if not poor:
         lean = taken(first)
         if not lean.leaps:

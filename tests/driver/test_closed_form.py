@@ -118,6 +118,22 @@ def test_distances_are_looked_up_where_somebody_is_seen_though_it_is_in_between(
     assert float((guide - whole)[[1, 3, 6], 3].abs().max()) < 2.5 * step
 
 
+def test_frames_that_show_nobody_take_no_lookups_from_those_that_do(prepared: Any) -> None:
+    job, _ = prepared("push_in")
+    gone = {name: job.wanted.require(name).clone() for name in ("keypoints", "subject", "layers")}
+    gone["keypoints"][5:], gone["subject"][5:], gone["layers"][5:] = torch.nan, False, False
+    leaves = replace(job.wanted, **gone)
+    paths, spent = [], []
+    for reference in (leaves, leaves[torch.arange(5)]):
+        before = job.stage.spent.evaluations
+        path = closed_form(WholeClip(job.stage, job.search, reference, job.starts.homes[0]), True, 5)
+        assert path is not None
+        paths.append(path.x[:5])
+        spent.append(job.stage.spent.evaluations - before)
+    assert spent[0] == spent[1]
+    torch.testing.assert_close(paths[0][:4], paths[1][:4], rtol=0, atol=2e-3)  # smoothed over what comes after
+
+
 @pytest.mark.parametrize(
     "name", [*(pytest.param(n, marks=pytest.mark.slow) for n in ("push_in", "orbit")), "dolly_zoom"]
 )

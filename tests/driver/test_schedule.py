@@ -85,6 +85,17 @@ def test_a_loss_that_weighs_nothing_frees_no_lens_and_places_nobody() -> None:
     assert (schedule(*weightless[:3]).placed, schedule(*weightless).placed) == (True, False)
 
 
+def test_a_loss_that_weighs_nothing_tells_of_no_move() -> None:
+    rest = at_rest(8)
+    orientation = rest.require("orientation").clone()
+    orientation[3] = torch.nan
+    gap = replace(rest, orientation=orientation)
+    search = SubjectOrbit()
+    for weight, still in ((0, True), (5, False)):
+        config = load_config(overrides=["preset=fast", f"losses.camera_angle.weight={weight}"])
+        assert make_schedule(config, search, Components.build(config).objective, gap).still is still
+
+
 def test_two_frames_do_not_tell_that_nothing_moves() -> None:
     assert schedule().polish is None
 

@@ -29,6 +29,7 @@ def test_whether_a_frame_is_lost_is_told_by_the_path_where_there_is_one() -> Non
     config = load_config(overrides=["preset=fast", "frames=2", "search_side=48", "output_side=96"])
     job = prepare(Inputs("builtin:plaza", "builtin:push_in"), config, Clock(), silent, None)
     take = searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    assert take.guide is job.starts.guide
     assert take.path is not None
     assert take.path.residuals is not None
     far = torch.zeros_like(take.path.residuals)
