@@ -84,6 +84,7 @@ def evaluate(
         read_alike(rendered, made, in_time(plan, *steps), features, progress),
     )
     again = (alike[0] is not features) + (alike[1] is not rendered)
+    lasts = all(side.lasts for side in (features, rendered, *alike))  # what one side lacks hides it from the other
     features, rendered = alike
     objective = parts.objective
     scores = score(objective, features, rendered, plan.missing)
@@ -95,7 +96,7 @@ def evaluate(
         notes.append(f"{', '.join(own)}: {OWN_STEPS}")
     notes.append(weight_note(objective.losses, features.size[0]))
     told = tuple(Flag(None, note) for note in notes if note)
-    return ReportData(title, both.original, scores, None, None, None, taught, made, told, spent)
+    return ReportData(title, both.original, scores, None, None, None, taught, made, told, spent, lasts=lasts)
 
 
 def undefined(scores: Scores, defined: Tensor, reference: Features, rendered: Features) -> list[str]:

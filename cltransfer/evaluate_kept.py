@@ -35,6 +35,7 @@ class ClipScore:
         lacking: why a term has no value, by term.
         seconds: of the reference, from the first of the frames to the last.
         had: terms that the reference has on any frame, whether or not the render has them.
+        lasts: whether another run tells no more; see :class:`~cltransfer.features.OfThisRun`.
     """
 
     method: str
@@ -47,6 +48,7 @@ class ClipScore:
     lacking: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     had: tuple[str, ...] = ()
+    lasts: bool = True
 
 
 @dataclass(frozen=True)
@@ -88,8 +90,8 @@ class Kept:
         return hashlib.sha256(json.dumps([self.about, method, name, clips]).encode()).hexdigest()[:32]
 
     def keep(self, key: str, row: ClipScore) -> None:
-        """Put a row on disk, if it has a score and does not lie there."""
-        if self.path is not None and key and not row.reason and key not in self.known:
+        """Put a row on disk, if it has a score that no other run betters and does not lie there."""
+        if self.path is not None and key and not row.reason and row.lasts and key not in self.known:
             keep(self.path, {"key": key, **asdict(row)})
 
 

@@ -117,7 +117,8 @@ def _scored(method: str, name: str, reference: str, render: str | None, config: 
     lacking = {row.name: row.reason for row in found if row.reason}
     seconds = round(float(report.times[-1] - report.times[0]), 3)
     had = tuple(term.name for term in report.scores.terms if term.had)
-    return ClipScore(method, name, means, defined, len(report.times), "", report.notes, lacking, seconds, had)
+    count, notes = len(report.times), report.notes
+    return ClipScore(method, name, means, defined, count, "", notes, lacking, seconds, had, report.lasts)
 
 
 def notes_of(rows: list[ClipScore]) -> list[str]:

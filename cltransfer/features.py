@@ -116,6 +116,11 @@ class Features:
         known: T = self._known[key][1]
         return known
 
+    @property
+    def lasts(self) -> bool:
+        """Whether another run tells no more; see :class:`OfThisRun`."""
+        return not any(isinstance(reason, OfThisRun) for reason in self.reasons.values())
+
     def __getstate__(self) -> dict[str, Any]:
         """Without what :meth:`once` keeps: a frame that was looked at would bring the whole clip along."""
         return {**self.__dict__, "_known": {}}

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..computer.memory import require_free
 from ..errors import InputError
-from ..features import NAMES, SHAPES, Features, OfThisRun
+from ..features import NAMES, SHAPES, Features
 from ..registry.typed import nearest
 from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
 
@@ -53,7 +53,7 @@ class FeatureFile:
     def lasts(self) -> bool:
         """Whether another run finds all of it here, but the pixels, and nothing that it may tell better itself."""
         lost = self.features.names() - {*STORED, *self.features.extras, "image"}
-        return not lost and not any(isinstance(reason, OfThisRun) for reason in self.features.reasons.values())
+        return not lost and self.features.lasts
 
     def save(self, path: str | Path) -> None:
         """Write the file, whole or not at all."""

@@ -38,6 +38,7 @@ class ReportData:
         flags: what a reader should know.
         spent: what the run cost, by name (evaluations, renders, network passes, seconds, stop reasons).
         command: a shell line that makes the run again.
+        lasts: whether another run tells no more of what was read, as of :attr:`cltransfer.features.Features.lasts`.
     """
 
     title: str
@@ -51,6 +52,7 @@ class ReportData:
     flags: tuple[Flag, ...] = ()
     spent: Mapping[str, int | float | str] = field(default_factory=dict)
     command: str = ""
+    lasts: bool = True
 
     @property
     def render_name(self) -> str:
