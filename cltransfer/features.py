@@ -36,7 +36,8 @@ class Features:
             median along the ray where a renderer made it; up to scale where a network did.
         expected_depth: the mean along the ray instead, (B, H, W).
         keypoints: the 14 joints of :mod:`cltransfer.skeleton`, (B, 14, 3) as x, y [px], confidence in [0, 1].
-            Coordinates are kept for joints that are unseen or out of the frame; NaN where there is no person.
+            Coordinates are kept for joints that are unseen or out of the frame. A joint that was not found is NaN, and
+            all are where there is no person; (0, 0) is a place in the picture.
         box: person box as x, y, width, height [px], score, (B, 5); NaN where there is no person.
         subject: the person's pixels, (B, H, W) bool; the :class:`~cltransfer.subject.Subject` is ``person``.
         layers: foreground, character, background, (B, 3, H, W) bool, disjoint.
