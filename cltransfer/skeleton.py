@@ -75,9 +75,12 @@ def standing_height(reach: float, joints: Tensor) -> float:
 def head_top(ears: Tensor, shoulders: Tensor) -> Tensor:
     """Head top (..., C) of both ears (..., 2, C) and both shoulders (..., 2, C), confidence last.
 
-    The ears count by their confidence, because in profile one is hidden.
+    The ears count by their confidence, because in profile one is hidden; one that is not finite does not count. NaN
+    where neither does.
     """
-    weight = ears[..., -1:].clamp_min(1e-6)
+    known = ears.isfinite().all(-1, keepdim=True)
+    ears = torch.where(known | ~known.any(-2, keepdim=True), ears, 0.0)
+    weight = ears[..., -1:].clamp_min(1e-6) * known
     ear = (ears[..., :-1] * weight).sum(-2) / weight.sum(-2)
     shoulder = shoulders[..., :-1].mean(-2)
     confidence = torch.minimum(ears[..., -1].amax(-1), shoulders[..., -1].amin(-1))

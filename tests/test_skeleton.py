@@ -67,3 +67,22 @@ def test_the_head_top_lies_beyond_the_ears_by_one_rule(convert, count: int, ears
     keypoints[0, shoulders : shoulders + 2, 1] = 20.0
     top = convert(keypoints)[0, JOINTS.index("head_top")]
     assert float(top[1]) == pytest.approx(10 - HEAD_TOP_BEYOND_EARS * 10)
+
+
+@pytest.mark.parametrize("lost", [(float("nan"), 0.0), (float("nan"), float("nan")), (float("inf"), 0.9)])
+def test_an_ear_that_was_not_found_does_not_count_to_the_head_top(lost: tuple[float, float]) -> None:
+    keypoints = torch.rand(2, 17, 3, generator=torch.Generator().manual_seed(0))
+    missing = torch.tensor([lost[0], lost[0], lost[1]])
+    for i, ear in enumerate((3, 4)):
+        keypoints[i, ear] = missing
+    seen, top = keypoints[[0, 1], [4, 3]], JOINTS.index("head_top")
+    shoulders = keypoints[:, 5:7]
+    middle = shoulders[..., :2].mean(1)
+    expected = seen[:, :2] + HEAD_TOP_BEYOND_EARS * (seen[:, :2] - middle)
+    found = from_coco(keypoints)
+    torch.testing.assert_close(found[:, top, :2], expected)
+    torch.testing.assert_close(found[:, top, 2], torch.minimum(seen[:, 2], shoulders[..., 2].amin(1)))
+    keypoints[:, 3:5] = missing
+    neither = from_coco(keypoints)
+    assert bool(neither[:, top, :2].isnan().all())
+    torch.testing.assert_close(neither[:, :top], found[:, :top])
