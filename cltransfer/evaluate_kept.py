@@ -86,7 +86,7 @@ class Kept:
         if self.path is None or render is None:
             return ""
         sources = [kept_clip(ClipSource.parse(clip)) for clip in (reference, render)]
-        clips = [[kept_hash(source), source.fps] for source in sources]
+        clips = [[kept_hash(source), replace(source, path=Path()).named] for source in sources]  # wherever they lie
         return hashlib.sha256(json.dumps([self.about, method, name, clips]).encode()).hexdigest()[:32]
 
     def keep(self, key: str, row: ClipScore) -> None:

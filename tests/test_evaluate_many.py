@@ -540,22 +540,35 @@ def test_an_override_is_none_of_the_methods_whatever_folders_there_are(
     assert [(clip["clip"], clip["frames"]) for clip in value["clips"]] == [("a", 3)]
 
 
-@pytest.mark.parametrize(
-    ("named", "line"),
-    [
-        (("FOLDER#person=1", "m=FOLDER"), "FOLDER#person=1: expected one clip before #person=1, FOLDER is a folder"),
-        (("FOLDER", "m=FOLDER#fps=1&t=1"), "m=FOLDER#fps=1&t=1: expected one clip before #fps=1&t=1, FOLDER is a"),
-        (("FOLDER", "m=FOLDER", "FOLDER#t=1,2"), "FOLDER#t=1,2: expected one clip before #t=1,2, FOLDER is a folder"),
-    ],
-)
-def test_a_part_of_a_folder_of_clips_is_refused(named: tuple[str, ...], line: str, tmp_path: Path) -> None:
+def test_a_part_behind_a_folder_is_scored_of_each_clip_in_it(
+    mean_flow: tuple[str, ...], command: Any, tmp_path: Path
+) -> None:
+    """Of two clips, where before all of them was scored into the same folder."""
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
+    frames = []
+    for part in ("", "#t=0.1", "#t=0.1,0.3"):
+        words = (f"{references}{part}", f"ours={references}{part}", f"{references}#t=0.1")
+        said = command("evaluate", *words, *mean_flow, "--json", "--out", tmp_path / "out")
+        assert said.code == 0, said.err
+        frames.append([(clip["method"], clip["frames"]) for clip in json.loads(said.out)["clips"]])
+    names = ("ours", "references") * 2
+    assert frames == [list(zip(names, counts)) for counts in ((4, 3, 4, 3), (3,) * 4, (2,) * 4)]
+
+
+def test_a_person_behind_a_folder_is_asked_of_each_clip_in_it(mean_flow: tuple[str, ...], tmp_path: Path) -> None:
+    references = folder_of(tmp_path / "references", a=wall(0, 2), b=wall(1, 2))
+    config = load_config(overrides=mean_flow)
+    for row in evaluate_many(f"{references}#person=1", {"ours": references}, config):
+        assert "#person: no extractor in use tells persons apart" in row.reason
+        assert f"{row.clip}.mkv" in row.reason
+
+
+def test_a_part_of_one_clip_is_none_of_a_folder(tmp_path: Path) -> None:
     folder = str(folder_of(tmp_path / "references", a=wall(0, 2)))
-    reference, render, *more = (word.replace("FOLDER", folder) for word in named)
-    with pytest.raises(UsageError) as caught:
-        methods_of(reference, render, more)
-    assert str(caught.value).startswith(line.replace("FOLDER", folder))
     clip = f"{folder}/a.mkv#t=0,1"
     assert methods_of(clip, clip, []) == ({}, [])
+    with pytest.raises(UsageError, match="holds clips, expected one"):
+        methods_of(clip, f"{folder}#t=0,1", [])
 
 
 def test_images_of_a_method_play_as_fast_as_is_said_behind_its_folder(

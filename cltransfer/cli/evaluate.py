@@ -21,14 +21,15 @@ def evaluate(
         str,
         typer.Argument(
             help="Video, image folder (24 images/s unless FOLDER#fps=30 or its times.json says) or run folder, "
-            "CLIP#t=START,END for a part; or a folder of clips, FOLDER#fps=30 for all image folders in it."
+            "CLIP#t=START,END for a part; or a folder of clips, FOLDER#t=START,END for that part of each."
         ),
     ],
     render: Annotated[
         str,
         typer.Argument(
             help="Video, image folder or run folder, named as REFERENCE is; its frames are paired by time. Where "
-            "REFERENCE is a folder of clips: METHOD=FOLDER, of clips with the same names, or METHOD=FOLDER#fps=30."
+            "REFERENCE is a folder of clips: METHOD=FOLDER, of clips with the same names, or METHOD=FOLDER#fps=30 "
+            "for all image folders in it."
         ),
     ],
     more: Annotated[
@@ -96,11 +97,9 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     """Folders to be compared with the clips in ``reference``, by method, and the arguments left; none for one clip.
 
     Raises:
-        UsageError: a folder is not there or named twice, has no name before its =, is one of a method where
-            ``reference`` is one clip, or has a part behind its name, which is a clip's.
+        UsageError: a folder is not there or named twice, has no name before its =, or is one of a method where
+            ``reference`` is one clip.
     """
-    for argument in (reference, render, *more):
-        _check_whole(argument)
     if _is_one_clip(_folder(reference)):
         _check_one_render(reference, render)
         return {}, more
@@ -131,22 +130,10 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     return methods, rest
 
 
-def _check_whole(argument: str) -> None:
-    """Refuse a part or person behind the name of a folder of clips, each of which has its own."""
-    name, mark, asked = argument.rpartition("#")
-    if not mark or os.path.exists(argument):
-        return
-    folder = next((text for text in (name, _method(name)[1]) if text and os.path.isdir(text)), None)
-    rate = asked.startswith("fps=") and "&" not in asked
-    if folder is not None and not rate and not _is_one_clip(folder):
-        reason = f"expected one clip before #{asked}, {folder} is a folder of them"
-        raise UsageError(argument, "", reason, f"leave out #{asked}; of a folder only #fps=N may be said")
-
-
 def _folder(argument: str) -> str:
-    """``argument`` without the rate that may stand behind a folder."""
-    name, mark, asked = argument.rpartition("#")
-    return name if mark and asked.startswith("fps=") and not os.path.exists(argument) else argument
+    """``argument`` without what is asked of the clips in a folder, which may stand behind its name."""
+    name, mark, _ = argument.rpartition("#")
+    return name if mark and not os.path.exists(argument) else argument
 
 
 def _is_one_clip(named: str) -> bool:

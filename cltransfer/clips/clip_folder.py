@@ -59,22 +59,21 @@ def _is_clip(entry: Path) -> bool:
 def sources_in(folder: str | Path) -> dict[str, str]:
     """The clips right inside ``folder`` by name, each as :class:`~cltransfer.clips.source.ClipSource` reads it.
 
-    Behind the name of the folder ``#fps=N`` says how fast those play that are images and do not say so themselves.
+    What stands behind the name of the folder is asked of each of them, as ``#t=0,4&person=1``; of ``#fps=N`` those that
+    are images and do not say themselves how fast they play.
 
     Raises:
         InputError: see :func:`clips_in`.
-        UsageError: what stands behind the name is no rate, or none of them needs one.
+        UsageError: what stands behind the name is no part of a clip, or a rate, and none of them needs one.
     """
     where = ClipSource.parse(str(folder))
     rate, clips = where.fps, clips_in(where.path)
-    if replace(where, fps=None) != ClipSource(where.path):
-        raise UsageError(folder, "", "expected a folder of clips and at most #fps=N behind it")
     asked = {name: rate if _asks(path) else None for name, path in clips.items()}
     if rate is not None and not any(asked.values()):
         raise UsageError(
             folder, "#fps", f"expected folders of images without {TIMES} in it, found none", "leave it out"
         )
-    return {name: ClipSource(path, fps=asked[name]).named for name, path in clips.items()}
+    return {name: replace(where, path=path, fps=asked[name]).named for name, path in clips.items()}
 
 
 def _asks(clip: Path) -> bool:

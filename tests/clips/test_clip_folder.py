@@ -70,6 +70,20 @@ def test_a_rate_behind_a_folder_is_that_of_the_images_in_it_that_have_none(tmp_p
     assert sources_in(f"{folder}#fps=30")["run"] == str(folder / "run")
 
 
+def test_what_is_asked_behind_a_folder_is_asked_of_each_clip_in_it(tmp_path: Path) -> None:
+    folder = a_folder(tmp_path / "theirs", "a/0.png", "c.mkv")
+    asked = "#t=1.000,2.000&person=1&cuts=keep"
+    assert sources_in(f"{folder}#cuts=keep&person=1&t=1,2") == {
+        "a": f"{folder / 'a'}{asked}",
+        "c": f"{folder / 'c.mkv'}{asked}",
+    }
+    assert sources_in(f"{folder}#fps=30&t=1") == {
+        "a": f"{folder / 'a'}#t=1.000&fps=30",
+        "c": f"{folder / 'c.mkv'}#t=1.000",
+    }
+    assert left_over(f"{folder}#person=1", {"theirs": f"{folder}#t=1"}) == []
+
+
 @pytest.mark.parametrize(
     ("files", "behind", "told"),
     [
@@ -78,11 +92,11 @@ def test_a_rate_behind_a_folder_is_that_of_the_images_in_it_that_have_none(tmp_p
             "#fps=30",
             r"#fps: expected folders of images without times\.json in it, found none \(leave it out",
         ),
-        (("a/0.png",), "#fps=30&t=1,2", "expected a folder of clips and at most #fps=N behind it"),
+        (("a/0.png",), "#t=2,1", "#t: expected START,END in seconds"),
         (("a/0.png",), "#fps=many", "#fps: expected images a second"),
     ],
 )
-def test_what_behind_a_folder_changes_nothing_is_refused(
+def test_what_behind_a_folder_changes_nothing_or_cannot_be_meant_is_refused(
     tmp_path: Path, files: tuple[str, ...], behind: str, told: str
 ) -> None:
     with pytest.raises(UsageError, match=told):
