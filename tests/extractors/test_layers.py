@@ -52,6 +52,17 @@ def test_a_mask_and_a_depth_of_other_pixels_are_brought_onto_the_finer_row_6(coa
     assert torch.equal(layers, Layers()(fine, None).layers)
 
 
+@pytest.mark.parametrize("unknown", [0.0, -2.0, torch.inf])
+def test_a_depth_that_is_no_distance_is_as_unknown_as_none_row_6(unknown: float) -> None:
+    """On the post, on the subject and in the sky."""
+    holes = torch.tensor([[[False, True, True, False, False, False, False, True]]])
+    nan, other = (replace(frame(), depth=frame().depth.masked_fill(holes, v)) for v in (torch.nan, unknown))
+    layers = Layers(near_quantile=0.0)(other, None).layers
+    assert torch.equal(layers, Layers(near_quantile=0.0)(nan, None).layers)
+    assert layers.any(1)[0, 0].tolist() == [True, False] + [True] * 5 + [False]
+    assert float(near_depth(other.depth, other.subject, 0.0)) == 3.5
+
+
 def test_depth_scale_does_not_matter_row_9() -> None:
     scaled = replace(frame(), depth=41 * frame().depth)
     assert torch.equal(Layers()(scaled, None).layers, Layers()(frame(), None).layers)
