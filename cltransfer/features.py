@@ -105,8 +105,10 @@ class Features:
     def once(self, key: Hashable, compute: Callable[[], T]) -> T:
         """What ``compute`` makes of these features, kept by ``key``: one reference is compared with many batches.
 
-        Tensors that were changed in place since are other features; of some that ask for a gradient nothing is kept,
-        since each of its users goes back through it, nor of some made in inference mode, which do not tell of changes.
+        Tensors that torch has changed in place since are other features. What numpy changes in their memory no tensor
+        tells: make new features then, or what was kept is that of the old values. Of some that ask for a gradient
+        nothing is kept, since each of its users goes back through it, nor of some made in inference mode, which do not
+        tell of changes.
         """
         values = [value for value in self._batched().values() if isinstance(value, Tensor)]
         if any(value.requires_grad or value.is_inference() for value in values):
