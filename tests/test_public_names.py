@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import pkgutil
 import re
 import subprocess
 import sys
@@ -40,6 +41,27 @@ for name, lines in ORDERS.items():
     own.join()
     print(name, own.exitcode)
 """
+
+
+def there(name: str) -> bool:
+    """Whether ``name``, in full, is that of a module or of something in one."""
+    try:
+        pkgutil.resolve_name(name)
+    except (ImportError, AttributeError):
+        return False
+    return True
+
+
+def test_what_docstrings_and_pages_name_in_full_is_there() -> None:
+    told = {
+        r":\w+:`~?(cltransfer(?:\.\w+)+)`": [*ROOT.glob("cltransfer/**/*.py"), *ROOT.glob("plugins/*.py")],
+        r"\b(cltransfer(?:\.[a-zA-Z_]\w*)+)": [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("plugins/*.md")],
+    }
+    for pattern, files in told.items():
+        named = {name: path for path in files for name in re.findall(pattern, path.read_text(encoding="utf-8"))}
+        assert len(named) > 5
+        assert {name: str(path) for name, path in named.items() if not there(name)} == {}
+    assert not there("cltransfer.losses.depth_mode")
 
 
 def python(*code: str) -> subprocess.CompletedProcess[str]:

@@ -86,7 +86,7 @@ class FilmicSpace:
     Args:
         mode: ``faithful`` skips a ratio whose layer is empty on either side; ``robust`` lets it cost
             ``mismatch``, and counts one below ``min_area`` as empty. Both find the mode of Eq. 10 over log depth, where
-            the paper has it over depth (:func:`cltransfer.losses.depth_mode` tells what that changes).
+            the paper has it over depth (:func:`cltransfer.losses._depth_mode.depth_mode` tells what that changes).
         mismatch: cost of a layer on one side only, >= 0 [log]; log 2 is a layer at twice the depth. To empty a layer
             that differs by more pays: raise it where renders have holes.
         min_area: smallest layer, in [0, 1] of the frame, counted in pixels that have a depth.
