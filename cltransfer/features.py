@@ -201,13 +201,13 @@ class Features:
 
     @staticmethod
     def concatenate(parts: Sequence[Features]) -> Features:
-        """One batch of several that hold the same features at the same size; of no person where they are of several.
+        """One batch of several that hold the same features of one shape; of no person where they are of several.
 
         Raises:
             ValueError: they do not.
         """
         if unlike := _unlike(parts):
-            raise ValueError(f"features of a batch must be of one size and have the same names, {unlike}")
+            raise ValueError(f"features of a batch must be of one size and have the same names and shapes, {unlike}")
         first = parts[0]
 
         def join(name: str) -> Any:
@@ -231,7 +231,12 @@ def _unlike(parts: Sequence[Features]) -> str:
         return f"got {' and '.join(map(str, sizes))}; give all clips one size"
     names = [part.names() for part in parts]
     lacking = frozenset.union(*names) - frozenset.intersection(*names)
-    return f"not all have {', '.join(sorted(lacking))}; leave them out with only" if lacking else ""
+    if lacking:
+        return f"not all have {', '.join(sorted(lacking))}; leave them out with only"
+    for name in sorted(parts[0].names() - {"camera", "person"}):
+        if len(shapes := {tuple(part.require(name).shape[1:]): None for part in parts}) > 1:
+            return f"{name} has {' and '.join(map(str, shapes))} a frame; read all of them by one extractor"
+    return ""
 
 
 def check_pair(reference: object, rendered: object) -> None:

@@ -78,11 +78,18 @@ def test_a_batch_of_frames_of_two_persons_is_of_neither() -> None:
 
 
 def test_frames_that_are_no_batch_are_told_apart() -> None:
-    one, none = sample_features(0, 1), "features of a batch must be of one size and have the same names"
+    one, none = sample_features(0, 1), "features of a batch must be of one size and have the same names and shapes"
     with pytest.raises(ValueError, match=rf"^{none}, got \(64, 36\) and \(32, 18\); give all clips one size$"):
         Features.concatenate([one, replace(one, size=(32, 18))])
     with pytest.raises(ValueError, match=rf"^{none}, not all have depth, flow; leave them out with only$"):
         Features.concatenate([one, replace(one, depth=None), replace(one, flow=None)])
+    beats = [one.having("beat", torch.zeros(1, width)) for width in (3, 2, 3)]
+    with pytest.raises(ValueError, match=rf"^{none}, beat has \(3,\) and \(2,\) a frame; read all of them by one extr"):
+        Features.concatenate(beats)
+    coarse = one.having("depth", one.require("depth")[:, ::2, ::2])
+    with pytest.raises(ValueError, match=rf"^{none}, depth has \(36, 64\) and \(18, 32\) a frame; "):
+        Features.concatenate([one, coarse])
+    assert len(Features.concatenate([coarse, coarse])) == 2
     with pytest.raises(ValueError, match=f"^{none}, got no frames$"):
         Features.concatenate([])
 
