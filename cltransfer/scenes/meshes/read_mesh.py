@@ -15,7 +15,6 @@ import torch
 from ...computer.array_type import Array
 from ...errors import InputError, ResourceError
 from ...subject import Subject
-from ..ply_header import header_of
 from ..steps import check_steps
 from .asset_files import Beside, read_limited
 from .gltf_figure import Skeleton
@@ -32,6 +31,7 @@ from .mtl import ObjFiles, check_images, looks_of, tell_passed_over
 from .obj_text import readable
 from .ply_colors import own_visual
 from .ply_faces import of_triangles
+from .ply_textures import of_one_texture, textures_of
 from .rig import subject_of_rig
 from .textures import Textures, image_of
 
@@ -131,7 +131,8 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters is raised below
     try:
         # vertices of a PLY are split, and their colours lost, only where there is a texture to be shown
-        split: dict[str, Any] = {"fix_texture": b"texturefile" in header_of(data).lower()} if suffix == ".ply" else {}
+        names = textures_of(data) if suffix == ".ply" else []
+        split: dict[str, Any] = {"fix_texture": bool(names)} if suffix == ".ply" else {}
         scene = trimesh.load_scene(io.BytesIO(data), suffix[1:], files, process=False, **split)
         if isinstance(files, Beside) and files.refused is not None:
             raise files.refused
@@ -147,7 +148,9 @@ def _geometries(path: Path, data: bytes, suffix: str, files: Any) -> Iterator[tu
                     geometry.visual = own_visual(path, geometry)
                 elif invented:
                     geometry.visual = _own_colors(geometry)
-                yield str(node), transform, geometry
+                several = len(set(names)) > 1 and visual.kind == "texture"
+                for part in of_one_texture(path, geometry, names, files) if several else [geometry]:
+                    yield str(node), transform, part
     except (InputError, ResourceError, MemoryError):
         raise
     except Exception as error:  # trimesh lets any exception of its parsers through
