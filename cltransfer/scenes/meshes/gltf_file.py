@@ -17,6 +17,7 @@ from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
 from .asset_files import Beside, read_limited
+from .glass import GLASS
 from .glow import STRENGTH, UNLIT, with_glow
 from .gltf_places import GLOSSY, TRANSFORM, with_shown_places
 from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
@@ -24,7 +25,7 @@ from .gltf_tree import COUNT_LIMIT, TYPES, WIDTH, check_need, check_text, entry
 NODE_LIMIT = 100_000
 ZERO_BYTES = 8  # of a number that a sparse array does not store
 DATA = "data:"
-EXTENSIONS = {UNLIT, STRENGTH, "EXT_texture_webp", TRANSFORM, GLOSSY}  # that are read
+EXTENSIONS = {UNLIT, STRENGTH, "EXT_texture_webp", TRANSFORM, GLOSSY, GLASS}  # that are read
 
 INSTANCES = "EXT_mesh_gpu_instancing"  # which a file may name as one that can be done without: a forest of one tree
 

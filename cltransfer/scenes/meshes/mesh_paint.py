@@ -15,6 +15,7 @@ from torch import Tensor
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
+from .glass import tell_unread, transmission_of
 from .glow import UNLIT, WHOLE
 from .gltf_file import Gltf
 from .gltf_places import GLOSSY, shown_texture, transform_of, wraps_of
@@ -38,7 +39,7 @@ class Look:
         transform: from texture coordinates to places in the texture, (2, 3); None where they are the same.
         wraps: how the texture goes on beyond its edges, across and down.
         factor: linear RGBA in [0, 1] that multiplies texture and vertex colours, (4,); None: trimesh says.
-        cutoff: alpha in [0, 1] below which nothing is drawn.
+        cutoff: alpha in [0, 1] below which nothing is drawn; infinite where nothing is, whatever its alpha.
         opacity: alpha in [0, 1] of what has no factor.
         holes: whether the alpha of its texture counts.
     """
@@ -68,11 +69,13 @@ def with_looks(gltf: Gltf) -> tuple[Gltf, Mapping[str, Look]]:
 
     Raises:
         InputError: there are not as many colours or texture coordinates as vertices, the latter are no pairs or
-            integers that are no shares, or a texture is to be moved or wrapped in a way that is not known.
+            integers that are no shares, a texture is to be moved or wrapped in a way that is not known, or what a
+            material lets through is no share.
     """
     for attributes in (one["attributes"] for mesh in gltf.tree["meshes"] for one in mesh["primitives"]):
         _check_counts(gltf, attributes)
     gltf = _with_plain_places(gltf)
+    tell_unread(gltf.path, gltf.tree)
     materials = gltf.tree.get("materials", [])
     looks = {str(i): _look(gltf, about) for i, about in enumerate(materials)}
     looks[str(len(materials))] = Look(lit=False, textured=False)  # light is in the colours already
@@ -108,12 +111,14 @@ def _factor(path: Path, about: dict[str, Any]) -> Array | None:
 
 
 def _cutoff(path: Path, about: dict[str, Any]) -> float:
-    """Of :class:`Look`; what is half transparent or more is not drawn."""
-    mode, cutoff = about.get("alphaMode"), about.get("alphaCutoff", 0.5)
+    """Of :class:`Look`; what is half transparent or more is not drawn, and glass is by what it lets through."""
+    mode, cutoff, solid = about.get("alphaMode"), about.get("alphaCutoff", 0.5), 1 - transmission_of(path, about)
+    if solid < HALF:
+        return math.inf
     if mode not in ("MASK", "BLEND"):
         return 0.0
     if mode == "BLEND":
-        return HALF
+        return HALF / solid
     if not isinstance(cutoff, (int, float)) or not 0 <= cutoff <= 1:
         raise InputError(path, "materials", f"expected an alphaCutoff in [0, 1], got {cutoff!r:.40}")
     return float(cutoff)
