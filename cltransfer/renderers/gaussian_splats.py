@@ -27,7 +27,9 @@ class GaussianSplats:
     Args:
         backend: numba; gsplat, which needs a CUDA device and the extra [cuda]; or torch: slower by far, and
             differentiable in the cameras.
-        antialiased: keep the energy of splats smaller than a pixel (Mip-Splatting); right for small frames.
+        antialiased: keep the energy of splats smaller than a pixel (Mip-Splatting); right for small frames. False is
+            right for a film near the training size of a scene that was trained without it, as most are: by 3DGS,
+            nerfstudio and gsplat unless they are told otherwise.
         near: nothing nearer is drawn, scene units, > 0.
         near_fade: opacity grows from 0 to 1 over this distance behind ``near``, scene units, >= 0. Without it one
             Gaussian that crosses the near plane makes a loss jump.
