@@ -15,12 +15,13 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera, fitted_size
-from ...clips.decoding import Frame, decode
+from ...clips.decoding import IMAGE_SUFFIXES, Frame, decode
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError, UsageError
 from .lens import Lens, image_at, straighten
 
+VIDEOS = (".mp4", ".mkv", ".mov")
 SIZE_SLACK = 2  # [px], how far an image's shape may be from its camera's: reduced sizes are rounded
 
 
@@ -78,7 +79,7 @@ class PosedImages:
         """Cameras (B) and straightened images (B, 3, H, W) uint8 RGB over black, the longer side at most ``side`` [px].
 
         Raises:
-            InputError: an image is missing, damaged, or of another shape than its camera.
+            InputError: an image is missing, damaged, of a kind that is not read, or of another shape than its camera.
             ResourceError: they take more memory than is free.
         """
         size = self._size(side)
@@ -91,7 +92,7 @@ class PosedImages:
         """Pixels of :meth:`images` of which all counts, (B, H, W) bool; None where the set leaves nothing out of them.
 
         Raises:
-            InputError: a mask is missing, damaged, or of another shape than its camera.
+            InputError: a mask is missing, damaged, of a kind that is not read, or of another shape than its camera.
             ResourceError: they take more memory than is free.
         """
         masks, size = [(i, self.masks[i]) for i in index if self.masks], self._size(side)
@@ -120,13 +121,25 @@ class PosedImages:
     ) -> Array:
         """What the pinhole of ``index`` would have seen of ``file``, at ``size``, read by ``pixels``."""
         lens = self.lenses[index]
-        frame, (width, height) = next(decode(file, self.exif)), lens.size
+        frame, (width, height) = first_frame(file, self.exif), lens.size
         if abs(frame.size[1] * width - frame.size[0] * height) > SIZE_SLACK * max(width, height):
             raise InputError(file, "size", f"expected the shape of {width}x{height}, got {frame.size}")
         if lens.size == self.camera.size:
             return straighten(pixels(frame, size), lens, self.camera.K[index].numpy())
         least = min(width, frame.size[0]), min(height, frame.size[1])  # what a set says of its lens can be anything
         return image_at(pixels(frame, least), lens, size)
+
+
+def first_frame(file: Path, exif: bool) -> Frame:
+    """The image in a file of a set, of a video the first one; ``exif`` as of :class:`PosedImages`.
+
+    Raises:
+        InputError: it is missing, damaged, or of a kind that is not read.
+    """
+    kind = file.suffix.lower()
+    if kind and kind not in (*IMAGE_SUFFIXES, *VIDEOS) and file.is_file():
+        raise InputError(file, "", f"is {kind}, expected PNG or JPEG", "convert the images, and their names in the set")
+    return next(decode(file, exif))
 
 
 def _photograph(frame: Frame, size: tuple[int, int]) -> Array:

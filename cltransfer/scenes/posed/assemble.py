@@ -14,11 +14,11 @@ import numpy as np
 import torch
 
 from ...camera import Camera
-from ...clips.decoding import IMAGE_SUFFIXES, decode
+from ...clips.decoding import IMAGE_SUFFIXES
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from . import PosedImages
+from . import VIDEOS, PosedImages, first_frame
 from .lens import Lens, matrix_at
 
 IMAGE_LIMIT = 20_000
@@ -27,7 +27,6 @@ SIDE_LIMIT = 65_536  # [px]
 POINT_BYTES = 60  # of a reconstructed point with its colour, while it is read
 ROTATION_SLACK = 1e-3
 UNBENT = "its image would fold or vanish: are these k1, k2, p1, p2 and k3 of OpenCV's model?"
-VIDEOS = (".mp4", ".mkv", ".mov")
 
 
 @dataclass(frozen=True)
@@ -91,6 +90,8 @@ def check_points(path: Path, count: int) -> None:
 def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMAGE_SUFFIXES) -> Path | None:
     """File ``name`` below ``root``, with one of ``suffixes`` where it has none, in capitals too; None if there is none.
 
+    What has a suffix that is not read is found last, and is refused by who reads it.
+
     Raises:
         InputError: ``name`` leads out of ``root`` or can be no file's; ``where`` names the file that says so.
     """
@@ -99,8 +100,9 @@ def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMA
     plain = root / name
     known = plain.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEOS)
     cased = [cased for suffix in suffixes for cased in (suffix, suffix.upper())]
+    last = [plain] if plain.suffix else []
     try:
-        for file in [plain] if known else [plain.with_name(plain.name + suffix) for suffix in cased]:
+        for file in last if known else [*(plain.with_name(plain.name + suffix) for suffix in cased), *last]:
             if not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(root)):
                 raise InputError(where, name, "leads out of the folder of the set", "keep its images beside it")
             if os.path.isfile(file):  # which a name that is too long is not
@@ -139,11 +141,11 @@ def size_of_image(where: Path, name: str, file: Path | None, exif: bool = False)
     """(W, H) [px] of an image whose set does not say; ``exif`` as of :class:`PosedImages`.
 
     Raises:
-        InputError: the image is missing or damaged.
+        InputError: the image is missing, damaged, or of a kind that is not read.
     """
     if file is None:
         raise InputError(where, name, "the set states no width and height, and the image is missing")
-    return next(decode(file, exif)).size
+    return first_frame(file, exif).size
 
 
 def numbers(where: Path, field: str, value: Any, shape: tuple[int, ...]) -> Array:

@@ -13,8 +13,8 @@ from ...clips.image_folder import natural_order
 from ...computer.array_type import Array
 from ...errors import InputError
 from ...storage.files import refuse_outside
-from . import PosedImages
-from .assemble import VIDEOS, View, find_image, lens_of, names_in, posed_images, rigid, size_of_image
+from . import VIDEOS, PosedImages
+from .assemble import View, find_image, lens_of, names_in, posed_images, rigid, size_of_image
 from .lens import Lens
 from .opencv_yaml import Values, read_opencv_yaml
 

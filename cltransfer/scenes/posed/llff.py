@@ -11,8 +11,8 @@ from ...clips.decoding import IMAGE_SUFFIXES
 from ...computer.array_type import Array
 from ...errors import InputError
 from ...storage.files import check_size
-from . import PosedImages
-from .assemble import IMAGE_LIMIT, VIDEOS, View, find_image, inverse, lens_of, names_in, posed_images, rigid
+from . import VIDEOS, PosedImages
+from .assemble import IMAGE_LIMIT, View, find_image, inverse, lens_of, names_in, posed_images, rigid
 
 ROW = 17  # 3 x 5 of rotation, centre and (height, width, focal), then the nearest and farthest depth
 BYTE_LIMIT = IMAGE_LIMIT * ROW * 8 + 4096
