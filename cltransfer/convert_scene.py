@@ -133,7 +133,7 @@ def simplify_file(
         splats = merged(splats, cameras, options.k)
     if len(splats) == 0:
         raise InputError(source, "prune", "leaves no Gaussian", "is the scene in the views?")
-    write_splats(out, splats)
+    write_splats(out, splats, z_up=scene.up.tolist() == [0, 0, 1])
     counts = {"before": len(scene.geometry), "solid": solid, "pruned": pruned, "after": len(splats)}
     return {"file": str(out), **counts}
 

@@ -37,6 +37,15 @@ def room(tmp_path: Path) -> tuple[str, str]:
     return str(tmp_path / "room.ply"), str(tmp_path / "view.json")
 
 
+@pytest.mark.parametrize("z_up", [False, True])
+def test_a_simplified_scene_tells_as_its_source_does_that_z_is_up(
+    room: tuple[str, str], tmp_path: Path, z_up: bool
+) -> None:
+    write_splats(tmp_path / "stage.ply", synthetic_room(200), z_up=z_up)
+    found = simplify_file(str(tmp_path / "stage.ply"), tmp_path / "few.ply", [room[1]], Simplification(k=1))
+    assert load_scene(found["file"]).up.tolist() == ([0, 0, 1] if z_up else [0, -1, 0])
+
+
 def test_a_simplified_scene_is_a_scene_with_fewer_gaussians(room: tuple[str, str], tmp_path: Path) -> None:
     found = simplify_file(room[0], tmp_path / "few.ply", [room[1]], Simplification(k=6, prune=0.005))
     assert found["before"] == 20_000 > found["pruned"] > found["after"] == len(load_scene(found["file"]).geometry)

@@ -34,7 +34,10 @@ Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 Up = Annotated[
     str | None,
-    typer.Option(help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes."),
+    typer.Option(
+        help="The scene's up as X,Y,Z; by default 0,-1,0 of splats and grids, 0,1,0 of meshes, 0,0,1 where a "
+        "splat's header says that z is vertical."
+    ),
 ]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the results; by default one in outputs/.")]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import math
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from ..storage.files import content_hash
 from . import Scene
 from .foreign import own_suffixes, read_foreign, reader_code, reader_of
 from .meshes.moment import START, Moment, split_moment
-from .ply_header import has_faces
+from .ply_header import has_faces, is_z_up
 from .steps import check_steps
 
 BUILTIN = "builtin:"
@@ -28,6 +29,9 @@ SPLAT_UP = (
     -1.0,
     0.0,
 )  # what trainers of splats mostly leave behind: COLMAP's first camera stood upright
+Z_UP = (0.0, 0.0, 1.0)  # of a splat whose header says so
+
+_log = logging.getLogger("cltransfer")
 
 
 def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -> Scene:
@@ -39,7 +43,8 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
             ``builtin:NAME[-SEED[-FORM]]``; or a file that an allowed plugin reads, by its suffix. An animated glTF may
             have its moment behind it: ``man.glb#t=0.6``, ``man.glb#t=2&animation=Run``.
         up: upwards in the scene, any length > 0; None is (0, -1, 0) for splats, grids and what a plugin reads,
-            (0, 1, 0) for meshes, and what a built-in scene says.
+            (0, 1, 0) for meshes, and what a built-in scene says; (0, 0, 1) for a splat whose header says that z is
+            vertical, as nerfstudio writes it, which is told.
 
     Raises:
         InputError: the file is missing, damaged, of no known kind, or lies too far from its origin for float32.
@@ -65,7 +70,16 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         return _mesh_scene(path, moment, up)
     geometry = _geometry(path)
     check_steps(path, geometry.means)
-    return Scene(geometry, None, _unit(up or SPLAT_UP), path.stem, content_hash(path), reader_code(path))
+    upward = _unit(up or (_told_up(path) if suffix == ".ply" else SPLAT_UP))
+    return Scene(geometry, None, upward, path.stem, content_hash(path), reader_code(path))
+
+
+def _told_up(path: Path) -> tuple[float, float, float]:
+    """Upwards in a splat by what its header says."""
+    if not is_z_up(path):
+        return SPLAT_UP
+    _log.warning("%s: up is taken as 0,0,1, since its header says that z is vertical (otherwise: --up X,Y,Z)", path)
+    return Z_UP
 
 
 def _mesh_scene(path: Path, moment: Moment | None, up: tuple[float, float, float] | None) -> Scene:

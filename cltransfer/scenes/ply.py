@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..storage.files import atomic
 from .columns import Columns, affordable_degree, drawable
 from .ply_compressed import CHUNK, PACKED, from_compressed, ranges
-from .ply_header import BLOCK, Element, check_header, read_columns, read_rows
+from .ply_header import BLOCK, VERTICAL, Element, check_header, read_columns, read_rows
 from .splats import SH_DEGREES, Splats
 
 _HINT = "is it a Gaussian-splat PLY?"
@@ -59,8 +59,15 @@ def read_splats(path: Path) -> Splats:
         return drawable(path, columns)
 
 
-def write_splats(path: Path, splats: Splats) -> None:
-    """Write ``splats`` in the INRIA layout, whole or not at all; labels are not part of that format."""
+def write_splats(path: Path, splats: Splats, z_up: bool = False) -> None:
+    """Write ``splats`` in the INRIA layout, whole or not at all; labels are not part of that format.
+
+    Args:
+        path: .ply.
+        splats: N Gaussians.
+        z_up: whether the header is to tell that z is up, for who reads it.
+    """
+    remarks = [f"{VERTICAL} z"] if z_up else []
     sh = splats.sh.transpose(1, 2)  # (N, 3, K): the file keeps channels together
     rest = sh[:, :, 1:].reshape(len(splats), -1)
     names = (*POSITION, *COLOR, *(f"f_rest_{i}" for i in range(rest.shape[1])), "opacity", *SCALE, *ROTATION)
@@ -75,7 +82,7 @@ def write_splats(path: Path, splats: Splats) -> None:
     rows = torch.cat(tensors, dim=1).detach().to("cpu", torch.float32).numpy()
     table = unstructured_to_structured(rows, np.dtype([(name, "<f4") for name in names]))
     with atomic(path) as temporary:
-        PlyData([PlyElement.describe(table, "vertex")], byte_order="<").write(str(temporary))
+        PlyData([PlyElement.describe(table, "vertex")], byte_order="<", comments=remarks).write(str(temporary))
 
 
 def _check_elements(path: Path, elements: dict[str, Element]) -> None:

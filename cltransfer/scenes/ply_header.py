@@ -22,6 +22,7 @@ SIZES = {  # bytes
 }
 Table = np.ndarray[Any, np.dtype[Any]]
 REMARKS = ([b"comment"], [b"obj_info"])  # words that begin a line that may hold anything
+VERTICAL = "Vertical Axis:"  # remark by which nerfstudio tells which way is up
 _HINT = "is it a Gaussian-splat PLY?"
 
 
@@ -98,6 +99,13 @@ def read_columns(path: Path, elements: Mapping[str, Element], name: str, columns
 def header_of(data: bytes) -> bytes:
     """Bytes of a file before the word that ends its header."""
     return data[:HEADER_LIMIT].partition(b"end_header")[0]
+
+
+def is_z_up(path: Path) -> bool:
+    """Whether the header of a PLY calls z its vertical axis."""
+    with path.open("rb") as stream:
+        header = header_of(stream.read(HEADER_LIMIT))
+    return f"comment {VERTICAL} z".lower().encode() in (b" ".join(line.lower().split()) for line in header.splitlines())
 
 
 def has_faces(path: Path) -> bool:

@@ -32,6 +32,22 @@ def test_up_is_made_a_unit_vector(tmp_path):
             load_scene(path, up=up)
 
 
+@pytest.mark.parametrize(
+    ("remark", "up"), [("Vertical Axis: z", (0, 0, 1)), ("vertical axis: Z", (0, 0, 1)), ("Vertical Axis: y", None)]
+)
+def test_up_of_a_splat_is_what_its_header_calls_vertical(tmp_path, caplog, remark, up):
+    path = tmp_path / "stage.ply"
+    write_splats(path, synthetic_room(200))
+    data = path.read_bytes().replace(b"element", f"comment by Nerfstudio 1.1.5\ncomment {remark}\nelement".encode(), 1)
+    path.write_bytes(data)
+    assert load_scene(path).up.tolist() == list(up or (0, -1, 0))
+    told = f"{path}: up is taken as 0,0,1, since its header says that z is vertical (otherwise: --up X,Y,Z)"
+    assert caplog.messages == ([told] if up else [])
+    caplog.clear()
+    assert load_scene(path, up=(0, 1, 0)).up.tolist() == [0, 1, 0]
+    assert caplog.messages == []
+
+
 def test_an_unknown_suffix_and_a_missing_file_are_named(tmp_path):
     with pytest.raises(InputError, match=r"scene.xyz: no scene has the suffix '.xyz'"):
         load_scene(tmp_path / "scene.xyz")
