@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -13,20 +15,24 @@ from plyfile import PlyData, PlyElement
 from ..computer.array_type import Array
 from ..errors import InputError
 from ..storage.files import atomic
-from .columns import Columns, affordable_degree, drawable
+from .columns import MIN_SCALE, Columns, affordable_degree, drawable
 from .ply_compressed import CHUNK, PACKED, from_compressed, ranges
 from .ply_header import BLOCK, VERTICAL, Element, check_header, read_columns, read_rows
 from .splats import SH_DEGREES, Splats
 
 _HINT = "is it a Gaussian-splat PLY?"
+_log = logging.getLogger("cltransfer")
 
 POSITION, COLOR = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
 FILTER = "filter_3D"  # of Mip-Splatting, a standard deviation [scene units] by which each Gaussian is drawn wider
 SCALE, ROTATION = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+BEYOND = 72  # f_rest of degree 4, which is beyond what is drawn
 
 
 def read_splats(path: Path) -> Splats:
-    """Gaussians of a binary PLY, as trained (SH degree 0-3) or compressed by PlayCanvas' tools.
+    """Gaussians of a binary PLY, as trained (SH degree 0-3; of 4 the first 3) or compressed by PlayCanvas' tools.
+
+    Those of 2DGS, which have two scales, are flat.
 
     Args:
         path: a file of at most 20 million Gaussians.
@@ -47,7 +53,7 @@ def read_splats(path: Path) -> Splats:
     holder = elements.get("sh") if compressed else vertex
     rest = _rest_names(() if holder is None else holder.types)
     stored = sum(_size(elements[name], names) for name, names in _packed(elements, rest).items()) if compressed else 0
-    degree = affordable_degree(path, vertex.count, SH_DEGREES[len(rest) // 3 + 1], stored)
+    degree = affordable_degree(path, vertex.count, _degree(path, len(rest)), stored)
     with np.errstate(all="ignore"):  # what is not finite is counted, not warned of
         if compressed:
             harmonics = _harmonic_names(len(rest), degree)
@@ -98,7 +104,7 @@ def _check_elements(path: Path, elements: dict[str, Element]) -> None:
     _require(
         path,
         vertex,
-        (*POSITION, *COLOR, "opacity", *SCALE, *ROTATION),
+        (*POSITION, *COLOR, "opacity", *_scales(vertex), *ROTATION),
         ("float", "float32", "double", "float64"),
     )
     rest = _rest_names(vertex.types)
@@ -151,8 +157,21 @@ def _rest_names(names: Iterable[str]) -> list[str]:
 
 
 def _check_rest(path: Path, count: int) -> None:
-    if count % 3 or count // 3 + 1 not in SH_DEGREES:
-        raise InputError(path, "property f_rest", f"expected 0, 9, 24 or 45 coefficients, got {count}")
+    if count != BEYOND and (count % 3 or count // 3 + 1 not in SH_DEGREES):
+        raise InputError(path, "property f_rest", f"expected 0, 9, 24, 45 or {BEYOND} coefficients, got {count}")
+
+
+def _degree(path: Path, count: int) -> int:
+    """Of the harmonics that are read of ``count`` f_rest; that the last ones of degree 4 are not is told."""
+    if count == BEYOND:
+        _log.warning("%s: harmonics of degree 4 are left out, those of degree 0 to 3 are read", path)
+        return max(SH_DEGREES.values())
+    return SH_DEGREES[count // 3 + 1]
+
+
+def _scales(vertex: Element) -> Sequence[str]:
+    """Columns of scales: the third is not there where Gaussians are flat."""
+    return SCALE[:2] if {*SCALE} - vertex.types.keys() == {SCALE[2]} else SCALE
 
 
 def _harmonic_names(count: int, degree: int) -> list[str]:
@@ -180,7 +199,8 @@ def _filter(columns: Columns, width: Array) -> None:
 def _from_trained(path: Path, elements: dict[str, Element], harmonics: Sequence[str]) -> Columns:
     """Values of the INRIA layout, read block by block: opacity is a logit, scales are logarithms."""
     vertex = elements["vertex"]
-    wanted = {"means": POSITION, "log_scales": SCALE, "quats": ROTATION, "opacity": ("opacity",), "sh": harmonics}
+    scales = _scales(vertex)
+    wanted = {"means": POSITION, "log_scales": scales, "quats": ROTATION, "opacity": ("opacity",), "sh": harmonics}
     columns: Columns = {
         name: np.empty((vertex.count, len(properties)), np.float32) for name, properties in wanted.items()
     }
@@ -192,5 +212,8 @@ def _from_trained(path: Path, elements: dict[str, Element], harmonics: Sequence[
     columns["opacity"] = 1 / (1 + np.exp(-columns["opacity"][:, 0]))
     if FILTER in vertex.types:
         _filter(columns, read_columns(path, elements, "vertex", (FILTER,))[FILTER])
+    if scales != SCALE:
+        flat = np.full(vertex.count, math.log(MIN_SCALE), np.float32)
+        columns["log_scales"] = np.column_stack([columns["log_scales"], flat])
     columns["sh"] = columns["sh"].reshape(vertex.count, -1, 3)
     return columns

@@ -15,7 +15,7 @@ from cltransfer.camera import Camera
 from cltransfer.errors import InputError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.scenes import Scene, columns, ply_header
-from cltransfer.scenes.columns import needed_bytes
+from cltransfer.scenes.columns import MIN_SCALE, needed_bytes
 from cltransfer.scenes.ply import read_splats, write_splats
 from cltransfer.scenes.splats import Splats
 
@@ -143,6 +143,46 @@ def test_harmonics_are_stored_channel_by_channel(tmp_path, degree, rest):
     got = read(tmp_path, trained([(*GOOD_ROW, *range(rest))], names))
     assert got.degree == degree
     assert got.sh[0, 1:].T.reshape(-1).tolist() == list(range(rest))
+
+
+def test_of_harmonics_of_degree_4_the_first_three_degrees_are_read_and_that_is_told(tmp_path, caplog):
+    names = (*NAMES, *(f"f_rest_{i}" for i in range(72)))
+    got = read(tmp_path, trained([(*GOOD_ROW, *range(72))], names))
+    assert got.degree == 3
+    assert got.sh[0, 1:].T.tolist() == [[*range(first, first + 15)] for first in (0, 24, 48)]
+    told = "harmonics of degree 4 are left out, those of degree 0 to 3 are read"
+    assert caplog.messages == [f"{tmp_path / 'scene.ply'}: {told}"]
+
+
+def test_gaussians_of_two_scales_are_flat_across_their_third_axis(tmp_path):
+    names = tuple(name for name in NAMES if name != "scale_2")
+    row = (*GOOD_ROW[:9], *GOOD_ROW[10:])
+    got, plain = read(tmp_path, trained([row] * 2, names)), read(tmp_path, trained([GOOD_ROW]))
+    assert got.scales.tolist() == [[*plain.scales[0, :2].tolist(), pytest.approx(MIN_SCALE)]] * 2
+    for name in ("means", "quats", "opacity", "sh"):
+        assert torch.equal(getattr(got, name)[:1], getattr(plain, name))
+    wider = read(tmp_path, trained([(*row, 0.2)], (*names, "filter_3D")))
+    assert wider.scales[0].tolist() == pytest.approx([*(plain.scales[0, :2] ** 2 + 0.04).sqrt().tolist(), MIN_SCALE])
+    assert float(wider.opacity / plain.opacity) == pytest.approx(
+        float((plain.scales[0, :2] / wider.scales[0, :2]).prod())
+    )
+
+
+@pytest.mark.parametrize("missing", ["scale_0", "scale_1"])
+def test_gaussians_without_another_scale_are_refused(tmp_path, missing):
+    names = tuple(name for name in NAMES if name != missing)
+    with pytest.raises(InputError, match=f"property {missing}: is missing"):
+        read(tmp_path, trained([GOOD_ROW[1:]], names))
+
+
+def test_a_flat_gaussian_is_drawn(tmp_path):
+    names = tuple(name for name in NAMES if name != "scale_2")
+    row = (0.0, 0.0, 4.0, *GOOD_ROW[3:6], 5.0, -1.0, -1.0, *GOOD_ROW[10:])
+    scene = Scene(read(tmp_path, trained([row], names)), None, torch.tensor([0.0, -1, 0]), "disc", "0" * 64)
+    camera = Camera(torch.eye(4)[None], torch.tensor([[[40.0, 0, 20], [0, 40, 20], [0, 0, 1]]]), (40, 40))
+    alpha = GaussianSplats(threads=1).render(scene, camera, frozenset({"alpha"})).alpha
+    assert float(alpha[0, 20, 20]) > 0.9
+    assert float(alpha[0, 0, 0]) < 0.01
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])

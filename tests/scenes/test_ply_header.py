@@ -100,7 +100,7 @@ BAD = {
         trained([(*GOOD_ROW, *[1.0] * 9)], (*NAMES, *(f"f_rest_{i}" for i in range(1, 10)))),
         "property f_rest_0",
     ),
-    **{f"no {name}": (without(GOOD, name), f"property {name}") for name in NAMES},
+    **{f"no {name}": (without(GOOD, name), f"property {name}") for name in NAMES if name != "scale_2"},
 }
 
 
