@@ -26,6 +26,12 @@ NODE_LIMIT = 100_000
 ZERO_BYTES = 8  # of a number that a sparse array does not store
 DATA = "data:"
 EXTENSIONS = {UNLIT, STRENGTH, "EXT_texture_webp", TRANSFORM, GLOSSY, GLASS}  # that are read
+COMPRESSIONS = {
+    "KHR_draco_mesh_compression",
+    "KHR_mesh_quantization",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+}
 
 INSTANCES = "EXT_mesh_gpu_instancing"  # which a file may name as one that can be done without: a forest of one tree
 
@@ -144,7 +150,8 @@ def read_gltf(path: Path, files: Beside) -> Gltf:
     if not isinstance(tree, dict) or not str(tree.get("asset", {}).get("version", "")).startswith("2."):
         raise InputError(path, "asset", "expected glTF of version 2")
     if needed := set(tree.get("extensionsRequired", [])) - EXTENSIONS:
-        raise InputError(path, "extensionsRequired", f"{', '.join(sorted(needed))} is not read")
+        hint = "export it without compression" if needed & COMPRESSIONS else ""
+        raise InputError(path, "extensionsRequired", f"{', '.join(sorted(needed))} is not read", hint)
     if not tree.get("meshes"):
         raise InputError(path, "meshes", "holds no mesh")
     _check_limits(path, tree)

@@ -66,6 +66,22 @@ def test_extensions_that_are_read_may_be_required(bar, with_texture, image_file,
     assert texture[0, 0, 0] > 240
 
 
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        (["KHR_draco_mesh_compression"], r"KHR_draco_mesh_compression is not read \(export it without compression\)"),
+        (["KHR_mesh_quantization", "X"], r"KHR_mesh_quantization, X is not read \(export it without compression\)"),
+        (["EXT_meshopt_compression"], r"EXT_meshopt_compression is not read \(export it without compression\)"),
+        (["X"], "X is not read$"),
+    ],
+)
+def test_a_file_that_needs_what_is_not_read_is_refused_with_what_to_do(bar, write_glb, tmp_path, names, says):
+    tree, blob = bar()
+    tree["extensionsRequired"] = names
+    with pytest.raises(InputError, match=rf"bar.glb: extensionsRequired: {says}"):
+        read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
+
+
 def test_many_instances_of_a_node_are_not_taken_for_one(bar, write_glb, tmp_path):
     tree, blob = bar()
     tree["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
