@@ -159,7 +159,8 @@ def read_posed(path: str | Path) -> PosedImages:
         path: a folder or file of COLMAP (a folder with ``sparse/0``, or the model's own folder, text or binary),
             nerfstudio or instant-ngp (transforms.json), the INRIA trainer (cameras.json), LLFF (poses_bounds.npy), or
             EasyMocap (intri.yml and extri.yml). Of a folder with COLMAP's model and what LLFF made of it the former is
-            read, of which more is left; the file may be named.
+            read, of which more is left; the file may be named. Of a folder of the Blender sets the views to train on
+            are read (transforms_train.json).
 
     Raises:
         InputError: it is none of these, is damaged, names a file outside its folder or is a link to one, has a lens

@@ -16,7 +16,8 @@ from .transforms import read_transforms
 
 LLFF = "poses_bounds.npy"  # made of a model of COLMAP, without its points, second focal length and distortion
 SET_FILES = ("transforms.json", "cameras.json", LLFF, "intri.yml")
-KNOWN = f"{', '.join(SET_FILES)}, or sparse/0"
+TRAIN = "transforms_train.json"  # of the Blender sets, beside one of views to test on: taken where there is no other
+KNOWN = f"{', '.join(SET_FILES)}, sparse/0, or {TRAIN}"
 
 
 def read(path: Path) -> PosedImages:
@@ -45,6 +46,9 @@ def _read_folder(folder: Path) -> PosedImages:
             refuse_outside(folder, [folder / name], "set")
             return read(folder / name)
     model = find_model(folder)
+    if model is None and (folder / TRAIN).is_file():
+        refuse_outside(folder, [folder / TRAIN], "set")
+        return read(folder / TRAIN)
     if model is None:
         raise InputError(folder, "", "is no posed image set", f"expected {KNOWN}")
     return _read_model(folder, model)

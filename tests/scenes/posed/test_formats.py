@@ -168,6 +168,27 @@ def test_blank_lines_of_colmap_end_nothing(tmp_path: Path) -> None:
     assert set(read_posed(tmp_path).names) == set(NAMES)
 
 
+def write_blender(root: Path) -> None:
+    """As the synthetic scenes of NeRF are: no size, names without suffixes, and other views to test on."""
+    write_transforms(root)
+    frames = json.loads((root / "transforms.json").read_text())["frames"]
+    (root / "transforms.json").unlink()
+    frames = [{**frame, "file_path": f"./{frame['file_path'].removesuffix('.png')}"} for frame in frames]
+    for kind, some in (("train", frames), ("test", frames[1:])):
+        data = {"camera_angle_x": 2 * math.atan(SIZE[0] / (2 * FOCAL)), "frames": some}
+        (root / f"transforms_{kind}.json").write_text(json.dumps(data))
+
+
+def test_of_a_blender_set_the_views_to_train_on_are_read(tmp_path: Path) -> None:
+    write_blender(tmp_path)
+    posed = read_posed(tmp_path)
+    assert (posed.path, len(posed), posed.missing) == (tmp_path / "transforms_train.json", 3, ())
+    torch.testing.assert_close(posed.camera.project(POINT)[0], truth().project(POINT)[0], rtol=0, atol=1e-6)
+    write_colmap_text(tmp_path / "model")
+    (tmp_path / "model" / "sparse").rename(tmp_path / "sparse")
+    assert read_posed(tmp_path).points is not None
+
+
 def test_of_a_model_and_what_llff_made_of_it_the_model_is_read(tmp_path: Path) -> None:
     write_llff(tmp_path)
     write_colmap_text(tmp_path / "model")
