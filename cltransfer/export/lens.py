@@ -41,7 +41,12 @@ class Lens:
         if not torch.allclose(K[:, 0, 0], K[:, 1, 1], rtol=1e-9, atol=1e-6):
             raise InputError(path, "K", "expected square pixels", "a folder keeps others, as COLMAP's text model")
         shift = torch.stack([width / 2 - K[:, 0, 2], K[:, 1, 2] - height / 2], dim=1)
-        return cls(camera.focal * FULL_FRAME / width, shift / width)
+        return cls(millimetres(camera), shift / width)
+
+
+def millimetres(camera: Camera) -> Tensor:
+    """Focal length of B cameras behind a gate :data:`FULL_FRAME` wide, (B,) [mm]."""
+    return camera.focal * FULL_FRAME / camera.size[0]
 
 
 def rate_of(trajectory: Trajectory) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import torch
 
 from ..driver.refine import least_curvature
+from ..export.lens import FULL_FRAME, millimetres
 from ..features import nobody
 from ..losses.camera_movement import weight_note
 from ..losses.shot_size import ShotSize, degenerate
@@ -55,10 +57,16 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         hint = "in a scan --subject 0, 1, ... takes each, `cltransfer lift SCENE --person 1` shows whom"
         yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")
     if not result.schedule.free_lens:
-        space = result.verified.term("filmic_space")
-        known = space is not None and space.defined and result.objective.losses[space.name].weight > 0
-        why = "" if known else ": without filmic space it cannot be told apart from distance"
-        yield Flag(None, f"focal length kept{why}")
+        yield Flag(None, _kept_lens(result))
+
+
+def _kept_lens(result: Result) -> str:
+    """Which focal length was kept, what names another, and why none was searched."""
+    camera, space = result.trajectory.camera[0], result.verified.term("filmic_space")
+    lens = f"{math.degrees(float(camera.vertical_fov)):.3g} degrees high, {float(millimetres(camera)):.3g} mm"
+    known = space is not None and space.defined and result.objective.losses[space.name].weight > 0
+    why = "" if known else ": without filmic space it cannot be told apart from distance"
+    return f"focal length kept at {lens} on a gate {FULL_FRAME:g} mm wide (--init VIEW.json names another){why}"
 
 
 def _poor(result: Result) -> Iterator[Flag]:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.path_order import LeastPath
 from cltransfer.losses.camera_movement import CameraMovement
@@ -25,6 +26,7 @@ from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import load_person
 from cltransfer.scenes.splats import Splats
 from cltransfer.search.paper_box import PaperBox
+from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import Inputs, Result, transfer
 
 TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=96"]
@@ -284,6 +286,22 @@ def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:
     x[0, 4] = x[1, 7] = 1.0
     boxed = replace(kept(plain, found=replace(plain.kept.found, x=x)), search=PaperBox())
     assert [flag.reason for flag in run_flags(boxed) if "bound" in flag.reason] == ["gamma at its bound"]
+
+
+def test_a_focal_length_that_is_kept_is_told_with_what_names_another(tmp_path: Path) -> None:
+    person = load_scene("builtin:plaza").subject
+    assert person is not None
+    eye = (person.anchor + 4 * person.facing)[None]
+    view = Camera.look_at(eye, person.anchor[None], person.up, math.radians(25), (160, 90))
+    Trajectory(view, torch.zeros(1, dtype=torch.float64)).save(tmp_path / "view.json")
+    config = load_config(overrides=["preset=fast", "frames=1", "search_side=48", "output_side=96", "zoom=fixed"])
+    for init, lens in (
+        ("auto", "40 degrees high, 27.8 mm"),  # 54 of 96 px: 20.25 mm of the gate are its height
+        (str(tmp_path / "view.json"), "25 degrees high, 45.7 mm"),
+    ):
+        flags = run_flags(transfer(Inputs("builtin:plaza", "builtin:static", init), config))
+        told = [flag.reason for flag in flags if "focal length" in flag.reason]
+        assert told == [f"focal length kept at {lens} on a gate 36 mm wide (--init VIEW.json names another)"]
 
 
 @pytest.mark.parametrize("empty", [False, True])
