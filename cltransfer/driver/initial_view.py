@@ -71,6 +71,22 @@ def tell_turned_away(source: str, view: Camera, subject: Subject) -> None:
         _log.warning("--init %s: expected a view towards the person, who is behind this camera; %s", source, hint)
 
 
+def tell_other_shape(source: str, view: Camera, size: tuple[int, int]) -> None:
+    """Tell where the frame of ``view`` is of another shape than one of ``size`` (W, H): its lens is kept as high."""
+    half = float(view.size[0] / view.K[0, 0, 0] / 2)  # of the frame's width, by its distance
+    taken = float(view.size[1] / view.focal / 2) * size[0] / size[1]
+    if abs(taken / half - 1) > ASIDE:
+        shapes = "expected {} x {} as the reference, got {} x {}".format(*size, *view.size)
+        across = f"{_degrees(taken)} across instead of {_degrees(half)}"
+        lens = f"a lens that is as high as that one, {math.degrees(float(view.vertical_fov)):.3g} degrees, and {across}"
+        _log.warning("--init %s: frame: %s; the search begins with %s", source, shapes, lens)
+
+
+def _degrees(half: float) -> str:
+    """The angle of a frame whose half is ``half`` of its distance."""
+    return f"{math.degrees(2 * math.atan(half)):.3g}"
+
+
 def _first_camera(path: Path) -> Camera:
     try:
         return Trajectory.load(path).camera[0]

@@ -17,7 +17,7 @@ from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
 from ..drawing import check_renderer
 from ..driver.guard import READ, Guard
-from ..driver.initial_view import any_view, given_view, tell_turned_away
+from ..driver.initial_view import any_view, given_view, tell_other_shape, tell_turned_away
 from ..driver.journal import VIEW, fingerprint
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
@@ -127,6 +127,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     home = any_view(scene.subject, output) if view is None and scene.subject is not None else view
     if home is not None:
         check_search(search, home, scene.subject)
+    if given.view is not None:
+        tell_other_shape(inputs.init, given.view, reference.features.size)
     if view is not None and search.needs_subject and scene.subject is not None:
         tell_turned_away(inputs.init, view, scene.subject)
     at = places(reference.times)

@@ -113,6 +113,30 @@ def test_a_view_that_looks_away_from_the_person_is_told(
     assert caplog.messages == [line] * int(told)
 
 
+@pytest.mark.parametrize(
+    ("size", "wider", "got"),
+    [((96, 54), 1, ""), ((320, 181), 1, ""), ((72, 54), 4 / 3, ""),  # of pixels a third wider than high
+     ((54, 96), 1, "got 54 x 96; {} 65.2 degrees, and 97.4 across instead of 39.6"),
+     ((128, 54), 1, "got 128 x 54; {} 65.2 degrees, and 97.4 across instead of 113")],
+)  # fmt: skip
+def test_a_lens_for_a_frame_of_another_shape_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, size: tuple[int, int], wider: float, got: str
+) -> None:
+    subject, path = load_scene("builtin:plaza").subject, tmp_path / "view.json"
+    assert subject is not None
+    eye, fov = subject.anchor + 3 * subject.facing, 2 * math.atan(0.64)
+    view = Camera.look_at(eye[None], subject.anchor[None], subject.up, fov, size)
+    K = view.K.clone()
+    K[:, 0, 0] /= wider
+    Trajectory(replace(view, K=K), torch.zeros(1, dtype=torch.float64)).save(path)
+    config = load_config(overrides=["preset=fast", "frames=2", "search_side=48", "output_side=96"])
+    with caplog.at_level(logging.WARNING, "cltransfer"):
+        prepare(Inputs("builtin:plaza", "builtin:static", str(path)), config, Clock(), silent, None)
+    lens = "the search begins with a lens that is as high as that one,"
+    line = f"--init {path}: frame: expected 96 x 54 as the reference, {got.format(lens)}"
+    assert [told for told in caplog.messages if "frame:" in told] == [line] * bool(got)
+
+
 def test_the_frame_to_stand_by_is_one_that_shows_the_person() -> None:
     features = sample_features(0, 4)
     joints = features.require("keypoints").clone()
