@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +48,7 @@ class ClipSource:
         A person is an id, or a place as in ``person=0.4,0.6`` (in the first frame) or ``person=0.4,0.6,1.5``.
 
         Raises:
-            UsageError: a part is unknown or has no such value.
+            UsageError: a part is unknown or has no such value, or stands behind a ``#`` of its own.
 
         >>> ClipSource.parse("clip.mp4#t=1.5,4").span
         (1.5, 4.0)
@@ -55,6 +56,7 @@ class ClipSource:
         name, fragment = _parted(source)
         if not fragment:
             return cls(Path(name))
+        _check_joined(source, name, fragment)
         values = {}
         for part in fragment.split("&"):
             key, _, value = part.partition("=")
@@ -123,6 +125,14 @@ def _parted(source: str) -> tuple[str, str]:
     """A clip's name, and what is asked of it; empty where the whole is the name of a file."""
     name, mark, fragment = source.rpartition("#")
     return (name, fragment) if mark and not Path(source).exists() else (source, "")
+
+
+def _check_joined(source: str, name: str, fragment: str) -> None:
+    """Refuse a ``name`` that is no file and ends in a part, before the ``#`` of another."""
+    file, mark, part = name.rpartition("#")
+    if mark and part.partition("=")[0] in KEYS and not Path(name).exists():
+        hint = f"join parts by &: {shlex.quote(f'{file}#{part}&{fragment}')}"
+        raise UsageError(source, "#", "expected one # before all parts, got several", hint)
 
 
 def _person(source: str, text: str) -> int | tuple[float, float, float]:

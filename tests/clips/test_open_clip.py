@@ -1,6 +1,7 @@
 """Cleaning a clip: which part, one shot, no bars; times by pts."""
 
 import math
+import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -334,6 +335,18 @@ def test_a_source_names_its_part(tmp_path: Path) -> None:
     assert ClipSource.parse("frames#fps=29.97&t=1,2&person=1") == ClipSource(Path("frames"), (1.0, 2.0), 1, fps=29.97)
     (tmp_path / "b#t=1.mp4").touch()
     assert ClipSource.parse(str(tmp_path / "b#t=1.mp4")).path.name == "b#t=1.mp4"
+
+
+def test_parts_that_each_have_a_mark_are_told_to_be_joined(tmp_path: Path) -> None:
+    source = f"{tmp_path / 'take#2.mp4'}#t=0,0.2#person=0.4,0.6,1"
+    with pytest.raises(UsageError, match=r"expected one # before all parts, got several \(join parts by &: ") as told:
+        ClipSource.parse(source)
+    joined = shlex.split(told.value.hint.removeprefix("join parts by &: "))[0]
+    wanted = ClipSource(tmp_path / "take#2.mp4", (0.0, 0.2), (0.4, 0.6, 1.0))
+    assert ClipSource.parse(joined) == wanted
+    assert ClipSource.parse("take#2.mp4#t=1").path == Path("take#2.mp4")
+    (tmp_path / "take#2.mp4#t=0,0.2").touch()
+    assert ClipSource.parse(source).path == tmp_path / "take#2.mp4#t=0,0.2"
 
 
 def test_a_person_is_named_by_a_place_and_a_moment() -> None:
