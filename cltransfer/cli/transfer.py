@@ -33,7 +33,7 @@ def transfer(
             "Reference: a video, an image folder (24 images/s unless FOLDER#fps=30 or its times.json says), "
             "CLIP#t=START,END for a part, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT "
             "(dolly_zoom, the default, push_in, pull_out, pan, tilt, orbit, zoom, crash_zoom, dutch, boom, truck, "
-            "static, handheld).",
+            "static, handheld), as many frames long as frames= says, by default 24, at 12 a second.",
         ),
     ] = None,
     out: Out = None,

@@ -48,7 +48,8 @@ class RunConfig:
 
     Args:
         preset: the shipped config the others build on.
-        frames: frames to transfer, evenly over the reference; null takes all.
+        frames: frames to transfer, evenly over the reference; null takes all. Of builtin:SHOT it makes another shot,
+            as many frames long at 12 a second; null makes one of 24.
         seed: of the run's own random generator.
         threads: of kernels, OpenCV and networks; 0 takes what CLTRANSFER_THREADS says, else every core there is.
         search_side: longer side of the frames rendered while searching [px].

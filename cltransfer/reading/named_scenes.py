@@ -24,7 +24,7 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
     Args:
         source: ``builtin:SHOT``, or ``SCENE@TRAJECTORY.json``; the scene's person is ``subject.json`` beside the
             trajectory, unless the scene knows its own.
-        frames: how many; a trajectory is taken whole or thinned evenly.
+        frames: how many; a trajectory is taken whole or thinned evenly, a shot is made of so many at 12 a second.
         side: longer side of its frames [px].
 
     Raises:

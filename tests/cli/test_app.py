@@ -367,6 +367,15 @@ def test_the_keys_of_a_run_are_explained_with_what_the_default_sets(command: Cal
     }
 
 
+def test_how_long_a_built_in_shot_is_stands_at_its_name_and_at_the_key(
+    command: Callable[..., Any], helped: dict[str, tuple[int, str, str, float]]
+) -> None:
+    words = " ".join(helped["transfer"][1].replace("│", " ").split())
+    assert "handheld), as many frames long as frames= says, by default 24, at 12 a second." in words
+    explained = " ".join(command("plugins", "show", "config").out.split())
+    assert "Of builtin:SHOT it makes another shot, as many frames long at 12 a second; null makes one" in explained
+
+
 def test_what_fit_takes_is_listed_and_explained(command: Callable[..., Any]) -> None:
     assert json.loads(command("plugins", "list", "--json").out)["fit"] == ["gaussian_splats", "nerf_grid"]
     assert "  budget = 'auto'" in command("plugins", "show", "fit.nerf_grid").out.splitlines()

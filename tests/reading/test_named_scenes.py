@@ -37,6 +37,12 @@ def test_a_cache_that_cannot_be_written_is_told_and_loses_no_result(
     assert "a later render needs --scene builtin:courtyard" in line
 
 
+@pytest.mark.parametrize(("frames", "count"), [(None, 24), (6, 6)])
+def test_a_built_in_shot_is_made_of_so_many_frames_and_is_not_thinned(frames: int | None, count: int) -> None:
+    _, path = load_reference_scene("builtin:push_in", frames, 160)
+    assert path.times.tolist() == pytest.approx([i / 12 for i in range(count)])
+
+
 def test_a_path_is_thinned_by_its_times_as_a_clip_is(tmp_path: Path) -> None:
     """Eight frames of a third of a second, then two of a second each: as a run leaves of a clip that was thinned."""
     plaza = load_scene("builtin:plaza")
