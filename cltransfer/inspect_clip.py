@@ -17,7 +17,8 @@ from .pipeline.components import Components
 from .pipeline.scores import Scores, score
 from .placement import frame_joints, visible_joints
 from .progress import Progress, silent
-from .reading.reference import Reading, Reference, is_scene, read_reference
+from .reading.reference import Reading, Reference, read_reference
+from .reading.scene_source import is_scene
 
 
 @dataclass(frozen=True)

@@ -111,6 +111,15 @@ def test_a_page_of_something_else_is_not_written_over(command: Any, laid_open: A
     check_page(tmp_path, MARK, "a page of `inspect`")
 
 
+@pytest.mark.parametrize(("source", "kind"), [("clip.mp4", "a clip"), ("features.safetensors", "a feature file")])
+def test_a_size_is_refused_of_what_is_not_rendered(command: Any, tmp_path: Path, source: str, kind: str) -> None:
+    said = command("inspect", source, "output_side=96", "--out", tmp_path / "page")
+    assert (said.code, said.err.partition(",")[0]) == (
+        2,
+        f"error: output_side: changes nothing of an inspection of {kind}",
+    )
+
+
 def test_a_page_that_was_stopped_may_be_made_anew(
     laid_open: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

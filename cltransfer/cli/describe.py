@@ -7,12 +7,20 @@ from typing import Annotated
 
 import typer
 
+from ..describe.camera_path import camera_path
+from ..reading.scene_source import is_scene
 from ..storage.files import check_out, write_json, write_text
 from ..storage.pages import check_page
 from .shared import Allow, Config, Json, Overrides, Quiet, check_keys, settings_of, show
 
-# keys of the config that a reading looks at
-READING = ("frames", "output_side", "renderer", "extractors", "losses", "threads", "preset")
+# keys of the config that a reading looks at, by what is read
+STORED = ("frames", "losses", "threads", "preset")
+READING = {
+    "a scene with a trajectory": (*STORED, "extractors", "renderer", "output_side"),
+    "a clip": (*STORED, "extractors"),
+    "a feature file": STORED,
+    "a camera path": ("frames",),
+}
 
 
 def describe(
@@ -36,7 +44,8 @@ def describe(
     With --out it leaves description.json, description.txt and strip.svg in that folder.
     """
     settings = settings_of(config, overrides or [], allow_plugin)
-    check_keys(overrides or [], READING, "a description")
+    kind = "a camera path" if camera_path(source) is not None else _kind(source)
+    check_keys(overrides or [], READING[kind], f"a description of {kind}")
     if out is not None:
         check_out(out)
     from ..computer.threads import set_threads, thread_count
@@ -55,6 +64,13 @@ def describe(
     show(found.to_json(), text, as_json)
 
 
+def _kind(source: str) -> str:
+    """What is read of a ``source`` that is no camera path, as :data:`READING` calls it."""
+    if is_scene(source):
+        return "a scene with a trajectory"
+    return "a feature file" if source.endswith(".safetensors") else "a clip"
+
+
 def inspect(
     source: Annotated[str, typer.Argument(help="A clip as in `transfer`.")],
     overrides: Overrides = None,
@@ -71,7 +87,8 @@ def inspect(
     Two networks read a clip; get them first, once: cltransfer models pull default
     """
     settings = settings_of(config, overrides or [], allow_plugin)
-    check_keys(overrides or [], READING, "an inspection")
+    kind = _kind(source)
+    check_keys(overrides or [], READING[kind], f"an inspection of {kind}")
     from ..report.inspection_page import MARK
 
     check_page(out, MARK, "a page of `inspect`")

@@ -16,11 +16,13 @@ from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..pipeline.components import Components
 from ..progress import Progress, silent
-from ..reading.reference import Reading, about_shown, is_scene, read_reference
+from ..reading.reference import Reading, about_shown, read_reference
+from ..reading.scene_source import is_scene
 from ..reading.tracks import turned_back
 from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
+from .camera_path import camera_path
 from .description import Description, describe_features
 from .flow_motion import flow_motion
 from .path_motion import path_motion
@@ -45,14 +47,14 @@ def describe(
 
     Raises:
         InputError: the source is missing, damaged or an unfinished run, or a camera path has no person.
-        UsageError: by the config not all would be read.
+        UsageError: by the config not all would be read, or a person is named of what is no camera path.
     """
-    path = Path(source)
-    require_done(path)
-    if (path / TRAJECTORY).is_file():
-        path = path / TRAJECTORY
-    if path.suffix == ".json" and not is_scene(str(path)):
+    require_done(Path(source))
+    if (path := camera_path(source)) is not None:
         return describe_path(path, subject, config.frames), None
+    if subject is not None:
+        reason = "is read of a camera path alone, expected a trajectory.json or the folder of a run"
+        raise UsageError(source, "--subject", reason, "leave it out")
     parts = about_shown(Components.build(config))
     if not source.endswith(".safetensors"):  # which has its features, whatever the config asks for
         _check_needs(source, parts)
@@ -67,7 +69,7 @@ def describe(
     if reference.family != "scene":  # a scene's is exact
         read = turned_back(read, reference.times)
     shown = describe_features(reference.name, read, reference.times, motion, reference.missing)
-    lost = [f"the run has no {TRAJECTORY}: read from its frames, as a clip is"] if is_run(path) else []
+    lost = [f"the run has no {TRAJECTORY}: read from its frames, as a clip is"] if is_run(Path(source)) else []
     return replace(shown, flags=(*lost, *shown.flags, *reference.flags)), reference.image
 
 

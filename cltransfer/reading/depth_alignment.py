@@ -23,7 +23,7 @@ from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import lifted_scene, load_person
 from ..shots import Moves, Setup, cameras
-from .reference import is_scene
+from .scene_source import is_scene
 
 SIZE, VIEWS = (640, 360), 8  # of the views [px]; how many
 DEPTH = "depth_onnx"

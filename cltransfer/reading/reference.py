@@ -27,7 +27,7 @@ from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from .feature_file import LIMIT, FeatureFile
 from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, render_features, require_person
-from .scene_source import split_scene
+from .scene_source import is_scene
 
 _log = logging.getLogger("cltransfer")
 BY_GEOMETRY = "networks see nobody in its renders: extract.inner=geometric reads the scene itself"
@@ -134,11 +134,6 @@ def about_shown(parts: Components) -> Components:
         for name, extractor in parts.extractors.items()
     }
     return replace(parts, extractors=extractors)
-
-
-def is_scene(source: str) -> bool:
-    """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
-    return source.startswith("builtin:") or split_scene(source) is not None
 
 
 def times_field(source: str) -> str:

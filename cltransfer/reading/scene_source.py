@@ -32,6 +32,11 @@ def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
     return next((split for split in known if os.path.exists(folder / split[1])), known[0] if known else None)
 
 
+def is_scene(source: str) -> bool:
+    """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
+    return source.startswith("builtin:") or split_scene(source) is not None
+
+
 def _is_there(folder: Path, scene: str) -> bool:
     file = scene.rpartition("#")[0]  # man.glb#t=0.6
     return os.path.exists(folder / scene) or (file != "" and os.path.exists(folder / file))

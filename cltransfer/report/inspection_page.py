@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, StrictUndefined
 
 from ..clips.source import unnamed
-from ..reading.reference import is_scene
+from ..reading.scene_source import is_scene
 from ..storage.files import write_text
 from ..storage.pages import INDEX
 from .policy import csp_hash

@@ -57,7 +57,8 @@ def test_a_path_is_told_alike_with_its_scene_and_with_its_person_alone(command: 
     Trajectory(view, torch.arange(2.0, dtype=torch.float64)).save(tmp_path / "trajectory.json")
     person.save(tmp_path / "subject.json")
     path = tmp_path / "trajectory.json"
-    told = [command("describe", what, "output_side=96", "--json") for what in (path, f"builtin:plaza@{path}")]
+    sources = ((path,), (f"builtin:plaza@{path}", "output_side=96"))
+    told = [command("describe", *source, "--json") for source in sources]
     assert [json.loads(said.out)["height"]["usual"] for said in told] == ["eye level"] * 2
 
 
@@ -103,6 +104,35 @@ def test_a_feature_file_that_lacks_something_is_named_whatever_the_config_reads(
     FeatureFile(replace(features, orientation=None), times, "a").save(path)
     said = command("describe", path)
     assert (said.code, "a.safetensors: orientation: not in the feature file" in said.err) == (3, True)
+
+
+IDLE = {
+    "clip.mp4": ("a clip", ["output_side=96", "renderer.mesh={}"]),
+    "features.safetensors": ("a feature file", ["output_side=96", "renderer.mesh={}", "extractors.flow_dis=null"]),
+    "trajectory.json": ("a camera path", ["output_side=96", "losses.framing.weight=2", "threads=1", "preset=fast"]),
+    "": ("a camera path", ["extractors.flow_dis=null"]),  # the folder of a run
+    "builtin:pan": ("a scene with a trajectory", ["search_side=96"]),
+}
+
+
+@pytest.mark.parametrize(("name", "override"), [(name, key) for name, (_, keys) in IDLE.items() for key in keys])
+def test_a_key_that_changes_nothing_of_what_is_described_is_refused(
+    command: Any, tmp_path: Path, name: str, override: str
+) -> None:
+    shot("boom", sample_subject(), (160, 90), 8).save(tmp_path / "trajectory.json")
+    source = name if name.startswith("builtin:") else tmp_path / name
+    said = command("describe", source, override)
+    key, known = override.partition("=")[0].partition(".")[0], "expected a key that it looks at (frames"
+    assert said.err.startswith(f"error: {key}: changes nothing of a description of {IDLE[name][0]}, {known}")
+    assert said.code == 2
+
+
+def test_a_person_is_refused_of_what_is_no_camera_path(command: Any, tmp_path: Path) -> None:
+    sample_subject().save(tmp_path / "subject.json")
+    for source in ("clip.mp4", "features.safetensors", "builtin:pan"):
+        said = command("describe", source, "--subject", tmp_path / "subject.json")
+        reason = "is read of a camera path alone, expected a trajectory.json or the folder of a run (leave it out)"
+        assert (said.code, said.err) == (2, f"error: {source}: --subject: {reason}\n")
 
 
 def test_a_missing_source_is_one_line(command: Any, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import pytest
 from cltransfer.config import load_config
 from cltransfer.pipeline.components import Components
 from cltransfer.reading.named_scenes import load_reference_scene
-from cltransfer.reading.reference import Reading, is_scene, read_reference
-from cltransfer.reading.scene_source import split_scene
+from cltransfer.reading.reference import Reading, read_reference
+from cltransfer.reading.scene_source import is_scene, split_scene
 from cltransfer.shots import shot
 from cltransfer.testing import sample_subject
 
