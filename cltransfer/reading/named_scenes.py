@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from ..clips.thinned import evenly
+from ..drawing import OURS
 from ..errors import InputError
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import load_person
 from ..storage.files import cache_dir, into_cache, read_json, write_json
-from ..storage.run_files import SUBJECT, require_done
+from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
 from ..trajectory import Trajectory
 from .scene_source import split_scene
 
@@ -44,6 +46,17 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
     if scene.subject is None and path.with_name(SUBJECT).is_file():
         scene = load_person(scene, path.with_name(SUBJECT))
     return scene, _thinned(trajectory, frames, side)
+
+
+def lift_command(source: str, scene: Scene) -> str:
+    """By what command the person of ``scene`` comes to lie where :func:`load_reference_scene` looks for it."""
+    named, path = split_scene(source) or (source, TRAJECTORY)
+    folder, kind = Path(path).parent, getattr(scene.geometry, "renderer", "")
+    drawn = f" renderer.{kind}={{}}" * (kind in OURS[1:])  # the first is that of the config by default
+    command = f"cltransfer lift {shlex.quote(named)}{drawn} --out"
+    if is_run(folder):  # into which no lift goes
+        return f"copy {shlex.quote(path)} into a FOLDER of its own, and run: {command} FOLDER"
+    return f"run: {command} {shlex.quote(str(folder))}"
 
 
 def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajectory:

@@ -25,6 +25,7 @@ from ..progress import Progress, silent
 from ..registry.plugin_code import own_code
 from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
+from ..storage.run_files import SUBJECT
 from .feature_file import LIMIT, FeatureFile
 from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, render_features, require_person
 from .scene_source import is_scene
@@ -230,11 +231,12 @@ def _from_file(path: Path, parts: Components, frames: int | None) -> Reference:
 
 def _from_scene(source: str, parts: Components, reading: Reading, progress: Progress) -> Reference:
     from ..drawing import drawn_by, renderer_of
-    from .named_scenes import load_reference_scene
+    from .named_scenes import lift_command, load_reference_scene
 
     scene, path = load_reference_scene(source, reading.frames, reading.side)
     if scene.subject is None and reading.scene_family == "scene":
-        raise InputError(source, "subject", "the reference scene has no lifted person", "run: cltransfer lift SCENE")
+        reason = f"the reference scene has no lifted person: no {SUBJECT} beside the trajectory"
+        raise InputError(source, "subject", reason, lift_command(source, scene))
     plan = parts.plan(reading.scene_family)
     buffers = (plan.buffers | {"image"}) - SCENE_SOURCE
     renderer = renderer_of(scene, parts.renderer)

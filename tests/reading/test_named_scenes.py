@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from pathlib import Path
 
 import pytest
 import torch
+import typer
 
+from cltransfer.cli.app import app
+from cltransfer.config import load_config
 from cltransfer.errors import InputError
-from cltransfer.reading.named_scenes import load_reference_scene, recall, remember
+from cltransfer.pipeline.components import Components
+from cltransfer.reading.named_scenes import lift_command, load_reference_scene, recall, remember
+from cltransfer.reading.reference import Reading, read_reference
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import save_labels
+from cltransfer.scenes.ply import write_splats
+from cltransfer.scenes.splats import Splats
 from cltransfer.shots import shot
+from cltransfer.storage.run_files import MANIFEST, SUBJECT
 from cltransfer.trajectory import Trajectory
 
 
@@ -52,3 +63,29 @@ def test_a_path_is_thinned_by_its_times_as_a_clip_is(tmp_path: Path) -> None:
     _, thinned = load_reference_scene(f"builtin:plaza@{tmp_path / 'trajectory.json'}", 3, 160)
     assert thinned.times.tolist() == pytest.approx([0.0, 1.0, 2.0])
     torch.testing.assert_close(thinned.camera.w2c, cameras[[0, 8, 9]].w2c)
+
+
+def test_a_scene_that_teaches_without_a_person_names_the_lift_that_helps(tmp_path: Path) -> None:
+    plaza, path = load_scene("builtin:plaza"), tmp_path / "takes of one" / "trajectory.json"
+    assert isinstance(plaza.geometry, Splats)
+    assert plaza.subject is not None
+    shot("static", plaza.subject, (160, 90), 2).save(path)
+    write_splats(tmp_path / "a scene.ply", plaza.geometry)
+    source, parts = f"{tmp_path / 'a scene.ply'}@{path}", Components.build(load_config())
+    with pytest.raises(InputError, match=r"no lifted person: no subject\.json beside the trajectory") as told:
+        read_reference(source, parts, Reading(None, 48))
+    _, verb, *words = shlex.split(told.value.hint.removeprefix("run: "))
+    given = typer.main.get_command(app).commands[verb].make_context(verb, words).params  # type: ignore[attr-defined]
+    assert (given["scene"], given["overrides"]) == (str(tmp_path / "a scene.ply"), ())
+    plaza.subject.save(given["out"] / SUBJECT)  # what a lift leaves there
+    save_labels(given["out"], plaza.geometry.label)
+    assert len(read_reference(source, parts, Reading(None, 48))) == 2
+
+
+def test_a_lift_is_led_out_of_a_run_and_drawn_as_its_scene_can_be(tmp_path: Path) -> None:
+    source, mesh = f"man.glb@{tmp_path / 'trajectory.json'}", load_scene("builtin:room-3-mesh")
+    lift = "cltransfer lift man.glb renderer.mesh={} --out"
+    assert lift_command(source, mesh) == f"run: {lift} {tmp_path}"
+    (tmp_path / MANIFEST).write_text(json.dumps({"format": "cltransfer.run"}))
+    copied = f"copy {tmp_path / 'trajectory.json'} into a FOLDER of its own, and run: {lift} FOLDER"
+    assert lift_command(source, mesh) == copied
