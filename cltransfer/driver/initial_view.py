@@ -22,7 +22,7 @@ from ..trajectory import Trajectory
 from .problem import distinct
 from .stage import Stage
 
-VERTICAL_FOV = math.radians(40)  # a normal lens: 33 mm on a 24 mm high gate
+VERTICAL_FOV = math.radians(40)  # a normal lens: 28 mm on a gate 36 mm wide, of a frame of 16:9
 AZIMUTHS = 16  # of a full orbit, where the reference does not say where the person faces
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
 COARSE = 0.5 * 1.4 ** torch.arange(9, dtype=torch.float64)  # subject heights, 0.5 to 7.4

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from ..export.lens import FULL_FRAME, millimetres
 from ..pipeline.scores import Term
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -131,7 +132,7 @@ def top_view(trajectory: Trajectory, subject: Subject) -> str:
 def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
     """Focal length over time, and the distance to the subject where one is known, (SVG)."""
     times, camera = trajectory.times.numpy(), trajectory.camera
-    rows = [("focal length [mm on a 24 mm high sensor]", (24 * camera.focal / camera.size[1]).numpy())]
+    rows = [(f"focal length [mm on a gate {FULL_FRAME:g} mm wide]", millimetres(camera).numpy())]
     if subject is not None:
         distance = (camera.center - subject.anchor).norm(dim=1) / subject.height
         rows.append(("distance [subject heights]", distance.numpy()))

@@ -55,7 +55,8 @@ def test_from_above_a_camera_at_the_left_of_who_looks_up_the_page_is_at_its_left
     assert start[1] < body[1]
 
 
-def test_a_focal_length_is_told_of_the_height_of_the_frame() -> None:
-    """On a sensor 24 mm high: what is beside the frame changes no lens."""
+def test_a_focal_length_is_told_of_the_width_of_the_frame_as_other_programs_have_it() -> None:
     eye = torch.tensor([0.0, 4.0, 1.0], dtype=torch.float64)
-    assert lens_curves(path(eye), None) == lens_curves(path(eye, (128, 36)), None)
+    small, large, wide = (lens_curves(path(eye, size), None) for size in ((64, 36), (128, 72), (128, 36)))
+    assert 'aria-label="focal length [mm on a gate 36 mm wide] over time"' in small
+    assert small == large != wide
