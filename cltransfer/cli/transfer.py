@@ -12,7 +12,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .shared import STOPS, Allow, Config, Json, Out, Quiet, Up, settings_of, show, stopped, tell, unused_plugins, up_of
+from .shared import (
+    STOPS,
+    Allow,
+    Config,
+    Json,
+    Out,
+    Quiet,
+    Up,
+    check_keys,
+    settings_of,
+    show,
+    stopped,
+    tell,
+    unused_plugins,
+    up_of,
+)
 from .slips import check_order, is_override
 
 if TYPE_CHECKING:
@@ -181,6 +196,14 @@ def export(
             "nerfstudio. A folder: COLMAP's text model; SuperSplat takes its images.txt, without roll and lens.",
         ),
     ],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...",
+            help="output_side=1920: longer side of the picture [px], by default that of RUN's. Width and height are "
+            "made even, as H.264 has to have them.",
+        ),
+    ] = None,
     fps: Annotated[
         float | None,
         typer.Option(
@@ -195,18 +218,21 @@ def export(
 ) -> None:
     """Write the camera of RUN for other programs, with focal length and roll.
 
-    cltransfer export run --fps 24 --out shot.py
+    cltransfer export run output_side=1920 --fps 24 --out shot.py
 
     Coordinates are those of the scene's file (of an .spz those of the .ply that it unpacks to), so that scene and
     camera meet where one program reads both. COLMAP and nerfstudio play cameras evenly: give --fps where times are
     uneven.
     """
+    check_keys(overrides or [], ("output_side",), "a camera")
+    side = settings_of(None, overrides, None).output_side if overrides else None
     from ..export.lens import rate_of
     from ..run.export import WORLDS, export_path
 
-    written = export_path(path, out, fps, y_up)
+    written = export_path(path, out, fps, y_up, side)
     numbered = f", numbered at {fps or rate_of(written):.6g} frames/s" * (out.suffix.lower() in WORLDS)
-    print(f"{out}: {len(written)} cameras over {float(written.times[-1] - written.times[0]):.2f} s{numbered}")
+    seconds, (width, height) = float(written.times[-1] - written.times[0]), written.camera.size
+    print(f"{out}: {len(written)} cameras of {width}x{height} over {seconds:.2f} s{numbered}")
 
 
 def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:

@@ -1,4 +1,4 @@
-"""What camera files of other programs share: a gate in place of pixels, frame numbers in place of seconds."""
+"""What camera files of other programs share: a gate, frame numbers in place of seconds, pixels that a film can have."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..camera import Camera
+from ..camera import Camera, fitted_size, resized
 from ..errors import InputError
 from ..trajectory import Trajectory
 
@@ -47,6 +47,27 @@ class Lens:
 def millimetres(camera: Camera) -> Tensor:
     """Focal length of B cameras behind a gate :data:`FULL_FRAME` wide, (B,) [mm]."""
     return camera.focal * FULL_FRAME / camera.size[0]
+
+
+def filmable(trajectory: Trajectory, side: int | None = None) -> Trajectory:
+    """The same cameras on pixels even in width and height, as H.264 has to have them.
+
+    The vertical field of view is kept, and pixels that are not square and a principal point beside the middle too.
+
+    Args:
+        trajectory: the cameras.
+        side: longer side [px], before it is made even; None: theirs.
+    """
+    camera = trajectory.camera
+    width, height = camera.size if side is None else fitted_size(camera.size, side)
+    size = max(2, width - width % 2), max(2, height - height % 2)
+    if size == camera.size:
+        return trajectory
+    square, scale = resized(camera, size), size[1] / camera.size[1]
+    K = square.K.clone()
+    K[:, 0, 0] *= camera.K[:, 0, 0] / camera.K[:, 1, 1]
+    K[:, :2, 2] += scale * (camera.K[:, :2, 2] - K.new_tensor(camera.size) / 2)
+    return Trajectory(Camera(camera.w2c, K, size), trajectory.times)
 
 
 def rate_of(trajectory: Trajectory) -> float:

@@ -19,6 +19,7 @@ from ..computer.packages import versions
 from ..computer.threads import default_count
 from ..config import to_yaml
 from ..config.options import RunConfig
+from ..export.lens import filmable
 from ..export.nerfstudio import write_camera_path
 from ..reading.named_scenes import remember
 from ..report.data import ReportData
@@ -76,7 +77,7 @@ def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, p
     write_text(folder / CONFIG, to_yaml(_settled(config, result)))
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / TRAJECTORY)
-    write_camera_path(folder / CAMERA_PATH, trajectory)
+    write_camera_path(folder / CAMERA_PATH, filmable(trajectory))
     write_video(folder / FRAMES, result.image, trajectory.times, lossless=True)
     write_video(folder / VIDEO, result.image, trajectory.times)
     if reference.image is not None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.camera import resized
 from cltransfer.errors import InputError, UsageError
 from cltransfer.run.export import export_path
 from cltransfer.run.frame_rate import at_rate
@@ -40,6 +41,25 @@ def test_the_ending_says_for_which_program(tiny_run: Path, tmp_path: Path, name:
 def test_what_a_run_writes_for_nerfstudio_itself_is_the_same(tiny_run: Path, tmp_path: Path) -> None:
     export_path(tiny_run, tmp_path / "shot.json", None, None)
     assert (tmp_path / "shot.json").read_bytes() == (tiny_run / CAMERA_PATH).read_bytes()
+
+
+def test_a_picture_is_as_large_as_is_asked_for_and_always_even(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    own = Trajectory.load(tiny_run / TRAJECTORY)
+    Trajectory(resized(own.camera, (720, 405)), own.times).save(tmp_path / "odd.json")
+    for source, asked, size in (("odd.json", [], (720, 404)), (tiny_run, ["output_side=1920"], (1920, 1080))):
+        said = command("export", tmp_path / source, *asked, "--out", tmp_path / "shot.py")
+        assert (said.code, said.err) == (0, "")
+        assert f" cameras of {size[0]}x{size[1]} over " in said.out
+        assert f"\nSIZE = {size}  # [px]\n" in (tmp_path / "shot.py").read_text()
+    refused = {
+        "search_side=96": "search_side: changes nothing of a camera, expected a key that it looks at (output_side)",
+        "output_side=8": "output_side: expected 16 to 4096, got 8",
+    }
+    for override, line in refused.items():
+        said = command("export", tiny_run, override, "--out", tmp_path / "shot.py")
+        assert (said.code, line in said.err) == (2, True), said.err
 
 
 def test_frames_between_those_of_the_run(tiny_run: Path, tmp_path: Path) -> None:

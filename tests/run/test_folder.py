@@ -10,9 +10,10 @@ import pytest
 
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, UsageError
+from cltransfer.run.export import export_path
 from cltransfer.run.folder import command_again, default_folder, report_data, write_run
 from cltransfer.run.inputs import Inputs
-from cltransfer.storage.run_files import CONFIG, DONE, MANIFEST, VIDEO
+from cltransfer.storage.run_files import CAMERA_PATH, CONFIG, DONE, MANIFEST, VIDEO
 from cltransfer.transfer import transfer
 
 
@@ -59,6 +60,14 @@ def test_nothing_is_written_over_what_is_no_run_nor_through_a_link_out_of_one(tm
     for _ in range(2):
         write_run(tmp_path / "new", result, inputs, config, [])
     assert (tmp_path / "new" / DONE).is_file()
+
+
+def test_the_camera_that_a_run_leaves_for_nerfstudio_is_the_one_that_it_exports(tmp_path: Path) -> None:
+    inputs = Inputs("builtin:plaza", "builtin:static")
+    config = load_config(overrides=["preset=fast", "frames=1", "search_side=32", "output_side=49", "path=exact"])
+    write_run(tmp_path / "run", transfer(inputs, config), inputs, config, [])
+    assert export_path(tmp_path / "run", tmp_path / "shot.json", None, None).camera.size == (48, 28)
+    assert (tmp_path / "run" / CAMERA_PATH).read_bytes() == (tmp_path / "shot.json").read_bytes()
 
 
 def test_the_command_of_a_run_names_what_it_was_given() -> None:
