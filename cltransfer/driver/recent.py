@@ -12,7 +12,8 @@ from ..camera import Camera
 from ..features import Features
 from .view import View
 
-PIXELS = 1_500_000  # of all views that are remembered; the maps of one take 30 to 60 bytes a pixel
+PIXELS, MOST = 1_500_000, 8_000_000  # of all views that are remembered; the maps of one take 30 to 60 bytes a pixel
+PATHS = 3  # of a clip, that are remembered where they are no more than MOST: one, and candidates about its frames
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class _Batch:
 
 @dataclass
 class Recent:
-    """The last batches of views, as many as :data:`PIXELS` allow; a larger one is not remembered.
+    """The last batches of views, as many as ``pixels`` allow; a larger one is not remembered.
 
     A view that is found is a part of the batch that it was seen in, the same object each time. Where a journal answered
     for that batch it is looked at now, whole, so that a run that is gone on with has the same bits.
@@ -57,6 +58,11 @@ class Recent:
     _batches: deque[tuple[_Batch, list[tuple[object, ...]]]] = field(default_factory=deque)
     _views: dict[tuple[object, ...], tuple[_Batch, int]] = field(default_factory=dict)
     _held: int = 0
+
+    @classmethod
+    def of(cls, frames: int, size: tuple[int, int]) -> Recent:
+        """Room for a clip of so many frames of ``size`` (W, H) [px]; a longer path than :data:`MOST` is drawn anew."""
+        return cls(min(max(PIXELS, PATHS * frames * size[0] * size[1]), MOST))
 
     def add(self, context: Context, view: View) -> None:
         """Remember a view of B cameras."""

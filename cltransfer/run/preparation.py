@@ -19,6 +19,7 @@ from ..drawing import check_renderer
 from ..driver.guard import READ, Guard
 from ..driver.initial_view import any_view, given_view, tell_other_shape, tell_turned_away
 from ..driver.journal import VIEW, fingerprint
+from ..driver.recent import Recent
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
 from ..driver.starts import Starting, Starts
@@ -217,7 +218,8 @@ def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Refere
     objective = replace(parts.objective, silent=frozenset(n for n, there in zip(parts.losses, told) if not there))
     guard = Guard(None if scene.subject is None else scene.subject.height) if config.guard else None
     small = fitted_size(reference.features.size, config.search_side)
-    return Stage(scene, parts.renderer, plan, objective, small, guard=guard)
+    recent = Recent.of(len(reference), small)
+    return Stage(scene, parts.renderer, plan, objective, small, guard=guard, recent=recent)
 
 
 def noise_floor(objective: Objective, read: Features, wanted: Features, times: Tensor | None = None) -> float:

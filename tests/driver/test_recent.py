@@ -14,7 +14,7 @@ from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.journal import Journal
-from cltransfer.driver.recent import Context, Recent
+from cltransfer.driver.recent import MOST, Context, Recent
 from cltransfer.driver.stage import AHEAD, Spent, Stage, read_path
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
@@ -225,3 +225,16 @@ def test_a_camera_that_stands_is_counted_alike_when_a_journal_answers(
             before = asked.view(cameras[0], before)
         spent.append(asked.spent)
     assert spent == [Spent(evaluations=3, renders=3)] * 2
+
+
+def test_a_path_too_long_for_the_least_room_is_rendered_once_however_often_it_is_walked(
+    stage: Stage, cameras: Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    least = (FRAMES - 1) * SIZE[0] * SIZE[1]
+    monkeypatch.setattr("cltransfer.driver.recent.PIXELS", least)
+    for recent, again in ((Recent(pixels=least), FRAMES), (Recent.of(FRAMES, SIZE), 0)):
+        walked = replace(stage, recent=recent, spent=Spent())
+        read_path(walked, cameras)
+        read_path(walked, cameras)
+        assert walked.spent.renders == FRAMES + again
+    assert Recent.of(10**6, SIZE).pixels == MOST  # however long a clip is
