@@ -26,7 +26,7 @@ def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterato
     Raises:
         ResourceError: the cluster cannot be reached, or is lost.
         UsageError: dask is not installed.
-        ModelError: a worker has other code, plugins or networks, see :func:`run_trial`.
+        ModelError: a worker has other code, packages, plugins or networks, see :func:`run_trial`.
     """
     if engine.backend == "dask":
         return _on_cluster(trials, job, engine.address or "")

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..computer.revision import commit
 from ..errors import UsageError
+from ..models.content import read_by
 from ..pipeline.components import Components
 from ..plugins import settle
 from ..progress import Progress, silent
@@ -94,7 +95,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
         ResourceError: another process runs one in that folder, or the cluster cannot be reached, or is lost.
-        ModelError: a worker has other code, plugins or networks.
+        ModelError: a worker has other code, packages, plugins or networks.
     """
     _check_folder(options.out)
     for row in sweep.rows:
@@ -118,7 +119,7 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     runs = options.out.resolve() / "runs"
     kept_in = str(runs) if options.keep_runs else None
     elsewhere = sweep.file.engine.backend == "dask"
-    job = Job(tuple(settle(options.plugins)), kept_in, plugin_codes(), own_code(), elsewhere)
+    job = Job(tuple(settle(options.plugins)), kept_in, plugin_codes(), own_code(), elsewhere, tuple(read_by()))
     wanting = {t.key for t in missing}
     before = [t.key for t in asked if t.key not in wanting and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0

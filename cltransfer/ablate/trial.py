@@ -18,7 +18,7 @@ from torch import Tensor
 from .. import __version__
 from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
-from ..models.content import read_by
+from ..models.content import read_by, read_otherwise
 from ..reading.scene_source import split_scene
 from ..registry.plugin_code import own_code
 from ..run.result import Result
@@ -66,6 +66,8 @@ class Job:
         codes: of the plugins that the trials were told apart by, see :func:`cltransfer.ablate.content.plugin_codes`.
         code: of cltransfer, see :func:`cltransfer.registry.plugin_code.own_code`; empty lets any worker run them.
         elsewhere: whether workers may be on other computers: of those here code is other only where it has changed.
+        readers: what the command reads pictures by, see :func:`cltransfer.models.content.read_by`; empty lets any
+            worker run them.
     """
 
     plugins: tuple[str, ...] = ()
@@ -73,6 +75,7 @@ class Job:
     codes: tuple[str, ...] = ()
     code: str = ""
     elsewhere: bool = True
+    readers: tuple[Any, ...] = ()
 
 
 def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | None = None) -> list[Trial]:
@@ -162,8 +165,8 @@ def run_trial(trial: Trial, job: Job) -> Outcome:
     """Run and measure ``trial``; a failure is an outcome too, so that the sweep goes on.
 
     Raises:
-        ModelError: the code, a plugin's, a network, a scene or another file is not what the trials were told apart by,
-            so that the outcome would be another's.
+        ModelError: the code, a package, a plugin's code, a network, a scene or another file is not what the trials were
+            told apart by, so that the outcome would be another's.
     """
     start = time.perf_counter()
     other: ModelError | None = None
@@ -195,6 +198,11 @@ def _other(trial: Trial, job: Job) -> ModelError | None:
         if not job.elsewhere:
             return _changed("the code of cltransfer was changed")
         told = "a worker has other code of cltransfer than the command"
+        return ModelError("", "engine", told, "give every worker the command's; what is done is kept")
+    if job.readers and (apart := read_otherwise(job.readers)):
+        if not job.elsewhere:
+            return _changed(f"what pictures are read by was changed ({apart})")
+        told = f"a worker has other packages than the command: {apart}"
         return ModelError("", "engine", told, "give every worker the command's; what is done is kept")
     if trial.codes != codes_of(trial.config, trial.metrics):
         told = "the code of a plugin is not what it was when the ablation began"

@@ -26,13 +26,20 @@ READERS = (
 """Parts of cltransfer by which pictures are read, for :func:`cltransfer.registry.plugin_code.own_code`."""
 
 
-def read_by() -> list[object]:
+def read_by() -> list[Any]:
     """Versions of the packages by which pictures are read, and what networks run on."""
     others = {}
     for name in ("numpy", "pycolmap"):
         with suppress(metadata.PackageNotFoundError):
             others[name] = metadata.version(name)
     return [versions(), others, os.environ.get(VARIABLE) or "auto"]
+
+
+def read_otherwise(told: Sequence[Any]) -> str:
+    """What of :func:`read_by` is other here than somewhere else, where it was ``told``; empty where nothing is."""
+    here, there = ({**packages, **others, VARIABLE: networks} for packages, others, networks in (read_by(), told))
+    apart = [name for name in {**there, **here} if here.get(name) != there.get(name)]
+    return "; ".join(f"{name} {here.get(name) or 'absent'}, not {there.get(name) or 'absent'}" for name in apart)
 
 
 def reading(extractor: Any) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from cltransfer.ablate.tables import failure_lines
 from cltransfer.ablate.trial import Job, Trial, run_trial, trials
 from cltransfer.errors import ModelError, UsageError
 from cltransfer.features import Features
+from cltransfer.models.content import read_by
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.registry.plugin_code import own_code
@@ -167,19 +168,25 @@ def test_a_plugin_that_was_edited_since_the_ablation_began_ends_it(
     assert "none.mp4" in run_trial(trial, Job((str(file),), codes=("in another worker",))).failed  # taken back
 
 
-def test_a_worker_of_other_code_or_with_other_networks_ends_the_ablation(tmp_path: Path) -> None:
+def test_a_worker_of_other_code_packages_or_networks_ends_the_ablation(tmp_path: Path) -> None:
     """By its key the outcome would be that of the command's."""
     (tmp_path / "none.mp4").write_bytes(b"nothing to see")
     (tmp_path / "sweep.yaml").write_text("references: [none.mp4]\nscenes: ['builtin:courtyard']\nrows: {full: {}}\n")
     (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml")), {})
-    assert "none.mp4" in run_trial(trial, Job(code=own_code())).failed
+    assert "none.mp4" in run_trial(trial, Job(code=own_code(), readers=tuple(read_by()))).failed
     with pytest.raises(ModelError, match="other code of cltransfer than the command"):
         run_trial(trial, Job(code="that of another commit"))
+    packages, others, networks = read_by()
+    old = (packages, {**others, "numpy": "0.1"}, networks)
+    with pytest.raises(ModelError, match=r"other packages than the command: numpy [\d.]+, not 0\.1 \(give every"):
+        run_trial(trial, Job(readers=old))
     with pytest.raises(ModelError, match="other networks or files"):
         run_trial(replace(trial, files="with another network"), Job(code=own_code()))
     again = r"while the ablation ran \(run it again: what is done is kept\)$"
     with pytest.raises(ModelError, match=f"engine: the code of cltransfer was changed {again}"):
         run_trial(trial, Job(code="as it was before", elsewhere=False))
+    with pytest.raises(ModelError, match=rf"engine: what pictures are read by was changed \(.*\) {again}"):
+        run_trial(trial, Job(readers=old, elsewhere=False))
     with pytest.raises(ModelError, match=f"engine: a network or a file of a plugin was changed {again}"):
         run_trial(replace(trial, files="with another network"), Job(code=own_code(), elsewhere=False))
     with pytest.raises(ModelError, match="not_installed"):
@@ -234,7 +241,9 @@ def test_what_ends_an_ablation_on_a_worker_of_a_cluster_ends_it(tmp_path: Path) 
             next(run_all)
 
 
-def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_are_told_the_code_of_the_plugins_and_what_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(LOSSES._classes, "rule_of_thirds", object)  # to be as it was, and nothing else with it
     del LOSSES._classes["rule_of_thirds"]
     allow([PLUGIN])
@@ -248,6 +257,7 @@ def test_workers_are_told_the_code_of_the_plugins(tmp_path: Path, monkeypatch: p
     (tmp_path / "sweep.yaml").write_text("references: ['builtin:orbit']\nrows: {full: {}}\n")
     ablate(read_sweep(str(tmp_path / "sweep.yaml")), Options(tmp_path / "out"))
     assert content_hash(PLUGIN) in told[0].codes
+    assert list(told[0].readers) == read_by()
     assert not told[0].elsewhere
 
 

@@ -5,7 +5,7 @@ import pytest
 from cltransfer.extractors.depth_onnx import DepthOnnx
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.models.catalogue import catalogue
-from cltransfer.models.content import model_content, reading
+from cltransfer.models.content import model_content, read_by, read_otherwise, reading
 
 KNOWN = catalogue("model")
 
@@ -79,3 +79,13 @@ def test_a_file_that_happens_to_bear_the_name_of_an_option_of_ours_is_nothing(tm
 def test_a_file_of_the_catalogue_has_the_content_it_has_there(tmp_path, monkeypatch):
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path))
     assert model_content(DetectYolox().model) == KNOWN["yolox_nano"].sha256 != ""
+
+
+def test_what_reads_otherwise_than_elsewhere_is_told_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTRANSFER_NETWORKS", "cpu")
+    packages, others, networks = here = read_by()
+    assert read_otherwise(here) == ""
+    assert read_otherwise([packages, others, "cuda"]) == "CLTRANSFER_NETWORKS cpu, not cuda"
+    there = [{**packages, "torch": "1.0"}, {**others, "pycolmap_of_theirs": "3"}, networks]
+    told = f"torch {packages['torch']}, not 1.0; pycolmap_of_theirs absent, not 3"
+    assert read_otherwise(there) == told
