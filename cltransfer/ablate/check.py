@@ -9,7 +9,7 @@ from typing import Any
 from ..config import COMMAND_LINE
 from ..config.layers import origin
 from ..errors import UsageError
-from .sweep import Row, SweepFile
+from .sweep import EngineConfig, Row, SweepFile
 
 
 def check_cases(file: SweepFile, origins: Mapping[str, str], where: Any) -> None:
@@ -24,12 +24,22 @@ def check_cases(file: SweepFile, origins: Mapping[str, str], where: Any) -> None
             raise UsageError(origin(origins, key) or where, key, "expected at least one, and none twice")
     if min(file.seeds) < 0:
         raise UsageError(origin(origins, "seeds"), "seeds", f"expected 0 or more, got {min(file.seeds)}")
-    if file.engine.workers < 0:
-        at = origin(origins, "engine.workers")
-        raise UsageError(at, "engine.workers", f"expected 0 or more, got {file.engine.workers}")
-    if file.engine.backend == "dask" and not file.engine.address:
-        at = origin(origins, "engine.address")
-        raise UsageError(at, "engine.address", "dask needs its scheduler's", "as engine.address=tcp://host:8786")
+    _check_engine(file.engine, origins)
+
+
+def _check_engine(engine: EngineConfig, origins: Mapping[str, str]) -> None:
+    """A file's workers are those of whoever has no cluster: beside one the command line alone cannot mean them."""
+    workers, address = origin(origins, "engine.workers"), origin(origins, "engine.address")
+    if engine.workers < 0:
+        raise UsageError(workers, "engine.workers", f"expected 0 or more, got {engine.workers}")
+    if engine.backend == "dask" and not engine.address:
+        raise UsageError(address, "engine.address", "dask needs its scheduler's", "as engine.address=tcp://host:8786")
+    if engine.backend == "dask" and engine.workers and workers == COMMAND_LINE:
+        reason = f"expected none beside a cluster, which has its own, got {engine.workers}"
+        raise UsageError(workers, "engine.workers", reason, "leave it out, or engine.backend=dask")
+    if engine.backend != "dask" and engine.address:
+        reason = f"is a cluster's, and engine.backend is {engine.backend}"
+        raise UsageError(address, "engine.address", reason, "add engine.backend=dask, or leave it out")
 
 
 def check_rows(

@@ -17,7 +17,7 @@ class EngineConfig:
 
     Args:
         backend: loky (processes here) or dask (a cluster; from the command line alone).
-        workers: processes of loky; 0 is one for each thread this process may use.
+        workers: processes of loky; 0 is one for each thread this process may use. A cluster has its own.
         address: of dask's scheduler, as tcp://host:8786; from the command line alone, because dask runs here what the
             scheduler sends.
     """

@@ -194,6 +194,19 @@ def test_a_cluster_is_the_command_lines_alone(written: Written, tmp_path: Path) 
     assert read_sweep(written(f"{ROWS}engine: {{backend: loky, workers: 3}}\n")).file.engine.workers == 3
 
 
+def test_a_cluster_that_is_named_by_halves_is_refused_and_so_are_workers_beside_it(written: Written) -> None:
+    cluster = ["engine.backend=dask", "engine.address=tcp://127.0.0.1:8786"]
+    for said, line in (
+        (cluster[1:], "engine.address: is a cluster's, and engine.backend is loky (add engine.backend=dask"),
+        ([*cluster, "engine.workers=2"], "engine.workers: expected none beside a cluster, which has its own, got 2"),
+    ):
+        with pytest.raises(UsageError) as caught:
+            read_sweep(written(ROWS), said)
+        assert str(caught.value).startswith(f"command line: {line}")
+    workers = f"{ROWS}engine: {{workers: 3}}\n"  # of whoever runs the file without a cluster
+    assert read_sweep(written(workers), cluster).file.engine.backend == "dask"
+
+
 def test_the_file_that_is_left_reads_back_whatever_ran_it(written: Written) -> None:
     on_cluster = read_sweep(written(ROWS), ["engine.backend=dask", "engine.address=tcp://127.0.0.1:8786"])
     here = read_sweep(written(ROWS), ["engine.workers=2"])
