@@ -40,9 +40,9 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     Args:
         name: a path, or one of :func:`ablations`.
         overrides: ``seeds=[0]``, ``scenes=[a.ply]``, ``references=[b.mp4]``, ``metrics.``.. and ``engine.backend=dask``
-            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics. An
-            option of a component goes over those that have it, and where no row has it over all; ``losses.NAME={}``
-            and ``search.NAME={}`` over all.
+            are the sweep's; anything else, ``engine=cma`` too, goes on top of every row, and below the metrics, which
+            are those of the base with it. An option of a component goes over those that have it, and where no row has
+            it over all; ``losses.NAME={}`` and ``search.NAME={}`` over all.
 
     Raises:
         UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
@@ -74,10 +74,12 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     rows = tuple(_row(file, row, laid[row], path, fence) for row in file.rows)
     check_cases(file, origins, path)
     check_rows(rows, file, over, lambda name: _row(file, name, {}, path, fence), origins, path)
-    measured = _over(above, _metrics(file, plain, origins, path), known)
+    bare = _metrics(file, plain, origins, path)
+    measured = _over(above, bare, known)
     metrics = _metrics(file, measured, origins, path)
     file = _with_command_line(file, rows, laid, measured)
-    return Sweep(Path(name).stem, file, rows, metrics, over, origins)
+    judging = tuple(item for item in over if _measuring(_over(parse_overrides([item]), bare, known)))
+    return Sweep(Path(name).stem, file, rows, metrics, over, judging, origins)
 
 
 def _found(name: str) -> Path:
@@ -234,7 +236,7 @@ def _measuring(values: Mapping[str, Any]) -> dict[str, Any]:
     found = {key: value for key, value in values.items() if key in MEASURES}
     if isinstance(found.get("extract"), Mapping):
         found["extract"] = {key: value for key, value in found["extract"].items() if key in MEASURES_EXTRACT}
-    return found
+    return {key: value for key, value in found.items() if value != {}}
 
 
 def _base(file: SweepFile, where: Any) -> tuple[Mapping[str, Any], str]:

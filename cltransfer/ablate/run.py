@@ -222,8 +222,15 @@ def _head(sweep: Sweep) -> list[str]:
     if sweep.file.about:
         lines += [escape(sweep.file.about), ""]
     if sweep.over:
-        lines += [f"Over every row, from the command line: {', '.join(f'`{item}`' for item in sweep.over)}.", ""]
+        lines += [f"Over every row, from the command line: {_items(sweep.over)}."]
+        if sweep.judging:
+            lines += [f"All rows are measured by {_items(sweep.judging)} too, where the metrics say nothing else."]
+        lines += [""]
     return lines
+
+
+def _items(said: Sequence[str]) -> str:
+    return ", ".join(f"`{item}`" for item in said)
 
 
 def _drawn(sweep: Sweep) -> str:

@@ -93,6 +93,7 @@ class Sweep:
         rows: the first is what the others are held against.
         metrics: by which all rows are measured.
         over: of the command line, what lies on top of every row, item by item.
+        judging: those of them that lie on top of what is measured by too, below what the file's metrics say.
         origins: where a key was written, the file or the command line.
     """
 
@@ -101,6 +102,7 @@ class Sweep:
     rows: tuple[Row, ...]
     metrics: RunConfig
     over: tuple[str, ...] = ()
+    judging: tuple[str, ...] = ()
     origins: Mapping[str, str] = field(default_factory=dict)
 
     def to_yaml(self) -> str:

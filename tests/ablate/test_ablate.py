@@ -240,6 +240,19 @@ def test_the_head_of_the_page_stays_text_on_one_line(sweep_file: SweepFile) -> N
     assert head == ["# a\\`b", "", r"&lt;b>one&lt;/b>  # two \| \*three\*", ""]
 
 
+def test_what_a_command_changes_in_the_yardstick_is_told_at_the_head_of_the_page(sweep_file: SweepFile) -> None:
+    heads = []
+    for said in (["frames=2", "extract.bias=frame"], ["frames=2", "losses.framing.weight=3", "output_side=64"]):
+        sweep = read_sweep(str(sweep_file("{a: {}, b: {steps: 2}}")), said)
+        heads.append(markdown(Ablation(sweep, tuple(summarise(["a", "b"], [])), ()))[4:7])
+    assert heads[0][:2] == ["Over every row, from the command line: `frames=2`, `extract.bias=frame`.", ""]
+    assert heads[1] == [
+        "Over every row, from the command line: `frames=2`, `losses.framing.weight=3`, `output_side=64`.",
+        "All rows are measured by `losses.framing.weight=3`, `output_side=64` too, where the metrics say nothing else.",
+        "",
+    ]
+
+
 @pytest.mark.slow  # four trials
 def test_no_row_is_measured_in_what_its_own_renderer_draws(
     sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

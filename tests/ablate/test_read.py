@@ -126,6 +126,7 @@ def test_the_file_that_is_left_says_what_the_command_line_laid_over_every_row(wr
         written(rows), ["frames=2", "losses.framing.weight=3", "extract.bias=frame", "engine.workers=2", "seeds=[4]"]
     )
     assert sweep.over == ("frames=2", "losses.framing.weight=3", "extract.bias=frame")
+    assert sweep.judging == ("losses.framing.weight=3",)  # by which the rows are measured too
     again = read_sweep(written(sweep.to_yaml()))
     assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
     assert {row.config.frames for row in again.rows} == {2}
