@@ -182,12 +182,13 @@ def markdown(ablation: Ablation) -> list[str]:
     """The tables with what a reader must know, and every failure with its reason."""
     lines = [
         *_head(ablation.sweep),
-        f"Mean [{CONFIDENCE:.0%} bootstrap interval] over trials (scene, reference, seed), of {FEWEST} or more; of few",
+        f"Mean [{CONFIDENCE:.0%} bootstrap interval] over references, of {FEWEST} or more; of few",
         "such percentiles hold the truth less often (of 6 in 86 % of cases, of 9 in 91). All rows are measured by the",
         f"same metrics at {ablation.sweep.metrics.output_side} px, lower is better; (a/b): only a of b frames have a",
         "value, where the render alone lacks one it pays the penalty. Failed trials have no value and are counted.",
         _drawn(ablation.sweep),
-        "Seeds of a reference that is not drawn by them are averaged first, and count as one; of one that is, scenes.",
+        "A reference counts as one, its scenes averaged first, and its seeds too where they do not draw it: intervals",
+        "and tests speak of references, in the scenes that are named.",
         *_alike_by_seed(ablation.sweep),
         f"Measured at {', '.join(_commits(ablation))}.",
         "",

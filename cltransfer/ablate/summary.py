@@ -25,7 +25,7 @@ class Estimate:
 
     Args:
         mean: None where nothing has a value.
-        low, high: percentile bootstrap of the mean over trials, 95 %; None of fewer than :data:`FEWEST`.
+        low, high: percentile bootstrap of the mean over references, 95 %; None of fewer than :data:`FEWEST`.
         count: values it is the mean of.
         nonzero: how many of them are not 0: of differences those that have a sign.
         p: two-sided Wilcoxon signed-rank test against 0; None of nothing.
@@ -54,8 +54,8 @@ class Measure:
     """One metric of one row.
 
     Args:
-        value: over the trials; of a reference that is not drawn by the seed, over the means of its seeds, of one that
-            is, over the means of its scenes.
+        value: over references, one that the seed draws another for each, each by its mean over the scenes, and over
+            the seeds that do not draw it.
         difference: to the first row, over the same of the cases on which both have a value; None in the first row.
         unit: of both.
         defined, frames: how many frames have a value, of how many.
@@ -208,13 +208,15 @@ def _values(kind: str, name: str, found: list[Outcome]) -> dict[Case, float]:
 
 
 def _observed(values: dict[Case, float]) -> list[float]:
-    """One value for each scene and reference, its mean over the seeds; for each drawn reference its mean over scenes.
+    """One value for each reference, its mean over scenes and, where it is fixed, over seeds.
 
     Seeds of a fixed reference show how steady a search is, and nothing of other shots: a search without chance comes to
-    the same value for each of them. A drawn one is another for each seed, and the same shot in every scene.
+    the same value for each of them. A drawn one is another for each seed. One shot in several scenes is the same shot:
+    what is hard about it is hard in each of them, so its values go together, and as many would make an interval over
+    shots too narrow. Of scenes an interval says nothing: they are those that are named.
     """
-    found: dict[tuple[str, str | int], list[float]] = {}
+    found: dict[tuple[str, int | None], list[float]] = {}
     for case, value in values.items():
-        other = case.seed if case.reference.startswith(DRAWN) else case.scene
-        found.setdefault((case.reference, other), []).append(value)
+        drawn_by = case.seed if case.reference.startswith(DRAWN) else None
+        found.setdefault((case.reference, drawn_by), []).append(value)
     return [fmean(of_one) for of_one in found.values()]

@@ -101,15 +101,16 @@ def test_seeds_of_a_fixed_reference_are_one_observation_and_those_that_draw_it_m
         assert measure.difference.certain == (count == 6)
 
 
-def test_a_drawn_reference_in_several_scenes_is_one_observation() -> None:
+@pytest.mark.parametrize(("reference", "count"), [("drawn:orbit", 6), ("clip.mp4", 1)])
+def test_a_reference_in_several_scenes_is_one_observation(reference: str, count: int) -> None:
     found = [
         replace(o, case=replace(o.case, scene=scene))
         for scene, more in (("a", 0.0), ("b", 0.2))
         for seed in range(6)
-        for o in [outcome("full", seed, 0.1 * seed + more, reference="drawn:orbit")]
+        for o in [outcome("full", seed, 0.1 * seed + more, reference=reference)]
     ]
     (full,) = summarise(["full"], found)
-    assert (full.trials, full.metrics["shot_size"].value.count) == (12, 6)
+    assert (full.trials, full.metrics["shot_size"].value.count) == (12, count)
     assert full.metrics["shot_size"].value.mean == pytest.approx(0.35)
 
 
