@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 from ..config import COMMAND_LINE
 from ..config.layers import origin
+from ..config.options import SECTIONS, RunConfig
 from ..errors import UsageError
 from .sweep import EngineConfig, Row, SweepFile
 
@@ -61,7 +62,9 @@ def check_rows(
         where: the file.
 
     Raises:
-        UsageError: there are two; where the command line makes them the same it names its keys.
+        UsageError: there are two; where the command line makes them the same it names its keys. Or an option has the
+            wrong type or range.
+        ModelError: a plugin's class fails.
     """
     for i, row in enumerate(rows):
         for other in rows[:i]:
@@ -79,7 +82,19 @@ def check_rows(
 
 
 def _same(row: Row, other: Row) -> bool:
-    return (row.config, row.scene) == (other.config, other.scene)
+    """Whether two rows are the same run, whatever of its defaults one of them writes."""
+    plain = [f.name for f in fields(RunConfig) if f.name not in SECTIONS]
+    if row.scene != other.scene or any(getattr(row.config, key) != getattr(other.config, key) for key in plain):
+        return False
+    return all(_built_alike(section, row.config, other.config) for section in SECTIONS)
+
+
+def _built_alike(section: str, one: RunConfig, other: RunConfig) -> bool:
+    """Whether two configs come to the same components; those that are written alike, or called otherwise, load none."""
+    written = getattr(one, section), getattr(other, section)
+    if written[0] == written[1] or written[0].keys() != written[1].keys():
+        return written[0] == written[1]
+    return one.build(section) == other.build(section)
 
 
 def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:

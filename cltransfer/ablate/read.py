@@ -1,4 +1,4 @@
-"""Reading an ablation file: everything in it is checked before anything heavy is loaded.
+"""Reading an ablation file: everything in it is checked before anything heavier than a row's components is loaded.
 
 A file names scenes and references inside its own folder, or built-in ones; the command line may name any. A cluster is
 the command line's alone.
@@ -47,6 +47,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     Raises:
         UsageError: there is no such file; a key, value or row cannot be meant; a path leads out of the file's folder;
             the file names a cluster; or two rows are the same run.
+        ModelError: the class of a plugin that two rows name fails.
     """
     path = _found(name)
     written = read_yaml(path)

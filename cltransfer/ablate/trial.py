@@ -16,6 +16,7 @@ from typing import Any
 from torch import Tensor
 
 from .. import __version__
+from ..config.layers import origin
 from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
 from ..models.content import read_by, read_otherwise
@@ -88,9 +89,11 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
 
     Raises:
         InputError: a file is missing.
-        UsageError: a scene and a reference come to the same as others that are named.
+        UsageError: a scene and a reference come to the same as others that are named, or a row to another one, as by a
+            scene under another name.
     """
     found, digest, cases = list[Trial](), digest or digests(), dict[tuple[str, str], Case]()
+    rows: dict[str, str] = {}
     parts = [(parts_content(row.config), codes_of(row.config, sweep.metrics)) for row in sweep.rows]
     measures = parts_content(sweep.metrics)
     for scene, reference, case in _cases(sweep):
@@ -112,6 +115,9 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
             if twin != case:  # as one more value it would make an interval narrow
                 told = f"{case.reference} in {case.scene} is the same as {twin.reference} in {twin.scene}"
                 raise UsageError("", "references", told, "name each scene and reference once")
+            if (first := rows.setdefault(key, row.name)) != row.name:
+                at = origin(sweep.origins, f"rows.{row.name}")
+                raise UsageError(at, f"rows.{row.name}", f"is the same run as {first!r}", "remove one of them")
             files = _files(used, source, (config, own), (sweep.metrics, measures))
             found.append(
                 Trial(key, row.name, case, used, source, config, sweep.metrics, codes, files, tuple(sources.items()))

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.trial import trials
 from cltransfer.errors import UsageError
 
 WEIGHED = "{a: {losses: {framing: {weight: 3}}}, b: {losses: {framing: {weight: 4}}}}"
@@ -45,3 +46,28 @@ def test_rows_that_are_written_the_same_are_named_in_the_file(tmp_path: Path, ov
     file.write_text("rows: {a: {frames: 3}, b: {frames: 3}}\n")
     with pytest.raises(UsageError, match=r"sweep\.yaml: rows\.b: is the same run as 'a' \(remove one of them\)$"):
         read_sweep(str(file), overrides)
+
+
+@pytest.mark.parametrize(
+    "row", ["losses: {framing: {weight: 10}}", "renderer: {gaussian_splats: {antialiased: true}, mesh: null}"]
+)
+def test_a_row_that_writes_out_what_is_so_anyway_is_the_same_run(tmp_path: Path, row: str) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(f"rows: {{a: {{}}, b: {{{row}}}}}\n")
+    with pytest.raises(UsageError, match=r"sweep\.yaml: rows\.b: is the same run as 'a' \(remove one of them\)$"):
+        read_sweep(str(file))
+
+
+def test_rows_whose_components_differ_in_one_option_are_two(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text("rows: {a: {losses: {framing: {weight: 10}}}, b: {losses: {framing: {weight: 11}}}}\n")
+    assert len(read_sweep(str(file)).rows) == 2
+
+
+def test_a_row_in_the_same_scene_under_another_name_is_the_same_run(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text("references: ['builtin:orbit']\nrows: {a: {}, c: {scene: 'builtin:courtyard-0'}}\n")
+    with pytest.raises(UsageError, match=r"sweep\.yaml: rows\.c: is the same run as 'a' \(remove one of them\)$"):
+        trials(read_sweep(str(file)), {})
+    file.write_text("references: ['builtin:orbit']\nrows: {a: {}, c: {scene: 'builtin:courtyard-1'}}\n")
+    assert [trial.row for trial in trials(read_sweep(str(file)), {})] == ["a", "c"]
