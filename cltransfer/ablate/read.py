@@ -57,7 +57,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
     _refuse_cluster(written.get("engine"), path)
     overrides = list(overrides)
     below_engine = [item for item in overrides if item.startswith("engine.")]  # beside engine=cma, which is the runs'
-    above = parse_overrides(item for item in overrides if item not in below_engine)
+    above = parse_overrides((item for item in overrides if item not in below_engine), apart=True)
     said = {key: above.pop(key) for key in list(above) if _of_sweep(key, above[key])}
     _check_above(above)
     said = merge(said, parse_overrides(below_engine))

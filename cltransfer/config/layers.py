@@ -104,8 +104,14 @@ def _fault(error: Exception) -> str:
     return " ".join(str(error).replace('in "<unicode string>",', "at").split())[:200]
 
 
-def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
+def parse_overrides(overrides: Iterable[str], apart: bool = False) -> dict[str, Any]:
     """``section.name.option=value`` as nested mappings; values are YAML, none is null.
+
+    Of two searches or renderers the one that is named last counts.
+
+    Args:
+        overrides: in the order in which they are said.
+        apart: keep both where one is named by its options, as of rows that have one or the other.
 
     Raises:
         UsageError: an item is no ``key=value``, is no plain YAML, asks for interpolation, has a whole number of more
@@ -139,19 +145,33 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
             raise UsageError(
                 COMMAND_LINE, key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own"
             )
+        _refuse_part_of_none(nested, key)
         *parents, last = key.split(".")
-        target = nested
-        for parent in parents:
-            below = target.setdefault(parent, {})
-            if not isinstance(below, dict):
-                came = f"{parent}={'null' if below is None else below} before it says that there is none"
-                raise UsageError(
-                    COMMAND_LINE, key, f"expected {parent} as a mapping, {came}", f"{parent}.NAME=null, one by one"
-                )
-            target = below
-        inside = any(parent in NAMED for parent in parents)
-        target.update(merge({last: target.get(last)}, {last: value}, inside))  # what was said of its parts before stays
+        own = {last: value}
+        for parent in reversed(parents):
+            own = {parent: own}
+        nested = merge(nested, own, apart and _says_options(own))  # what was said of its parts before stays
     return nested
+
+
+def _refuse_part_of_none(said: Mapping[str, Any], key: str) -> None:
+    """Refuse a part of what was ``said`` before to be no mapping."""
+    below: Any = said
+    parents = key.split(".")[:-1]
+    for i, parent in enumerate(parents):
+        below, above = below.get(parent, {}), ".".join(parents[: i + 1])
+        if isinstance(below, Mapping):
+            continue
+        came = f"{above}=null before it says that there is none" if below is None else f"{above}={below} before it"
+        section = parent in NAMED and not any(name in NAMED for name in parents[:i])
+        hint = f"{above}.NAME=null, one by one" if section else "leave one of them out"
+        raise UsageError(COMMAND_LINE, key, f"expected {above} as a mapping, {came}", hint)
+
+
+def _says_options(own: Mapping[str, Any]) -> bool:
+    """Whether an override names a search or a renderer by its options: what says ``{}`` asks for it."""
+    sections = [own[section] for section in ONE_EACH if isinstance(own.get(section), Mapping)]
+    return any(options for section in sections for options in section.values())
 
 
 def is_cut(text: str) -> bool:

@@ -145,6 +145,8 @@ def test_an_option_of_one_search_or_renderer_replaces_that_of_no_row(written: Wr
     ]
     again = read_sweep(written(sweep.to_yaml()))
     assert (again.rows, again.metrics) == (sweep.rows, sweep.metrics)
+    sweep = read_sweep(written(BOXES), ["search.paper_box.angle=1.0", "search.paper_box={}", "search.se3_jaws={}"])
+    assert [row.config.search for row in sweep.rows] == [{"se3_jaws": {}}] * 3  # the last that is asked for everywhere
     sweep = read_sweep("renderer", ["renderer.mesh.samples=2"])
     assert [list(row.config.renderer) for row in sweep.rows] == [["gaussian_splats"], ["mesh"], ["nerf_grid"]]
     assert list(sweep.metrics.renderer) == ["gaussian_splats"]

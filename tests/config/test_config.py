@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -206,6 +207,34 @@ def test_a_part_of_what_was_said_not_to_be_there_is_refused() -> None:
         parse_overrides(["seed=3", "seed.low=1"])
 
 
+@pytest.mark.parametrize(
+    ("said", "hint"),
+    [
+        (["losses=null", "losses.framing={}"], "losses.NAME=null, one by one"),
+        (["metrics.losses=null", "metrics.losses.framing={}"], "metrics.losses.NAME=null, one by one"),
+        (["losses.framing=null", "losses.framing.weight=3"], "leave one of them out"),
+        (["seed=3", "seed.low=1"], "leave one of them out"),
+    ],
+)
+def test_what_to_say_in_place_of_a_part_of_nothing_is_a_key_that_there_is(said: list[str], hint: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        parse_overrides(said)
+    assert str(caught.value).endswith(f" ({hint})")
+
+
+@pytest.mark.parametrize(
+    ("said", "search"),
+    [
+        (["search.paper_box={}", "search.se3_jaws={}"], {"se3_jaws": {}}),
+        (["search.paper_box.angle=1.0", "search.se3_jaws.translation=2"], {"se3_jaws": {"translation": 2}}),
+        (["search={paper_box: {}}", "search.paper_box.angle=1.0"], {"paper_box": {"angle": 1.0}}),
+        (["search.se3_jaws=null", "search.paper_box={}", "search.se3_jaws={}"], {"se3_jaws": {}}),
+    ],
+)
+def test_of_two_searches_on_the_command_line_the_last_one_counts(said: list[str], search: dict[str, Any]) -> None:
+    assert load_config(overrides=said).search == search
+
+
 def test_only_a_section_holds_one_component_and_not_an_option_of_its_name() -> None:
     said = [
         "losses.nest.search.width=2",
@@ -215,7 +244,7 @@ def test_only_a_section_holds_one_component_and_not_an_option_of_its_name() -> N
     ]
     assert parse_overrides(said) == {
         "losses": {"nest": {"search": {"width": 2, "steps": 4}}},
-        "search": {"subject_orbit": {}, "paper_box": {}},
+        "search": {"paper_box": {}},
     }
     below = {"losses": {"nest": {"search": {"steps": 3}}}, "search": {"subject_orbit": {}}}
     above = {"losses": {"nest": {"search": {"width": 2}}}, "search": {"paper_box": {}}}
