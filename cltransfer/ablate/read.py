@@ -142,7 +142,8 @@ def _scene(given: Any, where: Any, key: str, fence: Path | None, usual: SceneCon
     except UsageError as error:
         raise UsageError(where, f"{key}.{error.field}", error.reason, error.hint) from None
     named = {name: getattr(scene, name) for name in ("scene", "subject", "init") if name in own}
-    placed: dict[str, Any] = {n: place(s, "scene", where, fence) for n, s in named.items() if s not in (None, "auto")}
+    files = {name: text for name, text in named.items() if isinstance(text, str) and text != "auto"}
+    placed: dict[str, Any] = {name: place(text, "scene", where, fence) for name, text in files.items()}
     return replace(scene, **placed)
 
 

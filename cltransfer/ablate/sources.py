@@ -29,7 +29,8 @@ def check_sources(sweep: Sweep, digest: Digest | None = None) -> None:
     """
     digest = digest or digests()
     for key, scene in _scenes(sweep).items():
-        for name, source in (("scene", scene.scene), ("init", scene.init), ("subject", scene.subject)):
+        person = None if isinstance(scene.subject, int) else scene.subject
+        for name, source in (("scene", scene.scene), ("init", scene.init), ("subject", person)):
             with _under(sweep, f"{key}.{name}"):
                 digest(source)
                 if name == "scene":

@@ -29,14 +29,16 @@ class EngineConfig:
 
 @dataclass
 class SceneConfig:
-    """A scene and what goes with it, as in :class:`cltransfer.transfer.Inputs`."""
+    """A scene and what goes with it, as in :class:`cltransfer.transfer.Inputs`; text of ``subject`` names a file."""
 
     scene: str
     init: str = "auto"
-    subject: str | None = None
+    subject: str | int | None = None
     up: list[float] | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.subject, int) and self.subject < 0:
+            raise UsageError("", "subject", f"expected a file, or 0 or more, got {self.subject}", "as subject: 1")
         if self.up is not None and not (len(self.up) == 3 and all(map(math.isfinite, self.up)) and any(self.up)):
             raise UsageError("", "up", f"expected 3 finite numbers, not all 0, got {self.up}", "as up: [0, 0, 1]")
 

@@ -42,7 +42,7 @@ class Trial:
         metrics: config by which the result is measured.
         codes: of the plugins that both name, which ``key`` is made of too.
         files: digest of the files that both name, and of the networks if any is read.
-        sources: the scene, its view and person, and the reference, each by name, with what identified it.
+        sources: the scene, its view and person's file, and the reference, each by name, with what identified it.
     """
 
     key: str
@@ -101,8 +101,10 @@ def trials(sweep: Sweep, drawn: dict[tuple[str, int], str], digest: Digest | Non
         for row, (own, codes) in zip(sweep.rows, parts):
             used = row.scene or scene
             config = replace(row.config, seed=case.seed)
-            sources = {name: digest(name) for name in (used.scene, used.init, used.subject, source) if name is not None}
-            content = [*map(digest, (used.scene, used.init, used.subject)), used.up, digest(source)]
+            whom = used.subject if isinstance(used.subject, int) else digest(used.subject)
+            names = (used.scene, used.init, used.subject, source)
+            sources = {name: digest(name) for name in names if isinstance(name, str)}
+            content = [digest(used.scene), digest(used.init), whom, used.up, digest(source)]
             answers = [
                 [__version__, own_code(), read_by()],
                 asdict(config),
@@ -248,7 +250,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
 
     scene = trial.scene
     up = None if scene.up is None else (scene.up[0], scene.up[1], scene.up[2])
-    subject = None if scene.subject is None else Path(scene.subject)
+    subject = Path(scene.subject) if isinstance(scene.subject, str) else scene.subject
     inputs = Inputs(scene.scene, trial.reference, scene.init, subject, up)
     set_threads(trial.config.threads or default_count())  # of what is measured too
     result = transfer(inputs, trial.config)

@@ -262,6 +262,8 @@ REFUSED = {
     "rows: {a: {scene: ../b.ply}}": "leads out of the file's folder",
     "rows: {a: {scene: {scne: b.ply}}}": "scene.scne: no such key (did you mean 'scene'?)",
     "rows: {a: {scene: {init: [1]}}}": "rows.a.scene.init: expected text, got [1]",
+    "rows: {a: {scene: {subject: -1}}}": "rows.a.scene.subject: expected a file, or 0 or more, got -1",
+    "rows: {a: {scene: {subject: true}}}": "rows.a.scene.subject: expected text or a whole number or null, got true",
     "rows: {a: {scene: {up: [0, 0, 0]}}}": "rows.a.scene.up: expected 3 finite numbers, not all 0, got [0.0, 0.0, 0.0]",
     "rows: {a: {}}\nscenes: [{scene: a.ply, up: [0, 1]}]": "scenes[0].up: expected 3 finite numbers, not all 0",
     "rows: {a: {}}\nscenes: [{scene: a.ply, up: [0, .nan, 1]}]": "scenes[0].up: expected 3 finite numbers, not all 0",
@@ -374,6 +376,14 @@ def test_a_rows_scene_that_names_none_is_the_sweeps_with_what_the_row_says(writt
     outside = read_sweep(written(text), [f"scenes=[{os.devnull}]"]).rows[1].scene  # where the command line alone may be
     assert outside is not None
     assert outside.scene == os.devnull
+
+
+def test_a_person_is_named_by_number_or_by_file(written: Written, tmp_path: Path) -> None:
+    sweep = read_sweep(written("rows: {a: {}, b: {scene: {subject: '2'}}}\nscenes: [{scene: a.ply, subject: 1}]\n"))
+    assert sweep.file.scenes[0].subject == 1
+    assert [row.scene and row.scene.subject for row in sweep.rows] == [None, str(tmp_path / "2")]
+    again = read_sweep(written(sweep.to_yaml()))
+    assert (again.file.scenes, again.rows) == (sweep.file.scenes, sweep.rows)
 
 
 def test_a_row_that_says_the_sweeps_scene_again_is_the_same_run(written: Written) -> None:

@@ -71,6 +71,10 @@ def test_a_scene_in_whose_place_every_row_has_its_own_is_not_looked_for(written:
         check_sources(read_sweep(written(text.format("{}"))))
 
 
+def test_a_person_by_number_is_no_file_to_look_for(written: Callable[[str], str]) -> None:
+    check_sources(read_sweep(written("scenes: [{scene: 'builtin:room', subject: 1}]\nrows: {a: {}}\n")))
+
+
 def test_what_the_command_line_names_is_told_as_that(written: Callable[[str], str]) -> None:
     sweep = read_sweep(written("rows: {a: {}}\nreferences: ['builtin:pan']"), ["references=[nope.mp4]"])
     with pytest.raises(InputError, match=r"^command line: references\[0\]: .*nope\.mp4: no such file"):

@@ -296,6 +296,19 @@ def test_another_person_beside_a_trajectory_is_another_trial(
     assert not set(seen[1]) & set(seen[2])
 
 
+def test_another_person_by_number_is_another_trial_that_is_told_whom_to_film(tmp_path: Path) -> None:
+    seen = []
+    for subject in ("null", "0", "1"):
+        scenes = f"scenes: [{{scene: 'builtin:courtyard', subject: {subject}}}]"
+        base = "{preset: fast, frames: 1, search_side: 32, output_side: 32}"
+        text = f"references: ['builtin:static']\n{scenes}\nbase: {base}\nrows: {{full: {{}}}}\n"
+        (tmp_path / "sweep.yaml").write_text(text)
+        seen += trials(read_sweep(str(tmp_path / "sweep.yaml")), {})
+    assert len({trial.key for trial in seen}) == 3
+    assert dict(seen[2].sources).keys() == {"builtin:courtyard", "auto", "builtin:static"}  # a number is no source
+    assert "this scene tells its person itself, nobody is lifted" in run_trial(seen[2], Job(code=own_code())).failed
+
+
 def test_a_drawn_reference_is_a_trial_wherever_the_ablation_lies(tmp_path: Path) -> None:
     (tmp_path / "a@b").mkdir()
     (tmp_path / "a@b" / "sweep.yaml").write_text("references: ['drawn:pan']\nbase: {frames: 2}\nrows: {full: {}}\n")
