@@ -27,7 +27,7 @@ from .outcome import Outcome
 from .pool import outcomes
 from .read import DRAWN
 from .sources import check_sources
-from .summary import CONFIDENCE, FEWEST, LEVEL, RowSummary, alike, summarise
+from .summary import CONFIDENCE, FEWEST, LEVEL, RowSummary, alike, shot_of, summarise
 from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
 from .trial import Job, trials
@@ -187,8 +187,9 @@ def markdown(ablation: Ablation) -> list[str]:
         f"same metrics at {ablation.sweep.metrics.output_side} px, lower is better; (a/b): only a of b frames have a",
         "value, where the render alone lacks one it pays the penalty. Failed trials have no value and are counted.",
         _drawn(ablation.sweep),
-        "A reference counts as one, its scenes averaged first, and its seeds too where they do not draw it: intervals",
-        "and tests speak of references, in the scenes that are named.",
+        f"References: {len({shot_of(outcome.case) for outcome in ablation.outcomes})}. Each counts as one, its scenes",
+        "averaged first, and its seeds too where they do not draw it: intervals and tests speak of references, in the",
+        "scenes that are named.",
         *_alike_by_seed(ablation.sweep),
         f"Measured at {', '.join(_commits(ablation))}.",
         "",

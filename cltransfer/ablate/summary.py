@@ -217,6 +217,14 @@ def _observed(values: dict[Case, float]) -> list[float]:
     """
     found: dict[tuple[str, int | None], list[float]] = {}
     for case, value in values.items():
-        drawn_by = case.seed if case.reference.startswith(DRAWN) else None
-        found.setdefault((case.reference, drawn_by), []).append(value)
+        found.setdefault(shot_of(case), []).append(value)
     return [fmean(of_one) for of_one in found.values()]
+
+
+def shot_of(case: Case) -> tuple[str, int | None]:
+    """What of a case counts as one observation: its reference, and the seed that has drawn it.
+
+    >>> shot_of(Case("courtyard", "clip.mp4", 3)), shot_of(Case("courtyard", "drawn:pan", 3))
+    (('clip.mp4', None), ('drawn:pan', 3))
+    """
+    return case.reference, case.seed if case.reference.startswith(DRAWN) else None

@@ -14,7 +14,7 @@ from .summary import Estimate, Measure, RowSummary
 COST = ("evaluations a frame", "seconds a trial")
 CSV_HEADER = (
     *("row", "metric", "unit", "mean", "low", "high", "count"),
-    *("difference_mean", "difference_low", "difference_high", "difference_count"),
+    *("difference_mean", "difference_low", "difference_high", "difference_count", "difference_nonzero", "difference_p"),
     *("defined_frames", "frames", "trials", "failed", "evaluations_per_frame", "seconds_per_trial"),
 )
 
@@ -84,16 +84,27 @@ def _interval(estimate: Estimate, write: Callable[[float | None], str]) -> str:
 
 
 def to_csv(rows: Sequence[RowSummary]) -> str:
-    """One line for each row and metric; what is not known is an empty cell."""
+    """One line for each row and metric; what is not known is an empty cell.
+
+    Counts are of references, which means and intervals are over; bold is a difference by :attr:`Estimate.certain`.
+    """
     lines: list[Sequence[Any]] = [CSV_HEADER]
     for row in rows:
         cost = [row.trials, row.failed, row.evaluations, row.seconds]
         for name, m in [*row.metrics.items(), *row.directions.items()]:
-            difference = [""] * 4 if m.difference is None else _numbers(m.difference)
-            lines.append([row.name, name, m.unit, *_numbers(m.value), *difference, m.defined, m.frames, *cost])
+            lines.append(
+                [row.name, name, m.unit, *_numbers(m.value), *_tested(m.difference), m.defined, m.frames, *cost]
+            )
         if not row.metrics:
-            lines.append([row.name, *[""] * 12, *cost])
+            lines.append([row.name, *[""] * (len(CSV_HEADER) - 1 - len(cost)), *cost])
     return csv_text(lines)
+
+
+def _tested(difference: Estimate | None) -> Sequence[Any]:
+    """A difference with what its test tells of it; empty cells in the first row."""
+    if difference is None:
+        return [""] * sum(name.startswith("difference_") for name in CSV_HEADER)
+    return [*_numbers(difference), difference.nonzero, difference.p]
 
 
 def _numbers(estimate: Estimate) -> list[float | int | None]:

@@ -184,6 +184,7 @@ def test_the_page_says_what_bold_asks_for(sweep_file: SweepFile, tmp_path: Path)
     text = markdown(Ablation(sweep, tuple(summarise([row.name for row in sweep.rows], found)), tuple(found)))
     told = f"bold: the interval excludes zero and the signed-rank test has p at most {LEVEL}, of {FEWEST} pairs or more"
     assert told in " ".join(text)
+    assert "References: 1. Each counts as one, its scenes" in text  # of two trials
     assert "The p are not corrected for their number." in " ".join(text)
     assert "one person" not in " ".join(text)
 

@@ -123,6 +123,22 @@ def test_rows_that_came_to_the_same_in_every_value_are_found() -> None:
     assert alike(found) == [("full", "as full")]
 
 
+def test_the_csv_tells_all_that_makes_a_difference_bold() -> None:
+    found = [
+        outcome(row, seed, 0.1 + more * (seed > 0)) for row, more in (("full", 0), ("less", 0.2)) for seed in range(7)
+    ]
+    rows = summarise(["full", "less"], found)
+    first, less = (line for line in csv.DictReader(io.StringIO(to_csv(rows))) if line["metric"] == "shot_size")
+    tested = ("difference_count", "difference_nonzero", "difference_p")
+    assert (first["count"], [first[name] for name in tested]) == ("7", [""] * 3)
+    assert (less["difference_count"], less["difference_nonzero"]) == ("7", "6")
+    assert float(less["difference_p"]) == wilcoxon_p([0.2] * 6)
+    assert (less["trials"], less["defined_frames"]) == ("7", "28")  # each below its head
+    difference = rows[1].metrics["shot_size"].difference
+    assert difference is not None
+    assert difference.certain
+
+
 def test_a_row_in_which_all_failed_has_no_number() -> None:
     rows = summarise(["full", "bad"], [outcome("full", 0, 0.1), failed("bad", 0)])
     assert rows[1].metrics["shot_size"].value.mean is None
