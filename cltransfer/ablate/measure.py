@@ -55,12 +55,14 @@ class Measured:
         priced: the same, with the penalty where only the render lacks a term, (N, L).
         directions: which way it errs, by name; and the jerk of its path.
         note: what is wrong with the weights by which it is measured, empty where nothing.
+        lasts: whether another run tells no more of either side.
     """
 
     scores: Scores
     priced: Tensor  # (N, L)
     directions: Mapping[str, Way]
     note: str = ""
+    lasts: bool = True
 
 
 def measured(result: Result, reference: str, config: RunConfig, metrics: RunConfig) -> Measured:
@@ -114,7 +116,8 @@ def _judged(objective: Objective, read: Reference, features: Features, jerk: flo
     terms = torch.stack([term.values for term in scores.terms], dim=1)
     ways = dict(directions(objective, read.features, features))
     ways[JERK] = Way(jerk, "per frame cubed", len(terms) if math.isfinite(jerk) else 0)  # one number of all frames
-    return Measured(scores, objective.priced(terms, objective.defined(read.features)), ways)
+    lasts = read.features.lasts and features.lasts
+    return Measured(scores, objective.priced(terms, objective.defined(read.features)), ways, lasts=lasts)
 
 
 def _jerk(result: Result) -> float:

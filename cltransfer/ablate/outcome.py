@@ -41,6 +41,7 @@ class Outcome:
         metrics: by name, the weighted total last.
         directions: which way the result errs, see :func:`cltransfer.ablate.measure.measured`.
         note: what a reader must know of the search, empty where nothing.
+        lasts: whether another run tells no more; see :class:`~cltransfer.features.OfThisRun`.
         commit: that it was measured at.
         frames: of the result.
         evaluations, network_passes: what the search cost.
@@ -58,6 +59,7 @@ class Outcome:
     seconds: float = 0.0
     directions: dict[str, Metric] | None = None
     note: str = ""
+    lasts: bool = True
     commit: str = ""
 
     @classmethod
@@ -87,6 +89,7 @@ class Outcome:
             and all(type(number) in (int, float) and abs(number) <= sys.float_info.max for number in numbers)
             and all(isinstance(text, str) for text in texts)
             and type(self.case.seed) is int
+            and type(self.lasts) is bool
             and (self.metrics is None) == bool(self.failed)
             and (bool(self.failed) or self.frames > 0)
         )

@@ -114,7 +114,7 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     made_by = " ".join(options.command.split()) or "cltransfer.ablate"
     _tell_replaced(options.out, sweep)
     write_text(options.out / FILE, f"{MARK}{made_by}\n{sweep.to_yaml()}")
-    known = read_ledger(options.out / LEDGER)
+    known = {key: outcome for key, outcome in read_ledger(options.out / LEDGER).items() if outcome.lasts}
     missing = [t for t in asked if t.key not in known or (options.retry and known[t.key].failed)]
     runs = options.out.resolve() / "runs"
     kept_in = str(runs) if options.keep_runs else None

@@ -363,6 +363,22 @@ def test_rows_that_were_renamed_keep_their_own_figures(
     assert len(lines(out)) == 2  # nothing was run again
 
 
+@pytest.mark.usefixtures("in_process")
+def test_a_trial_that_another_run_may_tell_more_of_is_run_again(
+    command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    words = ("ablate", sweep_file(ROWS), "--out", out, "-q", *TINIER)
+    assert command(*words).code == 0
+    ledger = out / "trials.jsonl"
+    first, *others = ledger.read_text().splitlines()
+    ledger.write_text("\n".join([first.replace('"lasts": true', '"lasts": false'), *others]) + "\n")
+    assert command(*words).code == 0
+    assert [line["key"] for line in lines(out)][3:] == [json.loads(first)["key"]]
+    assert command(*words).code == 0
+    assert len(lines(out)) == 4
+
+
 @pytest.mark.parametrize("part", ["references", "references/pan-0-24.json", "runs", "runs/key/video", "trials.jsonl"])
 def test_nothing_is_written_where_a_part_of_the_folder_leads_out_of_it(
     command: Callable[..., Any], sweep_file: SweepFile, tmp_path: Path, part: str

@@ -11,14 +11,15 @@ from typing import Any, ClassVar
 import pytest
 import torch
 
-from cltransfer.ablate.measure import JERK, Measured, Way, directions, measured
+from cltransfer.ablate.measure import JERK, Measured, Way, _judged, directions, measured
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.trial import Job, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.stage import Stage, read_path
-from cltransfer.features import Features
+from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.objective import Objective
+from cltransfer.reading.reference import Reference
 from cltransfer.skeleton import key_joints
 
 W, H = 160, 90
@@ -170,3 +171,12 @@ def test_a_frame_of_nobody_pays_the_penalty_in_the_mean(
         assert raw[name].isfinite().tolist() == [True, False]
         penalty = trial.metrics.build("losses")[name].penalty
         assert outcome.metrics[name].mean == pytest.approx((float(raw[name][0]) + penalty) / 2)
+
+
+@pytest.mark.parametrize("late", ["reference", "render", ""])
+def test_a_result_lasts_where_neither_side_may_be_told_better_by_another_run(late: str) -> None:
+    sides = [replace(filmed(), reasons={"flow": OfThisRun("time ran out")} if late == side else {"flow": "it stands"})
+             for side in ("reference", "render")]  # fmt: skip
+    read = Reference(sides[0], torch.arange(2.0), None, "clip", "", "image", {})
+    objective = Objective(load_config().build("losses"))
+    assert _judged(objective, read, sides[1], math.nan).lasts is (late == "")
