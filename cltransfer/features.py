@@ -38,7 +38,8 @@ class Features:
         keypoints: the 14 joints of :mod:`cltransfer.skeleton`, (B, 14, 3) as x, y [px], confidence in [0, 1].
             Coordinates are kept for joints that are unseen or out of the frame. A joint that was not found is NaN, and
             all are where there is no person; (0, 0) is a place in the picture.
-        box: person box as x, y, width, height [px], score, (B, 5); NaN where there is no person.
+        box: person box as x, y, width, height [px], score, (B, 5); NaN where there is no person. The score is 0 where
+            nobody was detected and the place is a guess, from the frames around (:func:`cltransfer.clips.gaps.filled`).
         subject: the person's pixels, (B, H, W) bool; the :class:`~cltransfer.subject.Subject` is ``person``.
         layers: foreground, character, background, (B, 3, H, W) bool, disjoint.
         flow: backward flow, frame i -> i-1, (B, 2, H, W) [px of ``size``]; NaN where undefined (first frame).

@@ -98,7 +98,7 @@ def _check_joints(source: str, parts: Components) -> None:
 def reading_confidence(features: Features) -> Tensor:
     """How far the person of each frame can be trusted, (N,) in [0, 1]: detection times mean of the visible key joints.
 
-    0 where there is nobody; the detection counts where there was one.
+    0 where there is nobody, or only a guess of the place; where nothing detects persons the joints count alone.
     """
     joints = frame_joints(features)
     visible = visible_joints(joints)

@@ -194,7 +194,7 @@ def _read(
         found += persons_in(detector, _loaded(image, None, start, start + CHUNK))
         progress("finding persons", min(start + CHUNK, count), count)
     box, flags = follow(found)
-    box = filled(box, times) if plan.doubts_boxes else box
+    box = filled(box, times, found) if plan.doubts_boxes else box
     return _of_person(image, plan, torch.from_numpy(box).float().to(image.device), progress), flags
 
 
