@@ -12,14 +12,24 @@ CONSTANT = 1e-5  # of the largest: what differs by less does so by rounding
 OUTLIERS = (1.0, 0.5, 0.25, 0.1, 0.1, 0.1, 0.1)  # relative errors that count a quarter, one reweighting after another
 
 
-def depth_from_disparity(disparity: Tensor, floor: float) -> Tensor:
-    """Depth (B, H, W) > 0 of disparity (B, H, W), up to the scale and shift of the network.
+def depth_from_disparity(
+    disparity: Tensor, floor: float, align: Align = "raw", affine: tuple[float, float] = (1.0, 0.0)
+) -> Tensor:
+    """Depth (B, H, W) > 0 of disparity (B, H, W), up to the scale of the network, and its shift unless it is aligned.
 
-    NaN where disparity is not above ``floor`` times the frame's largest: the sky, or too far to tell, as a renderer's
-    depth is where nothing is. So a frame's depths span at most 1 / floor, and all of it is NaN where none is positive.
+    NaN where inverse depth is not above ``floor`` times the frame's largest: the sky, or too far to tell, as a
+    renderer's depth is where nothing is. So a frame's depths span at most 1 / floor, and all of it is NaN where none is
+    positive. NaN too where the network itself puts a disparity that near to 0: most have nothing below it to say of the
+    sky, and a shift would make it a distance. What is below 0 is a disparity of one that goes there.
     """
-    least = floor * disparity.amax(dim=(1, 2), keepdim=True).clamp_min(0)
-    return torch.where(disparity > least, 1 / disparity, torch.nan)
+    inverse, least = aligned(disparity, align, affine), floor * _largest(disparity)
+    told = (disparity.abs() > least) & (inverse > floor * _largest(inverse))
+    return torch.where(told, 1 / inverse, torch.nan)
+
+
+def _largest(values: Tensor) -> Tensor:
+    """The largest of each frame, at least 0, (B, 1, 1)."""
+    return values.amax(dim=(1, 2), keepdim=True).clamp_min(0)
 
 
 def aligned(disparity: Tensor, align: Align, affine: tuple[float, float]) -> Tensor:

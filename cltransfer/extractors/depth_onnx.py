@@ -18,7 +18,7 @@ from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
-from ._disparity import Align, aligned, depth_from_disparity
+from ._disparity import Align, depth_from_disparity
 from ._pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
 
 __all__ = ["DepthOnnx", "depth_from_disparity"]
@@ -42,7 +42,8 @@ class DepthOnnx:
         std: of each channel, divides then.
         input: name of the input.
         output: name of the output.
-        floor: disparity over the largest, in (0, 1), down to which nothing is told: the sky has no depth.
+        floor: disparity over the largest, in (0, 1), down to which nothing is told: the sky has no depth,
+            with a shift or without.
         align: what is done about a disparity's unknown shift, which changes the depth ratio of two layers. ``raw``
             takes it for none; ``shift`` and ``metric`` take 1 / depth = a d + b, ``shift`` with d in the frame's
             largest, for a network that scales each frame by itself.
@@ -100,7 +101,7 @@ class DepthOnnx:
         image = now.require("image")
         maps = self.output_maps(image)
         if self.kind == "disparity":
-            depth = depth_from_disparity(aligned(maps, self.align, self._known_affine()), self.floor)
+            depth = depth_from_disparity(maps, self.floor, self.align, self._known_affine())
         else:
             depth = torch.where(maps > 0, maps, torch.nan)
         return replace(now, depth=depth.to(image.device))

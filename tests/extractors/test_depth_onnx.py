@@ -113,8 +113,24 @@ def test_disparity_near_zero_is_no_depth():
     assert depth[1].isnan().all()
 
 
+@pytest.mark.parametrize(("align", "affine"), [("shift", (1.0, 0.3)), ("metric", (0.1, 0.05)), ("metric", (1.0, -0.2))])
+def test_a_shift_gives_the_sky_no_depth(planted, align, affine):
+    features = halves()
+    features.image[:, 0, :8] = 0.0
+    depth = planted(kind="disparity", align=align, affine=affine)(features).depth
+    assert depth[:, :7].isnan().all()
+    assert float(depth[0, 16, 8]) == pytest.approx(1 / (affine[0] + affine[1]), rel=0.01)
+
+
+def test_a_network_that_goes_below_zero_has_a_depth_there_by_its_shift():
+    depth = depth_from_disparity(torch.tensor([[[1.0, -0.1, 0.0, -0.5]]]), 1e-3, "shift", (1.0, 0.3))
+    torch.testing.assert_close(depth[0, 0], torch.tensor([1 / 1.3, 5.0, torch.nan, torch.nan]), equal_nan=True)
+    assert depth_from_disparity(torch.full((1, 2, 2), -0.0), 1e-3, "metric", (1.0, 0.3)).isnan().all()
+
+
+@pytest.mark.parametrize(("align", "affine"), [("raw", (1.0, 0.0)), ("shift", (1.0, 0.05)), ("metric", (1.0, 0.05))])
 @pytest.mark.parametrize("sky", [0.05, 0.3])
-def test_how_much_sky_a_frame_shows_changes_no_depth_of_its_layers(sky):
+def test_how_much_sky_a_frame_shows_changes_no_depth_of_its_layers(sky, align, affine):
     """A building, another behind it, the person; the sky that a network puts at disparity 0 is far behind both."""
     disparity = torch.full((1, 100, 160), 1 / 10.0)
     disparity[:, :, 100:], disparity[:, 40:, 70:90] = 1 / 15.0, 1 / 4.0
@@ -124,7 +140,7 @@ def test_how_much_sky_a_frame_shows_changes_no_depth_of_its_layers(sky):
     subject = torch.zeros(1, 100, 160, dtype=torch.bool)
     subject[:, 40:, 70:90] = True
     with_sky, without = (
-        Layers()(Features((160, 100), subject=subject, depth=depth_from_disparity(each, 1e-3)), None)
+        Layers()(Features((160, 100), subject=subject, depth=depth_from_disparity(each, 1e-3, align, affine)), None)
         for each in (above, under)
     )
     assert float(FilmicSpace()(without, with_sky)) < 0.05  # a tolerance; 0.163 where the sky had the largest depth
