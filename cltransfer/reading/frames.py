@@ -129,10 +129,22 @@ def render_features(
         plan: of image extractors.
         times: of the frames, (N,) [s]; None takes 24 a second.
     """
+    return read_renders(image, cameras, subject, plan, times)[0]
+
+
+def read_renders(
+    image: Tensor,
+    cameras: Camera,
+    subject: Subject | None,
+    plan: Plan,
+    times: Tensor | None = None,
+    progress: Progress = silent,
+) -> tuple[Features, tuple[str, ...]]:
+    """:func:`render_features`, and what a reader should know; ``progress`` as of :func:`read_frames`."""
     if subject is None:
-        return clip_features(image, plan, times=times)
+        return read_frames(image, plan, None, progress, times)
     shown = None if times is None else times.double().numpy()
-    return _read(image, plan, lambda boxes: (boxes_of_subject(subject, cameras, boxes).numpy(), ()), silent, shown)[0]
+    return _read(image, plan, lambda boxes: (boxes_of_subject(subject, cameras, boxes).numpy(), ()), progress, shown)
 
 
 def read_frames(

@@ -27,7 +27,7 @@ from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import SUBJECT
 from .feature_file import LIMIT, FeatureFile
-from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, render_features, require_person
+from .frames import ELSEWHERE, check_maps, check_room, read_alike, read_frames, read_renders, require_person
 from .scene_source import is_scene
 
 _log = logging.getLogger("cltransfer")
@@ -248,18 +248,20 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         image[start:stop] = quantised(rendered.require("image"))  # a reader of whole clips asks for a frame again
         return replace(rendered, image=image[start:stop].float() / 255)
 
-    if reading.scene_family == "image" and scene.subject is not None and (scene.subject.people or 1) > 1:
+    task, flags = "rendering the reference", tuple[str, ...]()
+    if reading.scene_family == "image":  # as its result is read: who is filmed is followed
         for start in range(0, len(path), CHUNK):
             load(start, start + CHUNK)
-        features = render_features(image, path.camera, scene.subject, plan, path.times)  # of several who is filmed
+            progress(task, min(start + CHUNK, len(path)), len(path))
+        features, flags = read_renders(image, path.camera, scene.subject, plan, path.times, progress)
     else:
-        features = run_clip(plan, load, len(path), progress, "rendering the reference")
+        features = run_clip(plan, load, len(path), progress, task)
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
     name, focal = Path(source.removeprefix("builtin:").replace("@", "-")).stem, path.camera.focal
     zoom, family = float(focal.max() / focal.min()), reading.scene_family
-    return Reference(features, path.times, image, name, digest, family, plan.missing, zoom=zoom)
+    return Reference(features, path.times, image, name, digest, family, plan.missing, flags, zoom)
 
 
 def quantised(image: Tensor) -> Tensor:

@@ -12,7 +12,6 @@ import pytest
 import torch
 from PIL import Image
 
-from cltransfer.camera import Camera
 from cltransfer.clips import decoding
 from cltransfer.clips.clip import write_video
 from cltransfer.config import load_config
@@ -23,7 +22,6 @@ from cltransfer.pipeline.graph import Load
 from cltransfer.reading import reference
 from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.reading.reference import Reading, Reference, as_read, read_reference
-from cltransfer.scenes.load import load_scene
 from cltransfer.storage.files import cache_dir
 from cltransfer.testing import sample_cameras, sample_features
 from cltransfer.trajectory import Trajectory
@@ -255,42 +253,6 @@ def test_a_scene_that_is_asked_for_a_frame_again_has_shown_it_once(mean_flow: tu
     assert read.image is not None
     assert len(read.image) == len(read) == 6
     torch.testing.assert_close(read.features.require("mine")[:, 0], read.image.float().div(255).flatten(1).mean(1))
-
-
-@dataclass(frozen=True)
-class Bystander:
-    """A detector that sees someone at the left edge, larger than whoever stands in the middle."""
-
-    requires, provides, family = ("image",), ("box",), "image"
-
-    def persons(self, now: Features) -> list[np.ndarray]:
-        (w, h), sure = now.size, 0.9
-        boxes = [[0, 0, 0.4 * w, h, sure], [0.45 * w, 0.3 * h, 0.1 * w, 0.4 * h, sure]]
-        return [np.array(boxes, np.float32)] * len(now)
-
-    def __call__(self, now: Features, before: Features | None) -> Features:
-        return replace(now, box=torch.stack([torch.from_numpy(found[0]) for found in self.persons(now)]))
-
-
-@dataclass(frozen=True)
-class MiddleOfBox:
-    requires, provides, family = ("box",), ("mine",), "image"
-
-    def __call__(self, now: Features, before: Features | None) -> Features:
-        box = now.require("box")
-        return now.having("mine", box[:, :1] + box[:, 2:3] / 2)
-
-
-def test_of_two_people_in_a_scene_that_teaches_networks_read_who_is_filmed(tmp_path: Path) -> None:
-    scene, size, shot = load_scene("builtin:stage-1"), (64, 36), tmp_path / "shot.json"
-    person = scene.subject
-    assert person is not None
-    eye = (person.anchor + 3 * person.height * person.facing).expand(2, 3)
-    Trajectory(Camera.look_at(eye, person.anchor, scene.up, 0.7, size), torch.arange(2) / 24).save(shot)
-    parts = Components.build(load_config())
-    parts = replace(parts, losses={"of_mine": OfMine()}, extractors={"persons": Bystander(), "middle": MiddleOfBox()})
-    read = read_reference(f"builtin:stage-1@{shot}", parts, Reading(2, 64, "image"))
-    torch.testing.assert_close(read.features.require("mine"), torch.full((2, 1), 32.0))
 
 
 def test_a_reading_by_other_code_of_ours_is_not_used(
