@@ -87,9 +87,12 @@ class Frame:
         return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
 
     def _decoded(self, kind: str) -> np.ndarray:
-        """Pixels as decoded; a video that does not say by which matrix has that of its height, as players take it."""
+        """Pixels as decoded; a video that does not say by which matrix has that of its height, as players take it.
+
+        A JPEG always says: its decoder has it of BT.601.
+        """
         unsaid = self.raw.colorspace == UNSAID and not self.raw.format.is_rgb
-        if unsaid and self.raw.height >= HD and not self.raw.format.name.startswith(("gray", "yuvj")):
+        if unsaid and self.raw.height >= HD and not self.raw.format.name.startswith("gray"):
             return self.raw.to_ndarray(format=kind, src_colorspace=Colorspace.ITU709)
         return self.raw.to_ndarray(format=kind)
 

@@ -158,24 +158,33 @@ def test_features_where_a_clip_belongs_are_told_who_takes_them(tmp_path: Path) -
         read_clip(tmp_path / "a.safetensors")
 
 
+@pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize(("height", "tagged", "known"), [(720, False, 709), (480, False, 601), (480, True, 709)])
 def test_a_video_that_does_not_tell_its_colours_has_those_of_its_height(
-    tmp_path: Path, height: int, tagged: bool, known: int
+    tmp_path: Path, height: int, tagged: bool, known: int, full: bool
 ) -> None:
-    """Players take BT.709 from 720 rows on, BT.601 below; what is told holds."""
+    """Players take BT.709 from 720 rows on, BT.601 below, in either range; what is told holds."""
+    kind = "yuvj420p" if full else "yuv420p"
     rgb = np.full((height, 320, 3), (200, 40, 40), np.uint8)
     matrix = {709: Colorspace.ITU709, 601: Colorspace.ITU601}[known]
     with av.open(str(tmp_path / "a.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=24, options={"crf": "1"})
-        stream.width, stream.height, stream.pix_fmt = 320, height, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = 320, height, kind
         if tagged:
             stream.codec_context.colorspace = Colorspace.ITU709
-        frame = av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="yuv420p", dst_colorspace=matrix)
+        frame = av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format=kind, dst_colorspace=matrix)
         frame.colorspace = matrix if tagged else 2
         for packet in (*stream.encode(frame), *stream.encode()):
             container.mux(packet)
     seen = read_clip(tmp_path / "a.mp4").image[0, :, height // 2, 160].tolist()
     assert seen == pytest.approx([200, 40, 40], abs=3)
+
+
+@pytest.mark.parametrize("name", ["a.avi", "a.mkv"])
+def test_a_video_of_jpegs_has_their_colours_at_any_height(tmp_path: Path, name: str) -> None:
+    bgr = np.full((720, 320, 3), (40, 40, 200), np.uint8)
+    seen = read_clip(video_of(tmp_path / name, "mjpeg", [bgr, bgr], (320, 720))).image[0, :, 360, 160].tolist()
+    assert seen == pytest.approx([200, 40, 40], abs=6)
 
 
 def plain_frame(number: int) -> av.VideoFrame:
