@@ -28,7 +28,7 @@ from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 from .png_chunks import PNG, drawn_chunks
 
-PIXEL_LIMIT = 8_300_000  # of a video's frame: 3840x2160
+PIXEL_LIMIT = 4096 * 2160  # of a video's frame: what cinemas and many cameras call 4K
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
 UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
 HDR = {16: "PQ", 18: "HLG"}  # transfer functions, as FFmpeg counts them

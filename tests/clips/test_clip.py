@@ -183,7 +183,15 @@ def test_a_photograph_may_be_larger_than_a_frame_of_a_video(tmp_path):
     assert clip.size == (960, 720)
     assert (clip.image.float() - 90).abs().max() <= 2
     video = encode(tmp_path / "a.mkv", torch.zeros(1, 3, 2200, 4032, dtype=torch.uint8), preset="ultrafast")
-    refused(video, "size", "at most 8300000 pixels a frame, got 4032x2200")
+    refused(video, "size", "at most 8847360 pixels a frame, got 4032x2200")
+
+
+@pytest.mark.parametrize("size", [(4096, 2160), (2160, 4096)])
+def test_a_frame_as_large_as_a_cinema_s_is_read(tmp_path, size):
+    image = torch.full((1, 3, size[1], size[0]), 90, dtype=torch.uint8)
+    clip = read_clip(encode(tmp_path / "a.mkv", image, pix_fmt="yuv420p", preset="ultrafast"))
+    assert max(clip.size) == 960
+    assert (clip.image.float() - 90).abs().max() <= 2
 
 
 @pytest.mark.parametrize("size", [(8001, 8000), (60000, 60000)])

@@ -130,5 +130,5 @@ def test_a_result_that_cannot_be_read_back_is_refused_before_it_is_searched(tmp_
         tmp_path / "a.safetensors"
     )
     config = load_config(overrides=[*SMALL, "output_side=4096", "extract.verify=false"])
-    with pytest.raises(ResourceError, match="frames: expected at most 8300000 pixels each, got 4096x2304"):
+    with pytest.raises(ResourceError, match="frames: expected at most 8847360 pixels each, got 4096x2304"):
         prepare(Inputs("builtin:plaza", str(tmp_path / "a.safetensors")), config, Clock(), silent, None)
