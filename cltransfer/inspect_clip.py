@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from .computer.threads import default_count, set_threads, threads_restored
 from .config.options import RunConfig
 from .describe.shot_scale import SCALES, shot_scale
 from .errors import InputError, UsageError
@@ -65,13 +66,15 @@ class Inspection:
         return lines
 
 
+@threads_restored()
 def inspect_clip(source: str, config: RunConfig, progress: Progress = silent) -> Inspection:
-    """Read ``source`` as a transfer would.
+    """Read ``source`` as a transfer would, meanwhile with the threads of ``config``.
 
     Raises:
         InputError: it is missing, damaged, has a cut, or shows no person in any frame.
         UsageError: by the config no joints would be read.
     """
+    set_threads(config.threads or default_count())
     start = time.perf_counter()
     parts = Components.build(config)
     is_file = source.endswith(".safetensors")  # it has its features, whatever the config asks for

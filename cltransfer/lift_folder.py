@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .camera import VIEW_LIMIT, Camera, evenly_taken, in_one_frame
+from .computer.threads import default_count, set_threads, threads_restored
 from .config.options import RunConfig
 from .drawing import drawn_by
 from .pipeline.components import Components
@@ -42,15 +43,18 @@ class Lifting:
     person: int | None = None
 
 
+@threads_restored()
 def lift_to_folder(wanted: Lifting, config: RunConfig, folder: Path, progress: Callable[[str], None]) -> Lift:
     """Lift a person of a scene and write what is known of it.
 
-    Without any choice it also fills the cache that ``transfer`` looks in.
+    Without any choice it also fills the cache that ``transfer`` looks in. Meanwhile the threads of the whole process
+    are as ``config`` says.
 
     Raises:
         InputError: the scene is damaged, or no person is found.
         ModelError: a network is missing.
     """
+    set_threads(config.threads or default_count())
     parts = Components.build(config)
     scene = load_scene(wanted.scene, wanted.up)
     options = LiftOptions(wanted.views, _given(wanted.view), wanted.person)

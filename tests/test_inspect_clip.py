@@ -9,12 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 import torch
 
 from cltransfer.clips.source import ClipSource
 from cltransfer.config import load_config
-from cltransfer.inspect_clip import Inspection, reading_confidence, write_inspection
+from cltransfer.inspect_clip import Inspection, inspect_clip, reading_confidence, write_inspection
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.pipeline.scores import score
@@ -37,6 +38,13 @@ def test_a_shot_is_laid_open(command: Any, tmp_path: Path) -> None:
     for name in ("0000.png", "0000_flow.png", "0001.png", "0001_flow.png"):
         assert f"frames/{name}" in page
         assert (tmp_path / "page" / "frames" / name).stat().st_size > 500
+
+
+def test_meanwhile_threads_are_the_config_s() -> None:
+    cv2.setNumThreads(3)
+    config, during = load_config(overrides=["threads=1", "frames=2", "output_side=64"]), set[int]()
+    inspect_clip("builtin:push_in", config, lambda step, done, of: during.add(cv2.getNumThreads()))
+    assert (during, cv2.getNumThreads()) == ({1}, 3)
 
 
 @pytest.fixture

@@ -1,12 +1,41 @@
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
+import cv2
+import pytest
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.lift_folder import _given
+from cltransfer.config import load_config
+from cltransfer.lift_folder import Lifting, _given, lift_to_folder
+from cltransfer.registry import EXTRACTORS
 from cltransfer.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class All:
+    """What a lift asks for, if it gets that far."""
+
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("box", "keypoints", "subject", "orientation")
+    family: ClassVar[str] = "image"
+    __call__: ClassVar[Any] = print
+
+
+def test_meanwhile_threads_are_the_config_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def looked(step: str) -> None:
+        raise KeyboardInterrupt(cv2.getNumThreads())
+
+    monkeypatch.setitem(EXTRACTORS._classes, "all", All)
+    others = [f"extractors.{name}=null" for name in load_config().extractors]
+    config = load_config(overrides=[*others, "extractors.all={}", "threads=1"])
+    cv2.setNumThreads(3)
+    with pytest.raises(KeyboardInterrupt, match=r"^1$"):
+        lift_to_folder(Lifting("builtin:plaza"), config, tmp_path, looked)
+    assert cv2.getNumThreads() == 3
 
 
 def test_views_of_unlike_shape_are_looked_from_whole(tmp_path: Path) -> None:

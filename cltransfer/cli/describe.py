@@ -53,7 +53,7 @@ def describe(
     from ..describe.strip import write_strip
     from ..progress import progress
 
-    set_threads(settings.threads or thread_count())
+    set_threads(settings.threads or thread_count())  # of what is written too
     with progress(quiet) as report:
         found, image = run(source, settings, subject, report)
     text = "\n".join([found.text(), *(f"note: {flag}" for flag in found.flags)])
@@ -96,7 +96,7 @@ def inspect(
     from ..inspect_clip import inspect_clip, write_inspection
     from ..progress import progress
 
-    set_threads(settings.threads or thread_count())
+    set_threads(settings.threads or thread_count())  # of what is written too
     with progress(quiet) as report:
         found = inspect_clip(source, settings, report)
     page = write_inspection(out, found)

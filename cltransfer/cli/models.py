@@ -125,10 +125,8 @@ def models_align(
     for evaluate and inspect, which have no scene; transfer finds it by itself.
     """
     settings = settings_of(None, overrides, allow_plugin)
-    from ..computer.threads import set_threads, thread_count
     from ..reading.depth_alignment import align_config
 
-    set_threads(settings.threads or thread_count())
     found = align_config(scene, settings, views, up_of(up), subject)
     options = {**settings.extractors["depth_onnx"], "affine": [float(f"{value:.6g}") for value in found.affine]}
     lines = [

@@ -48,7 +48,6 @@ def lift(
     settings = settings_of(config, overrides or [], allow_plugin)
     check_keys(overrides or [], LIFTING, "a lift", "; --views for how many are looked from")
     from ..camera import VIEW_LIMIT
-    from ..computer.threads import set_threads, thread_count
     from ..lift_folder import Lifting, lift_lines, lift_to_folder
     from ..progress import progress
     from ..run.folder import default_folder
@@ -57,7 +56,6 @@ def lift(
 
     if not MINIMUM_VIEWS <= views <= VIEW_LIMIT:
         raise UsageError("", "--views", f"expected {MINIMUM_VIEWS} to {VIEW_LIMIT}, got {views}")
-    set_threads(settings.threads or thread_count())
     folder = out or default_folder(scene, "lift")
     refuse_run(folder, "subject and labels", "person")
     wanted = Lifting(scene, up_of(up), tuple(view or ()), views, person)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..clips.thinned import evenly
+from ..computer.threads import default_count, set_threads, threads_restored
 from ..config.options import RunConfig
 from ..errors import InputError, UsageError
 from ..extractors.scene_joints import NEAR, project_joints
@@ -31,6 +32,7 @@ NEEDS = ("keypoints", "orientation", "flow", "layers")  # features
 HINT = "a description needs the losses that read it"
 
 
+@threads_restored()
 def describe(
     source: str, config: RunConfig, subject: Path | None = None, progress: Progress = silent
 ) -> tuple[Description, Tensor | None]:
@@ -38,7 +40,8 @@ def describe(
 
     Args:
         source: a reference as ``transfer`` takes it, a run folder, or a ``trajectory.json``.
-        config: which extractors read a clip; ``frames`` thins it.
+        config: which extractors read a clip; ``frames`` thins it. Meanwhile the threads of the whole process are as
+            it says.
         subject: ``subject.json`` of the person a camera path films; None looks beside the path.
         progress: called with a step, frames done, frames in all.
 
@@ -49,6 +52,7 @@ def describe(
         InputError: the source is missing, damaged or an unfinished run, or a camera path has no person.
         UsageError: by the config not all would be read, or a person is named of what is no camera path.
     """
+    set_threads(config.threads or default_count())
     require_done(Path(source))
     if (path := camera_path(source)) is not None:
         return describe_path(path, subject, config.frames), None

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..computer.threads import default_count, set_threads, threads_restored
 from ..config.options import RunConfig
 from ..drawing import drawn_by, renderer_of
 from ..errors import InputError, UsageError
@@ -127,6 +128,7 @@ def align_to_scene(
     return replace(extractor, align=align, affine=found.affine), found
 
 
+@threads_restored()
 def align_config(
     scene: str,
     config: RunConfig,
@@ -138,7 +140,7 @@ def align_config(
 
     Args:
         scene: a scene file, or ``builtin:NAME``.
-        config: with a ``depth_onnx``.
+        config: with a ``depth_onnx``. Meanwhile the threads of the whole process are as it says.
         views: how many.
         up: the scene's; None takes the format's usual one, or its own.
         subject: a subject.json; None lifts the scene, or takes the lift from the cache.
@@ -148,6 +150,7 @@ def align_config(
         InputError: the scene is missing or damaged, or no person is found in it.
         ModelError: the network is missing or refused.
     """
+    set_threads(config.threads or default_count())
     parts = Components.build(config)
     extractor = parts.extractors.get(DEPTH)
     if extractor is None or extractor.align == "raw":

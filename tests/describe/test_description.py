@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -127,6 +128,13 @@ def test_of_a_path_as_many_frames_are_read_as_asked_for(tmp_path: Path) -> None:
     whole, few = (describe(str(tmp_path), load_config(overrides=asked))[0] for asked in ([], ["frames=3"]))
     assert (len(whole.times), len(few.times)) == (12, 3)
     assert (few.times[0], few.times[-1]) == (whole.times[0], whole.times[-1])
+
+
+def test_meanwhile_threads_are_the_config_s() -> None:
+    cv2.setNumThreads(3)
+    config, during = load_config(overrides=["threads=1", "frames=2", "output_side=64"]), set[int]()
+    describe("builtin:push_in", config, None, lambda step, done, of: during.add(cv2.getNumThreads()))
+    assert (during, cv2.getNumThreads()) == ({1}, 3)
 
 
 def test_the_exact_yaw_of_a_path_is_not_turned_back(tmp_path: Path) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import pytest
 import torch
 from typer.testing import CliRunner
@@ -19,7 +21,8 @@ from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.reading.depth_alignment import VIEWS, align_config, align_depth, align_parts
 from cltransfer.reading.feature_file import FeatureFile
-from cltransfer.registry import EXTRACTORS
+from cltransfer.registry import EXTRACTORS, RENDERERS
+from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run.flags import run_flags
 from cltransfer.run.folder import write_run
 from cltransfer.run.inputs import Inputs
@@ -121,6 +124,21 @@ def test_views_that_do_not_tell_are_refused():
 def test_a_config_without_a_policy_is_refused(more):
     with pytest.raises(UsageError, match=r"extractors\.depth_onnx: expected align shift or metric, got"):
         align_config("builtin:plaza", load_config(overrides=more), 4)
+
+
+def test_meanwhile_threads_are_the_config_s(blue, monkeypatch):
+    during = set()
+
+    @dataclass(frozen=True)
+    class Counted(GaussianSplats):
+        def render(self, scene, cameras, buffers):
+            during.add(cv2.getNumThreads())
+            return super().render(scene, cameras, buffers)
+
+    monkeypatch.setitem(RENDERERS._classes, "counted", Counted)
+    cv2.setNumThreads(3)
+    align_config("builtin:plaza", load_config(overrides=[blue, "renderer.counted={}", "threads=1"]), 1)
+    assert (during, cv2.getNumThreads()) == ({1}, 3)
 
 
 @pytest.fixture
