@@ -46,6 +46,8 @@ class ExtractConfig:
 class RunConfig:
     """Everything a run depends on beside its scene and its reference.
 
+    Defaults are for keys that a shipped config leaves out; make one by :func:`~cltransfer.config.load_config`.
+
     Args:
         preset: the shipped config the others build on.
         frames: frames to transfer, evenly over the reference; null takes all. Of builtin:SHOT it makes another shot,
