@@ -40,10 +40,10 @@ __all__ = ["__version__", *_HOME]
 
 
 class _Package(ModuleType):
-    """The package: what a module defines under its own name, ``transfer`` for one, is that and not the module."""
+    """Keeps ``cltransfer.transfer`` the function: importing the module must not rebind it."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if not (_HOME.get(name) == name and isinstance(value, ModuleType)):  # importing a module binds it to its name
+        if not (_HOME.get(name) == name and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

@@ -142,8 +142,8 @@ def interval(
 ) -> Interval:
     """Mean of the clips' values and its interval by :func:`bootstrap_t`, of :data:`FEWEST` clips or more.
 
-    Clips without a value are counted, not used. Its lower end is 0 where it would lie below, and the upper one is left
-    out where no clip is as bad by far: it holds the truth as often as before. One that was left out whole would not.
+    Clips without a value are counted, not used. The lower end is cut at 0; the upper is None where it exceeds ``worst``
+    and no clip does. Neither changes coverage; dropping whole intervals would.
 
     Args:
         values: of the clips.

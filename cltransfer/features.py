@@ -18,7 +18,7 @@ NOTHING = "nothing"  # of zero width, (N, 0): frames of which no feature could b
 
 
 class OfThisRun(str):
-    """A reason that is not the clip's: another run may tell what this one could not, so it is kept in no cache."""
+    """A reason due to this run, not the clip (a timeout): not cached."""
 
 
 @dataclass(frozen=True, eq=False)

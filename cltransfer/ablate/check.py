@@ -29,7 +29,7 @@ def check_cases(file: SweepFile, origins: Mapping[str, str], where: Any) -> None
 
 
 def _check_engine(engine: EngineConfig, origins: Mapping[str, str]) -> None:
-    """A file's workers are those of whoever has no cluster: beside one the command line alone cannot mean them."""
+    """A file's workers apply where no cluster is named; on the command line they contradict one."""
     workers, address = origin(origins, "engine.workers"), origin(origins, "engine.address")
     if engine.workers < 0:
         raise UsageError(workers, "engine.workers", f"expected 0 or more, got {engine.workers}")

@@ -54,8 +54,8 @@ class Measure:
     """One metric of one row.
 
     Args:
-        value: over references, one that the seed draws another for each, each by its mean over the scenes, and over
-            the seeds that do not draw it.
+        value: mean over references; a seed that draws a reference makes another; scenes, and other seeds, are averaged
+            first.
         difference: to the first row, over the same of the cases on which both have a value; None in the first row.
         unit: of both.
         defined, frames: how many frames have a value, of how many.

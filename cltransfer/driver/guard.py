@@ -42,8 +42,8 @@ class Guard:
     def reasons(self, features: Features, reference: Features | None = None) -> dict[str, Tensor]:
         """What is wrong with B views, (B,) bool by reason; needs ``depth`` as the scene has it.
 
-        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden; there, and where as much of it
-        lies before the person as may not be near, a thing may come as near as the person.
+        Where the ``reference``, 1 or B frames, shows nobody, the person may be hidden. There, or where its foreground
+        fills over :data:`CLOSE`, things may come as near as the person.
         """
         depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth")  # (B, H, W)
         wrong = {"the view is almost empty": torch.isfinite(depth).double().flatten(1).mean(1) < COVERAGE}

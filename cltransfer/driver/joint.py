@@ -80,22 +80,22 @@ class _At:
 
     @cached_property
     def local(self) -> Local:
-        """What leads."""
+        """Residuals that steps follow, led ones replaced."""
         return self.measured if self.jumps is None else self.jumps.local(self.measured)
 
     @cached_property
     def cost(self) -> float:
-        """Of what leads."""
+        """Their total and bends."""
         return self.local.total + self._bends(self.x)
 
     @property
     def residuals(self) -> Tensor:
-        """As they are, (N, R)."""
+        """The losses' own residuals, (N, R)."""
         return self.measured.residuals[:, : len(self.measured.groups)]
 
     @cached_property
     def true_cost(self) -> float:
-        """Of those."""
+        """Total of those, and bends."""
         return self.clip.mean_total(self.residuals) + self._bends(self.x)
 
     @property

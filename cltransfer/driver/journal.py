@@ -130,7 +130,7 @@ class Journal:
         self.replayed += 1
         if not same:
             hint = "other machine, version or threads? start over with another --out"
-            raise InputError(self.path, f"record {self.replayed}", "is of another question", hint)
+            raise InputError(self.path, f"record {self.replayed}", "answers another question than this run asks", hint)
 
     def _recorded(self) -> bytes | None:
         """The next record, one in memory at a time; None from the last on, behind which what is torn is cut off."""

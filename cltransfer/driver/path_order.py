@@ -117,7 +117,7 @@ def least_path(
     path = LeastPath(x, None, 0.0, False, free, free, noise + LEAST_FLOOR + SHARE * free)
     if len(x) == 1:
         return path
-    if residuals is None or clip.stage.plan.passes or free <= TRUSTED * clip.told:
+    if residuals is None or clip.stage.plan.passes or free <= TRUSTED * clip.placed_share:
         effort = Effort(0, 0)  # differences taken through noisy networks mislead
     if effort.rounds and local is None and residuals is not None:
         local = clip.local(x, residuals)

@@ -51,8 +51,8 @@ class WholeClip:
         return self.stage.objective.placed(self.reference)
 
     @cached_property
-    def told(self) -> float:
-        """Share of the frames that are :attr:`placed`: the others water a mean total down; 1 where none is."""
+    def placed_share(self) -> float:
+        """Share of frames that are :attr:`placed`; a mean total over all frames is diluted by it. 1 where none is."""
         return float(self.placed.double().mean()) or 1.0
 
     def cameras(self, x: Tensor) -> Camera:
@@ -66,8 +66,8 @@ class WholeClip:
     def inside(self, x: Tensor, kept: Tensor | None = None) -> Tensor:
         """A path x (N, D) moved onto the limits where it goes beyond, as splines do of frames at a limit.
 
-        What that takes from a direction (D,) that is ``kept``, as the lens, comes back by what is at no limit; of a
-        camera that stands it is kept anyway.
+        What clamping takes along ``kept`` (D,), as the lens, is added back through coordinates at no limit; a standing
+        path is only clamped.
         """
         bounds = self.limits(x.shape[1])
         found = inside(x, bounds)

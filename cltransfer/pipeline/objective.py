@@ -47,7 +47,7 @@ class Objective:
     Args:
         losses: by name; each is the metric too.
         moving: features that compare a frame with the one before; a loss that requires one has no first frame.
-        silent: losses that the reference has on no frame: they need no residuals to be refined beside.
+        silent: losses that the reference has on no frame; lacking residuals, they do not forbid refinement.
     """
 
     losses: Mapping[str, Any]

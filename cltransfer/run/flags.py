@@ -73,7 +73,10 @@ def _poor(result: Result) -> Iterator[Flag]:
     """Whether the result is worse than standing still, or than the search took it for."""
     total, held, searched = result.verified.total, result.held, result.searched.total
     if held is None:
-        yield Flag(None, "not compared with the first view held still: what reads a movement cannot read that")
+        yield Flag(
+            None,
+            "not compared with the first view held still, which lacks what was read from movement, as depth may be",
+        )
     elif total > WORSE * held.total:
         yield Flag(None, f"worse than the first view held still: the total is {total:.3g} for {held.total:.3g}")
     read = result.kept.shown.features

@@ -28,7 +28,7 @@ class LeftOut:
         return far_worse(self.among, self.alone)
 
     def better(self, other: LeftOut) -> bool:
-        """Whether this gains more with them than it loses without them against the ``other``, which is little."""
+        """Whether it gains more with floaters than it loses without, and is not far worse there than ``other``."""
         lost, gained = self.alone - other.alone, other.among - self.among
         return gained > max(lost, 0.0) and not far_worse(self.alone, other.alone, BEARABLE)
 

@@ -48,7 +48,7 @@ class Round:
         take: what the round before found.
         shown: what the networks read of its frames.
         seen: what geometry reads of them.
-        off: how much lower than read they were to be seen from, as the networks err, (N,) [rad].
+        off: pitch bias already taken off this round's target, (N,) [rad].
     """
 
     take: Take

@@ -94,7 +94,7 @@ def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts
     first = follow(among, starts.homes, schedule.lean, report, guide)
     if first.local is None:
         return taken(first)
-    poor = first.local.total > schedule.lean_limit * clip.told or first.drifts
+    poor = first.local.total > schedule.lean_limit * clip.placed_share or first.drifts
     if not poor:
         lean = taken(first)
         if not lean.leaps:

@@ -67,9 +67,8 @@ def people_worth(counts: Array) -> float:
 def _of_answers_worth(wins: Array, counts: Array) -> tuple[float, float]:
     """Clopper-Pearson of as many independent answers as theirs are worth.
 
-    They are fewer, the more people differ, and the fewer they are (Korn and Graubard, Survey Methodology 24, 1998).
-    People who do not differ tell nothing of how others would, and those hardly more of whom fewer answers dissent than
-    one of them gave: the interval holds that of people who all have the same share, too.
+    Fewer, the more people differ and the fewer they are (Korn and Graubard, Survey Methodology 24, 1998). Where nearly
+    all agree they say little of others, so the equal-share interval is covered too.
     """
     people, answers = len(wins), float(counts.sum())
     share = float(wins.sum()) / answers

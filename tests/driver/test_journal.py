@@ -90,7 +90,7 @@ def test_what_was_asked_against_another_target_or_by_residuals_is_refused(tmp_pa
     Journal(tmp_path / "j", HEADER, False).answer(cameras, lambda: values(cameras), prints[0])
     assert Journal(tmp_path / "j", HEADER, True).answer(cameras, lambda: values(cameras), prints[0]).shape[0] > 0
     for other in prints[1:]:
-        with pytest.raises(InputError, match="record 1: is of another question"):
+        with pytest.raises(InputError, match="record 1: answers another question"):
             Journal(tmp_path / "j", HEADER, True).answer(cameras, lambda: values(cameras), other)
 
 
@@ -198,7 +198,7 @@ def test_another_run_is_refused_by_the_key_that_differs(tmp_path: Path) -> None:
 def test_another_question_is_refused(tmp_path: Path) -> None:
     ask_all(tmp_path / "j", False)
     journal = Journal(tmp_path / "j", HEADER, True)
-    with pytest.raises(InputError, match="record 1: is of another question"):
+    with pytest.raises(InputError, match="record 1: answers another question"):
         journal.answer(sample_cameras(9, 3), lambda: torch.zeros(3, 3))
 
 
@@ -206,7 +206,7 @@ def test_a_record_that_is_too_short_is_of_another_question(tmp_path: Path) -> No
     Journal(tmp_path / "j", HEADER, False)
     with (tmp_path / "j").open("ab") as stream:
         stream.write(struct.pack("<II", 2, zlib.crc32(b"ab")) + b"ab")
-    with pytest.raises(InputError, match="record 1: is of another question"):
+    with pytest.raises(InputError, match="record 1: answers another question"):
         ask_all(tmp_path / "j", True)
 
 

@@ -131,7 +131,7 @@ def test_an_answer_of_other_columns_than_the_losses_have_is_refused(tmp_path: Pa
     }
     for kind, ask in asking.items():
         Journal(tmp_path / kind, {}, False).answer(cameras, lambda: torch.zeros(2, 2), small_print(reference, kind))
-        with pytest.raises(InputError, match="record 1: is of another question"):
+        with pytest.raises(InputError, match="record 1: answers another question"):
             ask(replace(stage, journal=Journal(tmp_path / kind, {}, True)))
 
 

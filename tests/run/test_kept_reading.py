@@ -138,5 +138,5 @@ def test_a_document_is_no_answer_and_an_answer_no_document(tmp_path: Path) -> No
         ("a", lambda journal: journal.document(cameras, dict)),
     ]
     for name, ask in asks:
-        with pytest.raises(InputError, match="record 1: is of another question"):
+        with pytest.raises(InputError, match="record 1: answers another question"):
             ask(Journal(tmp_path / name, {}, True))
