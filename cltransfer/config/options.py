@@ -62,7 +62,8 @@ class RunConfig:
             that are found where none is given from the one that the frame scores best at.
         guide: frames along the clip at which distances are looked up, to choose one path in closed form that all frames
             start from, one where nothing moves, and from aside where that suits better; 0 starts each frame from the
-            ones before it alone, as the engines cma and adam, and a clip without warm_start, always do.
+            ones before it alone, as the engines cma and adam, searches but subject_orbit, and a clip without
+            warm_start always do.
         zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
             distance and focal length cannot then be told apart. still is auto, but that the path keeps one focal length
             for all of the clip, whatever that costs; it needs path smooth.

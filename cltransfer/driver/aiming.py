@@ -16,11 +16,10 @@ from ..along_clip import counted
 from ..features import Features
 from ..orientation import wrap
 from ..placement import frame_joints, visible_joints
-from ..search.subject_orbit import SCALE, SubjectOrbit
+from ..search.subject_orbit import DISTANCE, ELEVATION, PLACE, SCALE, SubjectOrbit
 from ..subject import Subject
 from .whole_clip import WholeClip
 
-PLACE = slice(4, 6)  # of x: where in the frame the person stands
 SLOPE, LEAD = 3, 12  # frames that tell how the person moved in the frame before, and for how many that is believed
 AIMED_AT = 2  # joints that tell where and how large the person is to be
 LEVELLED, LEVEL = 12, 0.02  # times that a camera is raised or lowered at most, and by how much [rad] it is enough
@@ -48,7 +47,7 @@ def aimed(clip: WholeClip, x: Tensor, reference: Features, pitch: Tensor) -> Ten
     x = clip.search.aimed(x, clip.home, subject, reference)
     if _reader(clip) is None:
         return x
-    lowest, highest = (bound[1] for bound in clip.search.bounds())
+    lowest, highest = (bound[ELEVATION] for bound in clip.search.bounds())
     too_low, too_high = torch.full_like(pitch, torch.nan), torch.full_like(pitch, torch.nan)  # (B,) of x
     best, least = x, torch.full_like(pitch, torch.inf)
     for _ in range(LEVELLED):
@@ -57,12 +56,12 @@ def aimed(clip: WholeClip, x: Tensor, reference: Features, pitch: Tensor) -> Ten
         best, least = torch.where(nearer[:, None], x, best), torch.where(nearer, off.abs(), least)
         if not (least >= LEVEL).any():
             break
-        height = x[:, 1]
+        height = x[:, ELEVATION]
         too_low, too_high = torch.where(off > 0, height, too_low), torch.where(off < 0, height, too_high)
         between = (too_low + too_high) / 2  # what is shown changes on the way: one step may lead far beyond
-        raised = torch.where(between.isnan(), height + off.nan_to_num(0) / SCALE[1], between)
+        raised = torch.where(between.isnan(), height + off.nan_to_num(0) / SCALE[ELEVATION], between)
         x = x.clone()
-        x[:, 1] = raised.clamp(lowest, highest)
+        x[:, ELEVATION] = raised.clamp(lowest, highest)
         x = clip.search.aimed(x, clip.home, subject, reference)
     return best
 
@@ -71,7 +70,7 @@ def pitch_of(clip: WholeClip, x: Tensor) -> Tensor:
     """Pitch (B,) [rad] as the losses' angles have it of the cameras of x (B, D); NaN where they show nobody."""
     reader, cameras = _reader(clip), clip.cameras(x)
     if reader is None:
-        return x[:, 1] * SCALE[1]
+        return x[:, ELEVATION] * SCALE[ELEVATION]
     seen = Features(cameras.size, camera=cameras, person=clip.stage.scene.subject)
     return reader(seen, None).require("orientation")[:, 1]
 
@@ -93,8 +92,9 @@ def aimed_path(clip: WholeClip, x: Tensor, pitch: Tensor) -> Tensor:
     at, subject = counted(len(x), clip.at), clip.stage.scene.subject
     path = aimed(clip, x, clip.reference, pitch)
     known = aimed_at(clip.reference, subject)
-    path[:, 1] = x[:, 1] + _bridged(path[:, 1:2] - x[:, 1:2], known, at)[:, 0]
-    path[:, 3:] = _bridged(path[:, 3:], known, at)
+    raised = (path[:, ELEVATION] - x[:, ELEVATION])[:, None]
+    path[:, ELEVATION] = x[:, ELEVATION] + _bridged(raised, known, at)[:, 0]
+    path[:, DISTANCE:] = _bridged(path[:, DISTANCE:], known, at)
     path[:, PLACE] = _led(path[:, PLACE], known, at)
     return path
 

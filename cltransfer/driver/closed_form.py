@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..along_clip import along, counted
-from ..search.subject_orbit import SCALE
+from ..search.subject_orbit import ANGLES, AZIMUTH, DISTANCE, ELEVATION, SCALE
 from .aiming import aimable, aimed, aimed_at, aimed_path, stands
 from .lookups import POOR, STEP, cheapest_along
 from .lookups_aside import cheapest_aside
@@ -64,8 +64,9 @@ def closed_form(clip: WholeClip, free_lens: bool, samples: int) -> Guide | None:
     reference = clip.reference
     if not aimable(clip) or (read := stands(clip)) is None:
         return None
-    x = torch.zeros(len(reference), 7 if free_lens else 6, dtype=torch.float64)  # in the middle, as high as the frame
-    x[:, :3] = read / SCALE[:3]
+    dimensions = clip.search.dimensions - (not free_lens)
+    x = torch.zeros(len(reference), dimensions, dtype=torch.float64)  # in the middle, as high as the frame
+    x[:, ANGLES] = read / SCALE[ANGLES]
     if free_lens:
         found = _best(clip, x, samples, read[:, 1])
         return None if found is None else Guide(aimed_path(clip, found.x, found.pitch), found.pitch)
@@ -98,7 +99,7 @@ class _Sampled:
         if not bool(by.any()):
             return self
         x = self.x.clone()
-        x[:, :2] += by / SCALE[:2]
+        x[:, [AZIMUTH, ELEVATION]] += by / SCALE[[AZIMUTH, ELEVATION]]
         return replace(self, x=self.clip.inside(x), pitch=self.pitch + by[..., 1])
 
     def costs(self, k: int, tried: NDArray) -> tuple[NDArray, bool]:
@@ -117,7 +118,7 @@ class _Sampled:
             found = along(found, min(BETWEEN * apart, LONGEST), at)
         path = self.turned(found[:, 1:])
         x = path.x.clone()
-        x[:, 3] = found[:, 0] / SCALE[3]
+        x[:, DISTANCE] = found[:, 0] / SCALE[DISTANCE]
         return replace(path, x=x)
 
 
@@ -202,7 +203,7 @@ def _costs(clip: WholeClip, frame: int, x: Tensor, logs: Tensor, pitch: Tensor) 
     wanted, objective = clip.reference[frame], clip.stage.objective
     still = ~objective.of_motion
     tried = x.repeat(len(logs), 1)
-    tried[:, 3] = logs / SCALE[3]
+    tried[:, DISTANCE] = logs / SCALE[DISTANCE]
     tried = aimed(clip, tried, wanted, pitch.expand(len(logs)))
     terms = clip.stage.terms(wanted, clip.cameras(tried), None)
     defined = clip.defined[frame] & still

@@ -12,6 +12,7 @@ from ..config.adam import AdamConfig
 from ..config.options import RunConfig
 from ..features import Features
 from ..pipeline.objective import Objective
+from ..search.subject_orbit import SubjectOrbit
 from .cma_es import Budget
 from .refine import Refinement
 
@@ -19,6 +20,7 @@ LEAN_STEPS = 5  # at most
 QUIET = 0.5  # of the noise: what is below it is not optimised
 POLISH = Budget(generations=25, patience=8, popsize=10)
 TWICE = 2  # times as many generations where paths are refined in more than one round: a still one has none to refine
+UNGUIDED = "guide left out: of the searches only subject_orbit takes a path in closed form"
 DAMPINGS = {1: (3e-2,), 2: (1e-2, 1.0), 3: (1e-3, 3e-2, 1.0)}
 
 
@@ -43,7 +45,7 @@ class Schedule:
         placed: whether some frame tells where to stand; flow alone does not, then each goes on from the one before.
         polish: of CMA-ES, of a first frame that stands for all since nothing moves in the reference; else None.
         seed: of the run.
-        note: why the engine is not the one asked for, empty where it is.
+        note: why the engine is not the one asked for, or why no path in closed form guides it; empty where neither is.
     """
 
     engine: str
@@ -90,10 +92,11 @@ def make_schedule(
     if config.zoom in ("auto", "still") and "filmic_space" in objective.names:
         space = objective.names.index("filmic_space")
         free = bool(objective.weighs[space]) and bool(objective.defined(reference)[:, space].any())
-    note = _why_cma_alone(config, search, objective) if config.engine == "refine" else ""
+    refined = config.engine == "refine"
+    alone = _why_cma_alone(config, search, objective) if refined else ""
     generations = min(POLISH.generations, len(reference)) * (TWICE if config.joint > 1 else 1)
     return Schedule(
-        engine="cma" if note else config.engine,
+        engine="cma" if alone else config.engine,
         budget=Budget(config.generations, config.patience, config.popsize, tolerance),
         refinement=Refinement(config.steps, DAMPINGS[config.dampings], config.jacobians, tolerance),
         adam=config.adam,
@@ -108,7 +111,7 @@ def make_schedule(
         placed=bool(objective.placed(reference).any()),
         polish=replace(POLISH, generations=generations) if _still(objective, reference, tolerance) else None,
         seed=config.seed,
-        note=note,
+        note=alone or (_why_unguided(config, search, reference) if refined else ""),
     )
 
 
@@ -121,6 +124,12 @@ def _still(objective: Objective, reference: Features, tolerance: float) -> bool:
         rest = rest.having("flow", torch.zeros_like(rest.require("flow")))
     alike = objective.totals(objective.terms(rest, reference), defined) <= tolerance
     return bool((defined[1:] == defined[1]).all() and alike.all())
+
+
+def _why_unguided(config: RunConfig, search: Any, reference: Features) -> str:
+    """Why nothing guides a refinement, where ``guide`` asks for a path that the search alone forbids."""
+    asked = config.guide and config.warm_start and reference.has("keypoints")
+    return UNGUIDED if asked and not isinstance(search, SubjectOrbit) else ""
 
 
 def _why_cma_alone(config: RunConfig, search: Any, objective: Objective) -> str:

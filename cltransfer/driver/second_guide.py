@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ..along_clip import counted, runs
 from ..camera import Camera
-from ..search.subject_orbit import SCALE
+from ..search.subject_orbit import DISTANCE, SCALE
 from .aiming import aimable, aimed_at, aimed_path
 from .closed_form import Guide
 from .whole_clip import WholeClip
@@ -81,18 +81,18 @@ def second_guide(clip: WholeClip, guide: Guide, x: Tensor, totals: Tensor) -> Se
         x: what was found, (N, D), D = 7: with a lens that is kept the distance follows the size.
         totals: there, (N,).
     """
-    if not aimable(clip) or x.shape[1] < len(SCALE):
+    if not aimable(clip) or x.shape[1] < clip.search.dimensions:
         return None
     # of a frame that hides the person little is asked
     right = (totals <= RIGHT) & aimed_at(clip.reference, clip.stage.scene.subject)
     if float(right.double().mean()) < SHARE:
         return None
     at = counted(len(x), clip.at)
-    told = torch.from_numpy(np.interp(at.numpy(), at[right].numpy(), x[right, 3].numpy()))
-    elsewhere = (told - x[:, 3]).abs() * SCALE[3] > APART
+    told = torch.from_numpy(np.interp(at.numpy(), at[right].numpy(), x[right, DISTANCE].numpy()))
+    elsewhere = (told - x[:, DISTANCE]).abs() * SCALE[DISTANCE] > APART
     wrong = elsewhere & (totals > WRONG)
     if not bool(wrong.any()):
         return None
     paths = guide.x.repeat(3, 1, 1)
-    paths[:, :, 3] = told + torch.tensor([0, NEAR, -NEAR], dtype=told.dtype)[:, None] / SCALE[3]
+    paths[:, :, DISTANCE] = told + torch.tensor([0, NEAR, -NEAR], dtype=told.dtype)[:, None] / SCALE[DISTANCE]
     return SecondGuide(torch.stack([aimed_path(clip, path, guide.pitch) for path in paths]), wrong)

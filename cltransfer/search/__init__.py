@@ -39,10 +39,11 @@ class Search(Protocol):
     # Optional: aside, moves (W, D) of x by which the camera goes past something that hides the person; nearby, moves to
     # views that hardly differ, for a camera that stands where a loss has a step.
     # Optional: aimed(x, home, subject, reference) -> x: x moved, without rendering, so that the subject's known joints
-    # appear where and as large as one reference frame has them.
+    # appear where and as large as one reference frame has them. `guide` needs subject_orbit.
     # Optional: turned(x, to) -> x: of all x (B, D) of the same cameras, those nearest to ``to`` (D,).
     # Optional: recentred(x, home) -> x, home: the same camera as x (D,) about itself, where Adam starts from.
     # Optional: names, D words for what ended at a bound.
+    # Optional: limited(x) -> (B,) bool: which of x (B, D) ask for a shorter or longer lens than there is.
     # Optional: unbounded, a slice of x whose bounds are no limit to the camera, see limits.
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:

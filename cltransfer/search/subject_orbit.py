@@ -21,15 +21,18 @@ from ..subject import Subject
 
 # azimuth, elevation, roll [rad], log(distance / height), screen x, screen y [frame], log apparent size
 SCALE = torch.tensor([1.0, 0.6, 0.6, 0.8, 0.4, 0.4, 0.8], dtype=torch.float64)
+AZIMUTH, ELEVATION, ROLL, DISTANCE, SIZE = 0, 1, 2, 3, 6  # columns of x
+ANGLES, PLACE = slice(0, 3), slice(4, 6)
 
-TURNING = [0, 2]  # azimuth and roll, which a whole turn leads back to the same camera
+TURNING = [AZIMUTH, ROLL]  # which a whole turn leads back to the same camera
 BESIDE = 6.0  # frame sizes from the frame's middle to the subject's: an eye fills the frame
 # what leads past something in the way: azimuth, elevation [rad], log(distance / height), to either side
-ASIDE = ((0, 0.05), (0, 0.15), (1, 0.04), (1, 0.08), (3, 0.064))
+ASIDE = ((AZIMUTH, 0.05), (AZIMUTH, 0.15), (ELEVATION, 0.04), (ELEVATION, 0.08), (DISTANCE, 0.064))
 # what leads over a step of the losses close by, where a camera stands: each parameter alone, to either side
 NEARBY = (
-    *((0, 0.02), (1, 0.01), (1, 0.02), (2, 0.02), (3, 0.03)),
-    *((4, 0.006), (4, 0.012), (4, 0.025), (5, 0.006), (5, 0.012), (5, 0.025), (6, 0.01), (6, 0.02), (6, 0.05)),
+    *((AZIMUTH, 0.02), (ELEVATION, 0.01), (ELEVATION, 0.02), (ROLL, 0.02), (DISTANCE, 0.03)),
+    *((4, 0.006), (4, 0.012), (4, 0.025), (5, 0.006), (5, 0.012), (5, 0.025)),
+    *((SIZE, 0.01), (SIZE, 0.02), (SIZE, 0.05)),
 )
 TOGETHER = ((0.01, 0.01, 0.02), (0.015, 0.015, 0.06))  # and place and size at once: screen x and y, log apparent size
 AIM_STEPS = 8  # of the fixed point; the error halves at least with each
@@ -87,7 +90,7 @@ class SubjectOrbit:
     def lens(self) -> Tensor:
         """Direction (7,) along which the log of the focal length changes: apparent size times distance."""
         direction = torch.zeros(7, dtype=torch.float64)
-        direction[[3, 6]] = SCALE[[3, 6]]
+        direction[[DISTANCE, SIZE]] = SCALE[[DISTANCE, SIZE]]
         return direction
 
     @property
@@ -107,15 +110,16 @@ class SubjectOrbit:
         """B cameras of x (B, 7) or (B, 6)."""
         subject = _required(subject)
         p = x.double() * SCALE[: x.shape[1]]
-        heights = p[:, 3].clamp(math.log(self.nearest), math.log(self.farthest)).exp()
+        heights = p[:, DISTANCE].clamp(math.log(self.nearest), math.log(self.farthest)).exp()
         if p.shape[1] == self.dimensions:
-            focal = (p[:, 6].exp() * heights).clamp(self.widest, self.longest)  # :meth:`limited`
+            focal = (p[:, SIZE].exp() * heights).clamp(self.widest, self.longest)  # :meth:`limited`
         else:
             focal = (home.focal / home.size[1]).expand(len(p))
-        outward = _direction(p[:, 0], p[:, 1].clamp(-self.elevation, self.elevation), subject)
+        outward = _direction(p[:, AZIMUTH], p[:, ELEVATION].clamp(-self.elevation, self.elevation), subject)
         aimed = _aimed(outward, subject.up)
         aspect = home.size[0] / home.size[1]
-        R = _place(p[:, 4], p[:, 5], focal, aspect) @ _roll(p[:, 2]) @ aimed
+        x_place, y_place = p[:, PLACE].unbind(1)
+        R = _place(x_place, y_place, focal, aspect) @ _roll(p[:, ROLL]) @ aimed
         center = subject.anchor + heights[:, None] * subject.height * outward
         return Camera(w2c_of(R, center), intrinsics(focal * home.size[1], home.size), home.size)
 
@@ -150,13 +154,13 @@ class SubjectOrbit:
         self, x: Tensor, home: Camera, subject: Subject, place: tuple[Tensor, Tensor], extent: tuple[Tensor, Tensor]
     ) -> Tensor:
         """The x (B, D) placed and sized by joints (J, 4) of the scene each, as seen in B frames, (B, J, 3)."""
-        size, sign = (6, 1.0) if x.shape[1] == self.dimensions else (3, -1.0)
+        size, sign = (SIZE, 1.0) if x.shape[1] == self.dimensions else (DISTANCE, -1.0)
         for _ in range(AIM_STEPS):
             cameras = self.cameras(x, home, subject)
             offset = torch.nan_to_num(centroid_difference(place[1], _as_seen(*place, cameras))).clamp(-0.3, 0.3)
             d_ref, d_S = key_joint_extents(extent[1], _as_seen(*extent, cameras))  # NaN where fewer than two are seen
             growth = torch.nan_to_num(torch.log(d_ref / d_S.clamp_min(1e-3))).clamp(-0.7, 0.7)
-            x[:, 4:6] -= offset / SCALE[4:6]
+            x[:, PLACE] -= offset / SCALE[PLACE]
             x[:, size] += sign * growth / SCALE[size]
         return x
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import pytest
 import torch
 
 from cltransfer.config import load_config
-from cltransfer.driver.schedule import LEAN_STEPS, POLISH, Schedule, make_schedule
+from cltransfer.driver.schedule import LEAN_STEPS, POLISH, UNGUIDED, Schedule, make_schedule
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import SEARCHES
+from cltransfer.search.paper_box import PaperBox
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.testing import sample_features
 from cltransfer.testing.samples import sample_cameras, sample_subject
@@ -36,6 +38,20 @@ def test_a_search_is_refined_only_if_slopes_tell_every_move(name: str) -> None:
     made = schedule(f"search.{name}={{}}")
     assert (rank == 7) == (made.engine == "refine")
     assert (name in made.note) == (made.engine == "cma")
+
+
+class Own(PaperBox):
+    """A search as a plugin may bring one."""
+
+    refinable: ClassVar[bool] = True
+
+
+@pytest.mark.parametrize("more", [(), ("guide=0",), ("warm_start=false",), ("engine=cma",)])
+def test_a_guide_that_a_search_does_not_take_is_told(more: tuple[str, ...]) -> None:
+    config = load_config(overrides=more)
+    objective, reference = Objective(Components.build(config).losses), sample_features(0, 2)
+    notes = [make_schedule(config, search, objective, reference).note for search in (Own(), SubjectOrbit())]
+    assert notes == ["" if more else UNGUIDED, ""]
 
 
 def at_rest(frames: int) -> Features:
