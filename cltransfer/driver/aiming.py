@@ -6,13 +6,12 @@ them it shows, and that on how far away it is: it is raised or lowered where it 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..along_clip import counted
+from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..orientation import wrap
 from ..placement import frame_joints, visible_joints
@@ -75,10 +74,10 @@ def pitch_of(clip: WholeClip, x: Tensor) -> Tensor:
     return reader(seen, None).require("orientation")[:, 1]
 
 
-def _reader(clip: WholeClip) -> Any:
+def _reader(clip: WholeClip) -> SceneOrientation | None:
     """What reads angles about what is shown of the person; None where they are about the body."""
     extractors = (step.extractor for step in clip.stage.plan.steps)
-    return next((one for one in extractors if getattr(one, "about", "") == "shown"), None)
+    return next((one for one in extractors if isinstance(one, SceneOrientation) and one.about == "shown"), None)
 
 
 def aimed_path(clip: WholeClip, x: Tensor, pitch: Tensor) -> Tensor:

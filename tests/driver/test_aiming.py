@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -12,13 +12,14 @@ from torch import Tensor
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.driver.aiming import LEAD, LEVEL, _bridged, _led, _unturned, aimed_at, aimed_path, stands
+from cltransfer.driver.aiming import LEAD, LEVEL, _bridged, _led, _unturned, aimed_at, aimed_path, pitch_of, stands
 from cltransfer.driver.closed_form import DISTANCES, Guide, closed_form
 from cltransfer.driver.lookups import STEP
 from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.extractors.scene_orientation import SceneOrientation
 from cltransfer.features import Features
+from cltransfer.pipeline.plan import Step
 from cltransfer.progress import silent
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, prepare
@@ -67,6 +68,21 @@ def off(clip: WholeClip, x: Tensor, person: Subject) -> Tensor:
     cameras = clip.cameras(x)
     read = SceneOrientation("shown")(Features(cameras.size, camera=cameras, person=person), None)
     return (read.require("orientation") - clip.reference.require("orientation"))[:, 1].abs()
+
+
+@dataclass(frozen=True)
+class Labels:
+    """A plugin's extractor, whose option of this name is of another thing."""
+
+    about: str = "shown"
+
+
+def test_an_option_of_another_extractor_says_nothing_of_angles(film: Film, person: Subject) -> None:
+    clip = film(in_front(person, [3.0]), about="body")
+    plan = clip.stage.plan
+    stage = replace(clip.stage, plan=replace(plan, steps=(Step("labels", Labels()), *plan.steps)))
+    at_home = clip.search.vector(clip.home, clip.home, person)
+    assert pitch_of(replace(clip, stage=stage), at_home).equal(pitch_of(clip, at_home))
 
 
 @pytest.mark.parametrize("about", ["body", "shown"])
