@@ -13,11 +13,7 @@ from typing import SupportsIndex
 
 import torch
 from kornia.geometry.camera import project_points, unproject_points
-from kornia.geometry.conversions import (
-    Rt_to_matrix4x4,
-    camtoworld_graphics_to_vision_4x4,
-    camtoworld_vision_to_graphics_4x4,
-)
+from kornia.geometry.conversions import Rt_to_matrix4x4, camtoworld_vision_to_graphics_4x4
 from kornia.geometry.linalg import inverse_transformation, transform_points
 from torch import Tensor
 
@@ -109,13 +105,8 @@ class Camera:
         inside = unproject_points(pixels.to(self.K), depth[..., None].to(self.K), K)
         return transform_points(self.c2w, inside)
 
-    @classmethod
-    def from_opengl(cls, c2w: Tensor, K: Tensor, size: tuple[int, int]) -> Camera:
-        """From camera-to-world (B, 4, 4) with x right, y up, z backward (OpenGL, Blender, nerfstudio)."""
-        return cls(inverse_transformation(camtoworld_graphics_to_vision_4x4(c2w.double())), K.double(), size)
-
     def to_opengl(self) -> Tensor:
-        """Camera-to-world (B, 4, 4) with x right, y up, z backward."""
+        """Camera-to-world (B, 4, 4) with x right, y up, z backward (OpenGL, Blender, nerfstudio)."""
         return camtoworld_vision_to_graphics_4x4(self.c2w)
 
     @classmethod

@@ -62,7 +62,8 @@ def test_a_resized_camera_sees_a_point_at_the_same_place_of_the_frame() -> None:
 
 def test_opengl_poses_are_flipped_at_the_border_only() -> None:
     # OpenGL identity looks along -z with y up: in our axes it looks along world -z, its x stays right
-    camera = Camera.from_opengl(torch.eye(4)[None], intrinsics(torch.tensor([50.0]), SIZE), SIZE)
+    w2c = torch.diag(torch.tensor([1.0, -1, -1, 1], dtype=torch.float64))[None]
+    camera = Camera(w2c, intrinsics(torch.tensor([50.0]), SIZE), SIZE)
     pixels, depth = camera.project(torch.tensor([[0.0, 0, -2], [0, 1, -2]]))
     torch.testing.assert_close(depth[0], torch.full((2,), 2.0, dtype=torch.float64))
     torch.testing.assert_close(pixels[0, 1], torch.tensor([100.0, 25], dtype=torch.float64))  # y up is up

@@ -38,8 +38,8 @@ MIXED = 0.1  # of the square of how the frames on both sides differ, that a mix 
 REPEATS = 3  # times that a frame is shown again at most; more is a still camera
 
 
-def find_cuts(small: np.ndarray) -> list[int]:
-    """Frames that begin another shot.
+def find_shots(small: np.ndarray) -> list[tuple[int, int]]:
+    """First and last frame of every shot, without frames that show nothing.
 
     A cut changes what is where and how much there is of each colour, at once, and the frames after it do not go back:
     a flash does, a fast camera changes its frames one after another, and a short whip pan shifts them. Frames that show
@@ -50,13 +50,8 @@ def find_cuts(small: np.ndarray) -> list[int]:
         small: small pictures (F, h, w, 3) uint8 of consecutive frames.
 
     Returns:
-        Indices, increasing; the first frame that shows anything begins no other shot.
+        Indices, increasing; none where no frame shows anything.
     """
-    return [begin for begin, _ in _shots(small)[1:]]
-
-
-def _shots(small: np.ndarray) -> list[tuple[int, int]]:
-    """First and last frame of every shot, without frames that show nothing."""
     small = _without_bars(small)
     varied = [block.std((1, 2), dtype=np.float32).max(1) for block in _blocks(small)]
     shown = np.flatnonzero(np.concatenate(varied) >= FLAT)
@@ -184,7 +179,7 @@ def check_one_shot(where: ClipSource) -> tuple[str, ...]:
     inside = within(times, where.span)
     if len(inside) == 0:
         return ()
-    shots, notes = _without_gaps([(int(inside[a]), int(inside[b])) for a, b in _shots(small[inside])], times)
+    shots, notes = _without_gaps([(int(inside[a]), int(inside[b])) for a, b in find_shots(small[inside])], times)
     if len(shots) < 2:
         return notes
     cut = shots[1][0]

@@ -32,7 +32,6 @@ WORDS = {
     "boom": ("boom up", "boom down"),
     "orbit": ("orbit right", "orbit left"),
 }
-COMPOUND = ("dolly zoom", "crash zoom", "whip pan", "static", "handheld")
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,8 @@ class Movement:
     """What the camera does in a clip.
 
     Args:
-        name: the leading motion, one of :data:`WORDS` or :data:`COMPOUND`; None where no motion was read.
+        name: the leading motion: one of :data:`WORDS`, dolly zoom, crash zoom, whip pan, static or handheld; None where
+            no motion was read.
         beside: motions that go with it, the largest first.
         handheld: whether it shakes as a hand does; None where no motion was read.
         net: apparent motion from first to last frame by primitive [frame sides]; NaN where none was read.

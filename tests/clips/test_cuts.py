@@ -9,12 +9,17 @@ import av
 import numpy as np
 import pytest
 
-from cltransfer.clips.cuts import find_cuts, small_pictures
+from cltransfer.clips.cuts import find_shots, small_pictures
 from cltransfer.clips.pairs import open_pairs
 from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "video"
+
+
+def cuts_of(small: np.ndarray) -> list[int]:
+    """Frames that begin another shot."""
+    return [begin for begin, _ in find_shots(small)[1:]]
 
 
 def drawn(seed: int, count: int) -> np.ndarray:
@@ -31,7 +36,7 @@ def test_bars_do_not_hide_a_cut(bars: tuple[int, int], seeds: tuple[int, int]) -
     rows, columns = bars
     clip[:, :rows] = clip[:, 18 - rows :] = 0
     clip[:, :, :columns] = clip[:, :, 32 - columns :] = 0
-    assert find_cuts(clip) == [10]
+    assert cuts_of(clip) == [10]
 
 
 @pytest.mark.parametrize("between", [0, 1, 2])
@@ -41,7 +46,7 @@ def test_frames_that_mix_both_shots_do_not_hide_a_cut(between: int, seeds: tuple
     before, after = (drawn(seed, 10) for seed in seeds)
     shares = np.linspace(0, 1, between + 2)[1:-1, None, None, None]
     mixed = ((1 - shares) * before[-1] + shares * after[0]).round().astype(np.uint8)
-    assert find_cuts(np.concatenate([before, mixed, after])) == [10 + between]
+    assert cuts_of(np.concatenate([before, mixed, after])) == [10 + between]
 
 
 @pytest.mark.parametrize("between", [1, 2])
@@ -51,13 +56,13 @@ def test_frames_that_mix_real_clips_do_not_hide_a_cut(between: int) -> None:
     before, after = (small_pictures(DATA / f"{name}.mp4")[1][:24] for name in ("sav_05_juggle", "lp_s32"))
     shares = np.linspace(0, 1, between + 2)[1:-1, None, None, None]
     mixed = ((1 - shares) * before[-1] + shares * after[0]).round().astype(np.uint8)
-    assert find_cuts(np.concatenate([before, mixed, after])) == [24 + between]
+    assert cuts_of(np.concatenate([before, mixed, after])) == [24 + between]
 
 
 def test_a_long_clip_takes_little_more_than_its_small_pictures() -> None:
     clip = np.concatenate([drawn(seed, 600) for seed in range(5)])
     tracemalloc.start()
-    cuts = find_cuts(clip)
+    cuts = cuts_of(clip)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert cuts == [600, 1200, 1800, 2400]  # of blocks that end elsewhere
@@ -71,17 +76,17 @@ def test_bars_do_not_hide_a_cut_between_real_clips(pair: tuple[str, str]) -> Non
     if not DATA.is_dir():
         pytest.skip("needs the clips of shared/data")
     plain = [small_pictures(DATA / f"{name}.mp4")[1][:12] for name in pair]
-    assert find_cuts(np.concatenate(plain)) == [12]
+    assert cuts_of(np.concatenate(plain)) == [12]
     barred = np.concatenate(plain)
     barred[:, :3] = barred[:, 15:] = 0
-    assert find_cuts(barred) == [12]
+    assert cuts_of(barred) == [12]
 
 
 def test_a_small_light_in_the_dark_is_no_picture_between_bars() -> None:
     clip = np.random.default_rng(0).integers(0, 6, (20, 18, 32, 3)).astype(np.uint8)
     clip[:, 8:11, 14:18] = 200  # moves by a cell half-way
     clip[10:] = np.roll(clip[10:], 3, axis=2)
-    assert find_cuts(clip) == []
+    assert cuts_of(clip) == []
 
 
 def test_a_screen_in_the_dark_that_shows_something_else_is_no_cut() -> None:
@@ -89,7 +94,7 @@ def test_a_screen_in_the_dark_that_shows_something_else_is_no_cut() -> None:
     clip = random.integers(0, 6, (20, 18, 32, 3)).astype(np.uint8)
     for half in (clip[:10], clip[10:]):
         half[:, 7:11, 12:19] = random.integers(40, 255, (4, 7, 3))
-    assert find_cuts(clip) == []
+    assert cuts_of(clip) == []
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -98,7 +103,7 @@ def test_a_cut_between_stills_that_are_held_for_long_stands_out(seed: int) -> No
     random = np.random.default_rng(seed)
     shots = [np.kron(random.integers(low, low + 160, (6, 8, 3)), np.ones((3, 4, 1))) for low in (10, 80)]
     stills = [np.clip(shot + random.normal(0, 38, shot.shape), 0, 255) for shot in shots for _ in range(5)]
-    assert find_cuts(np.repeat(np.stack(stills), 8, axis=0).astype(np.uint8)) == [40]
+    assert cuts_of(np.repeat(np.stack(stills), 8, axis=0).astype(np.uint8)) == [40]
 
 
 @pytest.mark.parametrize("bars", [0, 16])

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cltransfer.clips import part as parts
 from cltransfer.clips.clip import read_clip, write_video
-from cltransfer.clips.cuts import find_cuts, small_pictures
+from cltransfer.clips.cuts import find_shots, small_pictures
 from cltransfer.clips.decoding import Frame
 from cltransfer.clips.letterbox import find_letterbox
 from cltransfer.clips.open_clip import ASSUMED, open_clip
@@ -34,6 +34,11 @@ def scenery(seed: int, count: int = 10, drift: int = 1, size: tuple[int, int] = 
     wall = torch.nn.functional.interpolate(coarse, (size[1], 4 * size[0]), mode="bilinear")[0]
     frames = [wall[:, :, i * drift : i * drift + size[0]] for i in range(count)]
     return (torch.stack(frames) * 255).round().to(torch.uint8)
+
+
+def cuts_of(small: np.ndarray) -> list[int]:
+    """Frames that begin another shot."""
+    return [begin for begin, _ in find_shots(small)[1:]]
 
 
 def small(image: Tensor) -> np.ndarray:
@@ -132,7 +137,7 @@ def test_shots_of_one_frame_are_not_offered(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("drift", [0, 1, 8, 15])
 def test_a_camera_however_fast_is_no_cut(drift: int) -> None:
-    assert find_cuts(small(scenery(2, 12, drift))) == []
+    assert cuts_of(small(scenery(2, 12, drift))) == []
 
 
 def repeated(frames: Tensor, times: tuple[int, ...]) -> np.ndarray:
@@ -145,15 +150,15 @@ def repeated(frames: Tensor, times: tuple[int, ...]) -> np.ndarray:
 def test_a_fast_camera_whose_frames_are_shown_repeatedly_is_no_cut(times: tuple[int, ...], seed: int) -> None:
     wall = scenery(seed, 10, 12)
     still = torch.cat([wall[:1].expand(12, -1, -1, -1), wall, wall[-1:].expand(12, -1, -1, -1)])
-    assert find_cuts(repeated(still, times)) == []
+    assert cuts_of(repeated(still, times)) == []
     one, other = scenery(seed, 8), scenery(seed + 1, 8)
-    assert find_cuts(repeated(torch.cat([one, other]), times)) == [sum(times[i % len(times)] for i in range(8))]
+    assert cuts_of(repeated(torch.cat([one, other]), times)) == [sum(times[i % len(times)] for i in range(8))]
 
 
 def test_a_flash_is_no_cut() -> None:
     frames = scenery(3, 12)
     frames[6] = 255
-    assert find_cuts(small(frames)) == []
+    assert cuts_of(small(frames)) == []
 
 
 @pytest.mark.parametrize("times", [(1,), (2,), (2, 3), (3,)])
@@ -162,7 +167,7 @@ def test_a_flash_is_no_cut() -> None:
 def test_a_flash_that_shows_something_is_no_cut(seed: int, count: int, times: tuple[int, ...]) -> None:
     frames = scenery(seed, 12)
     frames[6 : 6 + count] = scenery(seed + 1, 12)[6 : 6 + count]
-    assert find_cuts(repeated(frames, times)) == []
+    assert cuts_of(repeated(frames, times)) == []
 
 
 @pytest.mark.parametrize("times", [(1,), (2, 3)])
@@ -171,7 +176,7 @@ def test_a_flash_that_shows_something_is_no_cut(seed: int, count: int, times: tu
 def test_a_short_whip_pan_between_still_pictures_is_no_cut(seed: int, steps: int, times: tuple[int, ...]) -> None:
     wall = scenery(seed, 1 + steps, 16)
     still = torch.cat([wall[:1].expand(12, -1, -1, -1), wall, wall[-1:].expand(12, -1, -1, -1)])
-    assert find_cuts(repeated(still, times)) == []
+    assert cuts_of(repeated(still, times)) == []
 
 
 @pytest.mark.parametrize("steps", [2, 3])
@@ -179,17 +184,17 @@ def test_a_short_whip_pan_between_still_pictures_is_no_cut(seed: int, steps: int
 def test_a_cut_into_a_short_whip_pan_is_found(seeds: tuple[int, int], steps: int) -> None:
     wall = scenery(seeds[1], 1 + steps, 16)
     frames = torch.cat([scenery(seeds[0], 12), wall, wall[-1:].expand(12, -1, -1, -1)])
-    assert 12 in find_cuts(small(frames))
+    assert 12 in cuts_of(small(frames))
 
 
 @pytest.mark.parametrize("level", [0, 7, 255])
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 12])
 def test_a_cut_through_pictures_that_show_nothing_is_found(level: int, count: int) -> None:
     nothing = (level + torch.rand(count, 3, *SIZE[::-1])).clamp(max=255).byte()
-    assert find_cuts(small(torch.cat([scenery(0), nothing, scenery(1)]))) == [10 + count]
-    assert find_cuts(small(torch.cat([scenery(0)[:5], nothing, scenery(0)[5:]]))) == []
-    assert find_cuts(small(torch.cat([nothing, scenery(0), nothing]))) == []
-    assert find_cuts(small(nothing)) == []
+    assert cuts_of(small(torch.cat([scenery(0), nothing, scenery(1)]))) == [10 + count]
+    assert cuts_of(small(torch.cat([scenery(0)[:5], nothing, scenery(0)[5:]]))) == []
+    assert cuts_of(small(torch.cat([nothing, scenery(0), nothing]))) == []
+    assert cuts_of(small(nothing)) == []
 
 
 @pytest.mark.parametrize("to", [0, 255])
@@ -207,9 +212,9 @@ def test_a_fade_is_a_cut_where_it_ends_in_another_shot(to: int, pause: int, leng
         return torch.cat([first[:-length], ends, nothing, begins, second[length:]])
 
     one, other = scenery(0, 48), scenery(1, 48)
-    (cut,) = find_cuts(small(through(one, other)))
+    (cut,) = cuts_of(small(through(one, other)))
     assert 48 + pause <= cut < 48 + pause + length / 2
-    assert find_cuts(small(through(one[:24], one[24:]))) == []
+    assert cuts_of(small(through(one[:24], one[24:]))) == []
 
 
 def test_the_shots_offered_leave_out_the_black_between(tmp_path: Path) -> None:
@@ -225,14 +230,14 @@ def test_the_shots_offered_leave_out_the_black_between(tmp_path: Path) -> None:
 
 
 def test_every_cut_is_found() -> None:
-    assert find_cuts(small(torch.cat([scenery(s, 8) for s in range(4)]))) == [8, 16, 24]
+    assert cuts_of(small(torch.cat([scenery(s, 8) for s in range(4)]))) == [8, 16, 24]
 
 
 @pytest.mark.needs("video/sintel_alley", "video/intel_asl_walk.mkv")
 def test_a_real_shot_has_no_cut_and_two_joined_have_one() -> None:
     first, second = (small_pictures(VIDEOS / name)[1] for name in ("sintel_alley", "intel_asl_walk.mkv"))
-    assert find_cuts(first) == find_cuts(second) == []
-    assert find_cuts(np.concatenate([first, second])) == [len(first)]
+    assert cuts_of(first) == cuts_of(second) == []
+    assert cuts_of(np.concatenate([first, second])) == [len(first)]
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(5, 0), (0, 8), (4, 6), (0, 0)])

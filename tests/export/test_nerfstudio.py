@@ -8,6 +8,7 @@ import torch
 from cltransfer.camera import Camera, intrinsics
 from cltransfer.errors import InputError
 from cltransfer.export.nerfstudio import write_camera_path
+from cltransfer.scenes.posed.transforms import OPENGL
 from cltransfer.trajectory import Trajectory
 
 
@@ -26,7 +27,8 @@ def read_back(path: Path) -> Trajectory:
     size, frames = (data["render_width"], data["render_height"]), data["camera_path"]
     poses = torch.tensor([frame["camera_to_world"] for frame in frames], dtype=torch.float64).reshape(-1, 4, 4)
     fov = torch.tensor([math.radians(frame["fov"]) for frame in frames], dtype=torch.float64)
-    camera = Camera.from_opengl(poses, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
+    w2c = torch.linalg.inv(poses @ torch.from_numpy(OPENGL))
+    camera = Camera(w2c, intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
     return Trajectory(camera, torch.tensor([frame["time"] for frame in frames], dtype=torch.float64))
 
 
