@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from numbers import Integral
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
 from .subject import Subject
+
+if TYPE_CHECKING:
+    from .features import Features
 
 SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be anything
     "image": (3, None, None),
@@ -85,6 +88,11 @@ def on_grid(maps: Tensor, grid: Sequence[int]) -> Tensor:
     values = maps if maps.is_floating_point() else maps.float()
     planes = values.flatten(0, -3)[:, None]
     return interpolate(planes, tuple(grid), mode="nearest-exact")[:, 0].unflatten(0, maps.shape[:-2]).to(maps.dtype)
+
+
+def layers_on(features: Features, name: str) -> Tensor:
+    """Layers on the pixels of the feature ``name``, (B, 3, H, W) bool: either may have fewer."""
+    return on_grid(features.require("layers"), features.require(name).shape[-2:])
 
 
 def _misshapen(name: str, value: object) -> Exception:

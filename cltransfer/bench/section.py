@@ -11,6 +11,7 @@ import torch
 
 from ..computer.processor import load_average, processor
 from ..computer.revision import commit
+from ..report.tables import escape
 from ..storage.files import write_text
 from .pages import markers, page_text
 
@@ -22,8 +23,9 @@ def quartiles(times: Sequence[float]) -> tuple[float, float, float]:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a Markdown table."""
-    return ["| " + " | ".join(cells) + " |" for cells in [header, ["---"] * len(header), *rows]]
+    """Lines of a Markdown table, all columns to the left."""
+    shown = [[escape(cell) for cell in cells] for cells in (header, *rows)]
+    return ["| " + " | ".join(cells) + " |" for cells in [shown[0], ["---"] * len(header), *shown[1:]]]
 
 
 def machine(rows: Sequence[Mapping[str, Any]] | None = None) -> list[str]:

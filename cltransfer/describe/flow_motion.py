@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 
-from ..feature_shapes import on_grid
+from ..feature_shapes import layers_on
 from ..features import Features
 from ..losses._affine_flow import fit_affine_flow
 from .motion import PRIMITIVES, Motion, frame_side
@@ -81,7 +81,7 @@ def background_cells(features: Features) -> tuple[Tensor, Tensor, Tensor]:
     width, height = features.size
     side = frame_side(features.size)
     flow = -features.require("flow").double() / side  # the flow points to where things came from
-    known = _layers(features)[:, 2] & flow.isfinite().all(1)
+    known = layers_on(features, "flow")[:, 2] & flow.isfinite().all(1)
     part = adaptive_avg_pool2d(known[:, None].double(), GRID)
     mean = adaptive_avg_pool2d(torch.where(known[:, None], flow, 0.0), GRID) / part.clamp_min(1e-9)
     y, x = (((torch.arange(n, dtype=torch.float64) + 0.5) / n - 0.5) for n in GRID)
@@ -90,18 +90,14 @@ def background_cells(features: Features) -> tuple[Tensor, Tensor, Tensor]:
     return mean.flatten(2).transpose(1, 2), (part.flatten(1) > FILLED), place
 
 
-def _layers(features: Features) -> Tensor:
-    """Layers on the pixels of the flow, (N, 3, H, W) bool: either may have fewer."""
-    return on_grid(features.require("layers"), features.require("flow").shape[-2:])
-
-
 def person_motion(features: Features) -> Tensor:
     """Forward motion of the person's field in the frame's middle: right, down and growth, (N, 3); NaN where unseen.
 
     In the middle a person who stands aside does not seem to travel while it grows.
     """
     width, height = features.size
-    field = -fit_affine_flow(features.require("flow"), _layers(features)[:, 1:2], features.size).coefficients[:, 0]
+    person = layers_on(features, "flow")[:, 1:2]
+    field = -fit_affine_flow(features.require("flow"), person, features.size).coefficients[:, 0]
     growth = (field[:, 0, 1] + field[:, 1, 2] * width / height) / 2
     return torch.cat([field[:, :, 0] * width / frame_side(features.size), growth[:, None]], dim=1)
 

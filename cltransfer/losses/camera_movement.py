@@ -12,7 +12,7 @@ from kornia.metrics import aepe
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..feature_shapes import on_grid
+from ..feature_shapes import layers_on
 from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._affine_flow import AffineFlow, affine_flow_residuals, fit_affine_flow
@@ -172,7 +172,7 @@ class CameraMovement:
         """Layers compared, (B, 3, H, W) bool on the pixels of the flow; the whole frame stands in the first place."""
         flow = features.require("flow")
         if self.layered:
-            return on_grid(features.require("layers"), flow.shape[-2:])
+            return layers_on(features, "flow")
         whole = torch.zeros(len(flow), 3, *flow.shape[2:], dtype=torch.bool, device=flow.device)
         whole[:, 0] = True
         return whole

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
-from ..feature_shapes import on_grid
+from ..feature_shapes import layers_on
 from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._depth_mode import depth_mode, nearest_peak
@@ -61,14 +61,9 @@ def space_differences(reference: Tensor, rendered: Tensor, mismatch: float) -> T
     return differences.masked_fill((reference[:, 1:2] + rendered[:, 1:2]).isnan(), float("nan"))
 
 
-def _layers(features: Features) -> Tensor:
-    """Layers on the pixels of the depth, (B, 3, H, W) bool: either may have fewer."""
-    return on_grid(features.require("layers"), features.require("depth").shape[-2:])
-
-
 def layer_depths(features: Features, min_area: float) -> Tensor:
     """Representative depth of foreground, character, background, (B, 3); NaN where less than ``min_area`` has any."""
-    layers, depth = _layers(features), features.require("depth")
+    layers, depth = layers_on(features, "depth"), features.require("depth")
     told = layers & (depth.isfinite() & (depth > 0))[:, None]
     small = told.flatten(2).float().mean(-1) < min_area
     return depth_mode(depth, layers).masked_fill(small, float("nan"))
@@ -141,7 +136,7 @@ class FilmicSpace:
         first, second = self._depths(reference, rendered)
         there = ~second[:, [2, 0]].isnan()
         wanted = (second[:, 1:2] * log_depth_ratios(first).exp()).masked_fill(~there, float("nan"))  # (B, 2)
-        outer = _layers(rendered)[:, [2, 0]]
+        outer = layers_on(rendered, "depth")[:, [2, 0]]
         peak, lead = nearest_peak(rendered.require("depth"), outer, wanted).unbind(-1)
         return torch.stack([(peak / wanted).log(), lead], dim=-1)
 

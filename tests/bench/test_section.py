@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from cltransfer.bench.rows import kept_rows
-from cltransfer.bench.section import machine, write_section
+from cltransfer.bench.section import machine, table, write_section
 from cltransfer.errors import InputError
 
 PAGE = "# Mine\n\n## Stress\n\n<!-- stress: begin -->\nold\n<!-- stress: end -->\n\nAfter.\n"
@@ -54,3 +54,7 @@ def test_a_page_names_every_machine_that_its_rows_were_measured_on(tmp_path, mon
     older = {key: value for key, value in rows[1].items() if key != "machine"}
     assert "A, 2 logical cores and one that older rows do not tell" in machine([rows[0], older])[0]
     assert "A, 2" not in machine([older])[0]
+
+
+def test_what_a_cell_holds_stays_text():
+    assert table(("a", "b|c"), [["x*", "1"]]) == ["| a | b\\|c |", "| --- | --- |", "| x\\* | 1 |"]

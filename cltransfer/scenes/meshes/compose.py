@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -31,6 +30,7 @@ from ..steps import check_steps
 from .asset_files import inside
 from .mesh import Mesh
 from .moment import Moment
+from .numbers import is_number
 from .read_mesh import UP, MeshFile, read_mesh
 
 VARIABLE = "CLTRANSFER_ASSETS"
@@ -74,9 +74,9 @@ class Part:
             if not _is_vector(getattr(self, name)):
                 raise ValueError(f"{name} must be three numbers, got {getattr(self, name)!r}")
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        if not _is_number(self.scale) or self.scale <= 0:
+        if not is_number(self.scale) or self.scale <= 0:
             raise ValueError(f"scale must be positive, got {self.scale!r}")
-        if not _is_number(self.time):
+        if not is_number(self.time):
             raise ValueError(f"time must be seconds, got {self.time!r}")
         for name in ("scale", "time"):
             object.__setattr__(self, name, float(getattr(self, name)))  # a whole number may be longer than torch takes
@@ -216,12 +216,8 @@ def _moved(part: Part, person: Subject | None) -> Subject | None:
     return replace(person, joints=joints, facing=facing, up=up, height=person.height * part.scale)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-
-
 def _is_vector(value: Any) -> bool:
-    return isinstance(value, (list, tuple)) and len(value) == 3 and all(_is_number(part) for part in value)
+    return isinstance(value, (list, tuple)) and len(value) == 3 and all(is_number(part) for part in value)
 
 
 def _unit(path: Path, value: Any) -> tuple[float, float, float]:

@@ -12,6 +12,7 @@ from ...computer.array_type import Array
 from ...errors import InputError
 from .gltf_tree import entry
 from .mesh import REPEATED, Wrap
+from .numbers import is_number
 
 GLOSSY = "KHR_materials_pbrSpecularGlossiness"
 TRANSFORM = "KHR_texture_transform"
@@ -44,7 +45,7 @@ def transform_of(path: Path, material: dict[str, Any]) -> Array | None:
         return None
     offset, scale, turn = about.get("offset", [0, 0]), about.get("scale", [1, 1]), about.get("rotation", 0)
     values = [*offset, *scale, turn]
-    if len(offset) != 2 or len(scale) != 2 or not all(map(_is_number, values)):
+    if len(offset) != 2 or len(scale) != 2 or not all(map(is_number, values)):
         raise InputError(path, TRANSFORM, f"expected five finite numbers, got {values!r:.80}")
     cos, sin = math.cos(turn), math.sin(turn)  # counter-clockwise as seen: the second axis points down
     linear = np.array([[cos, sin], [-sin, cos]]) * np.array(scale, np.float64)
@@ -94,7 +95,3 @@ def _with_shown(path: Path, tree: dict[str, Any], primitive: dict[str, Any]) -> 
     if name not in attributes:
         raise InputError(path, name[:40], "is shown by a material of a mesh that has none")
     return {**primitive, "attributes": {**attributes, "TEXCOORD_0": attributes[name]}}
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -76,6 +76,7 @@ def test_the_texture_coordinates_that_a_material_names_are_shown(shown):
         ({"texCoord": 3}, "TEXCOORD_3: is shown by a material of a mesh that has none"),
         ({"extensions": {TRANSFORM: {"offset": ["a", 0]}}}, "KHR_texture_transform: expected five finite numbers"),
         ({"extensions": {TRANSFORM: {"scale": [1]}}}, "KHR_texture_transform: expected five finite numbers"),
+        ({"extensions": {TRANSFORM: {"offset": [10**400, 0]}}}, "KHR_texture_transform: expected five finite numbers"),
         ({"extensions": {TRANSFORM: {"rotation": True}}}, "KHR_texture_transform: expected five finite numbers"),
         ({"extensions": {TRANSFORM: {"scale": [1e9, 1]}}}, "texture coordinates: expected at most"),
     ],
