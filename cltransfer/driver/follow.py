@@ -87,34 +87,23 @@ def follow(
         guide: a path (N, D) that every frame may start from too, None where there is none.
     """
     stage, search, reference, home, defined = clip.stage, clip.search, clip.reference, clip.home, clip.defined
-    subject, at = stage.scene.subject, counted(len(reference), clip.at)
+    subject = stage.scene.subject
     hidden = _hidden(stage.objective, defined)
     D = search.dimensions if schedule.free_lens else search.dimensions - 1
     at_home = search.vector(homes, home, subject)[:, :D]
     if guide is not None and hasattr(search, "turned"):
         at_home = search.turned(at_home, guide[0])  # a whole turn away it would be another motion from there
+    beginnings = _Beginnings(at_home, guide, hidden, counted(len(reference), clip.at), schedule)
     found: list[Solved] = []
     residuals: list[Tensor] = []
     before: View | None = None
     memory = Memory()
     for i in range(len(reference)):
         problem = Problem(stage, search, home, reference[i], before, defined[i], schedule.free_lens)
-        starts = at_home
-        if guide is not None and schedule.warm and hidden[: max(1, i)].all():  # nothing known yet tells where to stand
-            starts = torch.cat([guide[i][None], at_home])
-        elif schedule.warm and i > 0 and not hidden[:i].all() and memory.placed(stage.objective, schedule):
-            if guide is None or hidden[i]:
-                starts = predictions([solved.x for solved in found], at)
-                starts = torch.cat([starts, problem.aimed(starts[-1:])])
-            else:
-                starts = torch.stack([guide[i], found[-1].x + guide[i] - guide[i - 1]])
-                if schedule.thorough and found[-1].total < GOOD:  # its own motion may go on too, lest the guide leaps
-                    starts = torch.cat([starts, predictions([solved.x for solved in found], at)[-1:]])
+        starts = beginnings.of(i, problem, found, memory)
         if schedule.still and schedule.engine != "adam" and schedule.warm and not hidden[:i].all():
             solved = held(problem, found[-1].x, memory, schedule)
         elif hidden[i] and found and schedule.warm:
-            if guide is not None:
-                starts = torch.cat([starts, (found[-1].x + guide[i] - guide[i - 1])[None]])
             solved = carried(problem, starts, memory, schedule)
         else:
             generator = np.random.Generator(np.random.PCG64([schedule.seed, i]))
@@ -133,6 +122,55 @@ def follow(
     x = torch.stack([solved.x for solved in found])
     local = _local(stage.objective, found, residuals, defined)
     return Path(x, search.cameras(x, home, subject), tuple(found), local)
+
+
+@dataclass(frozen=True)
+class _Beginnings:
+    """What each of N frames starts from.
+
+    Args:
+        at_home: the initial views, (B, D).
+        guide: a path (N, D), None where there is none.
+        hidden: frames of which nothing is known of the joints, (N,) bool.
+        at: places of the frames along the clip, (N,).
+        schedule: whether frames start from those before.
+    """
+
+    at_home: Tensor  # (B, D)
+    guide: Tensor | None  # (N, D)
+    hidden: Tensor  # (N,)
+    at: Tensor  # (N,)
+    schedule: Schedule
+
+    def of(self, i: int, problem: Problem, found: list[Solved], memory: Memory) -> Tensor:
+        """Starts (S, D) of frame ``i``: the guide's, those that the ``found`` frames before lead to, or all at home."""
+        guide, schedule = self.guide, self.schedule
+        if not schedule.warm:
+            return self.at_home
+        if guide is not None and self.hidden[: max(1, i)].all():  # nothing known yet tells where to stand
+            starts = torch.cat([guide[i][None], self.at_home])
+        elif i > 0 and not self.hidden[:i].all() and memory.placed(problem.stage.objective, schedule):
+            starts = self._onwards(i, problem, found)
+        else:
+            starts = self.at_home
+        if self.hidden[i] and found and guide is not None:
+            starts = torch.cat([starts, _beside(guide, i, found)[None]])
+        return starts
+
+    def _onwards(self, i: int, problem: Problem, found: list[Solved]) -> Tensor:
+        """Starts (S, D) of a frame ``i`` that goes on from those before."""
+        if self.guide is None or self.hidden[i]:
+            starts = predictions([solved.x for solved in found], self.at)
+            return torch.cat([starts, problem.aimed(starts[-1:])])
+        starts = torch.stack([self.guide[i], _beside(self.guide, i, found)])
+        if self.schedule.thorough and found[-1].total < GOOD:  # its own motion may go on too, lest the guide leaps
+            starts = torch.cat([starts, predictions([solved.x for solved in found], self.at)[-1:]])
+        return starts
+
+
+def _beside(guide: Tensor, i: int, found: list[Solved]) -> Tensor:
+    """Where frame ``i`` is, (D,), if it moves from the last one that was ``found`` as the ``guide`` (N, D) does."""
+    return found[-1].x + guide[i] - guide[i - 1]
 
 
 def _local(objective: Objective, found: list[Solved], residuals: list[Tensor], defined: Tensor) -> Local | None:
