@@ -28,7 +28,7 @@ def plugins_list(allow_plugin: Allow = None, as_json: Json = False) -> None:
 
 
 @app.command("show")
-def pluginsshow(
+def plugins_show(
     name: Annotated[
         str, typer.Argument(help="Component, e.g. shot_size or losses.shot_size or fit.nerf_grid; or config.")
     ],

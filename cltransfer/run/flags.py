@@ -26,8 +26,11 @@ DEGENERATE = 1.0  # least curvature of the total along a direction of x below wh
 ON_BOUND = 1e-6  # of the half-range
 ZOOMS = 1.25  # times its shortest focal length, up to which a lens stands
 SHOWN = 0.3  # log range of the reference's as its flow and depth tell it, below which it stands
-WORSE = 1.05  # times the total of the first view held still, above which a result is worse
-OTHERWISE, MUCH = 3.0, 1.0  # times the total of the search, and so much more, above which a result is read otherwise
+WORSE_THAN_HELD = 1.05  # times the total of the first view held still, above which a result is worse
+OTHERWISE, MUCH_MORE = (
+    3.0,
+    1.0,
+)  # times the total of the search, and so much more, above which it is read otherwise
 
 
 def run_flags(result: Result) -> tuple[Flag, ...]:
@@ -77,7 +80,7 @@ def _poor(result: Result) -> Iterator[Flag]:
             None,
             "not compared with the first view held still, which lacks what was read from movement, as depth may be",
         )
-    elif total > WORSE * held.total:
+    elif total > WORSE_THAN_HELD * held.total:
         yield Flag(None, f"worse than the first view held still: the total is {total:.3g} for {held.total:.3g}")
     read = result.kept.shown.features
     gone = nobody(read) & ~nobody(result.reference.features) & (result.family == "image")
@@ -85,7 +88,7 @@ def _poor(result: Result) -> Iterator[Flag]:
         frames = f"{int(gone.sum())} of {len(read)} frames"
         told = f"the networks see nobody in {frames} of the render, and each term that is missing costs its penalty"
         yield Flag(None, f"{told}: the total is {total:.3g}, for {searched:.3g} in the search")
-    elif total > OTHERWISE * searched + MUCH:
+    elif total > OTHERWISE * searched + MUCH_MORE:
         where = "as it is read back, " if result.family == "image" else ""
         told = f"the total is {total:.3g}, {where}for {searched:.3g} in the search, most of it {_most(result)}"
         yield Flag(None, f"{told}: the search and the reading do not see the same")
