@@ -29,9 +29,9 @@ CLIPS = "expected clips, image folders or folders of runs"
 
 @threads_restored()
 def evaluate(
-    reference: str | os.PathLike[str], render: str | os.PathLike[str], config: RunConfig, progress: Progress = silent
+    reference: str | os.PathLike[str], rendered: str | os.PathLike[str], config: RunConfig, progress: Progress = silent
 ) -> ReportData:
-    """Score the clip ``render`` against the clip ``reference``.
+    """Score the clip ``rendered`` against the clip ``reference``.
 
     Frames are paired by time, each of the reference with one of the render at most. Both are read by the same image
     extractors, and by one rule: what only one side has (depth from its movement, say) helps neither to read the rest.
@@ -40,7 +40,7 @@ def evaluate(
     Args:
         reference: a video, an image folder or the folder of a run, which has kept its frames; or a part of one, as in
             ``clip.mp4#t=1.5,4`` (:meth:`cltransfer.clips.source.ClipSource.parse`).
-        render: as the reference, and starts when it does.
+        rendered: as the reference, and starts when it does.
         config: which losses and extractors; ``frames`` thins the pairs, evenly by time. Meanwhile the threads of the
             whole process are as it says.
         progress: called with a step, frames done, frames in all.
@@ -58,8 +58,8 @@ def evaluate(
     """
     set_threads(config.threads or default_count())
     start = time.perf_counter()
-    reference, render = os.fspath(reference), os.fspath(render)
-    for source in (reference, render):
+    reference, rendered = os.fspath(reference), os.fspath(rendered)
+    for source in (reference, rendered):
         if source.startswith("builtin:"):
             raise InputError(source, "", "is made by code, no clip", CLIPS)
         if split_scene(source) is not None:
@@ -67,7 +67,7 @@ def evaluate(
             raise InputError(source, "", "is a scene with a trajectory, no clip", hint)
     parts = Components.build(config)
     plan = parts.plan("image")
-    asked, found = ClipSource.parse(reference), ClipSource.parse(render)
+    asked, found = ClipSource.parse(reference), ClipSource.parse(rendered)
     title = f"{found.path.name} against {asked.path.name}"
     asked, found = kept_clip(asked), kept_clip(found)
     both, flags, drawn = open_pairs(asked, found, config.frames)
@@ -78,20 +78,20 @@ def evaluate(
     features, read = read_frames(taught, plan, whom, progress, both.original, asked.path)
     require_person(reference, features)
     steps = both.original.diff(), times.diff()
-    rendered, seen = read_frames(made, in_time(plan, *steps), who, progress, times, found.path)
+    shown, seen = read_frames(made, in_time(plan, *steps), who, progress, times, found.path)
     alike = (
-        read_alike(features, taught, plan, rendered, progress),
-        read_alike(rendered, made, in_time(plan, *steps), features, progress),
+        read_alike(features, taught, plan, shown, progress),
+        read_alike(shown, made, in_time(plan, *steps), features, progress),
     )
-    again = (alike[0] is not features) + (alike[1] is not rendered)
-    lasts = all(side.lasts for side in (features, rendered, *alike))  # what one side lacks hides it from the other
-    features, rendered = alike
+    again = (alike[0] is not features) + (alike[1] is not shown)
+    lasts = all(side.lasts for side in (features, shown, *alike))  # what one side lacks hides it from the other
+    features, shown = alike
     objective = parts.objective
-    scores = score(objective, features, rendered, plan.missing)
+    scores = score(objective, features, shown, plan.missing)
     passes = len(times) * (2 * plan.clip_passes + again * plan.person_known.passes)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
-    notes += undefined(scores, objective.defined(features), features, rendered)
+    notes += undefined(scores, objective.defined(features), features, shown)
     if own := own_steps(plan, objective.losses) if in_other_steps(*steps) else []:
         notes.append(f"{', '.join(own)}: {OWN_STEPS}")
     notes.append(weight_note(objective.losses, features.size[0]))

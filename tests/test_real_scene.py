@@ -69,7 +69,7 @@ def run(config: RunConfig, lifted: Lift, tmp_path_factory: pytest.TempPathFactor
     folder = open_run(tmp_path_factory.mktemp("run") / "run")
     inputs = Inputs(str(SCENE), str(CLIP))
     result = transfer(inputs, config)
-    write_run(folder, result, inputs, config, [])
+    write_run(folder, result, inputs, config)
     return folder, result
 
 

@@ -63,8 +63,17 @@ def _name(source: str) -> str:
     return "run" if name in ("", "..") else name  # a folder that is named by where it lies
 
 
-def write_run(folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str]) -> ReportData:
+def write_run(
+    folder: Path, result: Result, inputs: Inputs, config: RunConfig, plugins: Sequence[str] = ()
+) -> ReportData:
     """Write everything a run leaves behind; returns what its report shows.
+
+    Args:
+        folder: where to, a run's or one that is to be made.
+        result: of ``inputs`` by ``config``.
+        inputs: what was transferred.
+        config: of the run.
+        plugins: files and packages that were allowed for it.
 
     Raises:
         UsageError: there is something else in ``folder`` than a run.

@@ -208,7 +208,7 @@ def test_a_transfer_reads_the_shift_off_its_scene_and_keeps_it_in_the_run(blue, 
     inputs, config = Inputs("builtin:plaza", str(features)), load_config(overrides=settings)
     result = transfer(inputs, config)
     assert result.alignment == align_config("builtin:plaza", config, VIEWS)
-    write_run(tmp_path / "run", result, inputs, config, [])
+    write_run(tmp_path / "run", result, inputs, config)
     kept = load_config(tmp_path / "run" / "config.yaml").extractors["depth_onnx"]
     assert kept["affine"] == list(result.alignment.affine)
     assert any("in this scene (shift;" in flag.reason for flag in run_flags(result))

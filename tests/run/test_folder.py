@@ -53,19 +53,19 @@ def test_nothing_is_written_over_what_is_no_run_nor_through_a_link_out_of_one(tm
     (run / VIDEO.parent).symlink_to(tmp_path / "films")
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
     with pytest.raises(UsageError, match="app: --out: is neither empty nor a run"):
-        write_run(app, result, inputs, config, [])
+        write_run(app, result, inputs, config)
     with pytest.raises(InputError, match="leads out of the folder of its run"):
-        write_run(run, result, inputs, config, [])
+        write_run(run, result, inputs, config)
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
     for _ in range(2):
-        write_run(tmp_path / "new", result, inputs, config, [])
+        write_run(tmp_path / "new", result, inputs, config)
     assert (tmp_path / "new" / DONE).is_file()
 
 
 def test_the_camera_that_a_run_leaves_for_nerfstudio_is_the_one_that_it_exports(tmp_path: Path) -> None:
     inputs = Inputs("builtin:plaza", "builtin:static")
     config = load_config(overrides=["preset=fast", "frames=1", "search_side=32", "output_side=49", "path=exact"])
-    write_run(tmp_path / "run", transfer(inputs, config), inputs, config, [])
+    write_run(tmp_path / "run", transfer(inputs, config), inputs, config)
     assert export_path(tmp_path / "run", tmp_path / "shot.json", None, None).camera.size == (48, 28)
     assert (tmp_path / "run" / CAMERA_PATH).read_bytes() == (tmp_path / "shot.json").read_bytes()
 

@@ -26,7 +26,7 @@ def test_a_scene_from_python_is_found_the_same_cameras_in(tmp_path: Path) -> Non
     inputs = Inputs(replace(scene, name="mine"), "builtin:push_in")
     found, same = transfer(inputs, config), transfer(Inputs("builtin:plaza", "builtin:push_in"), config)
     assert torch.equal(found.trajectory.camera.w2c, same.trajectory.camera.w2c)
-    report = write_run(tmp_path, found, inputs, config, [])
+    report = write_run(tmp_path, found, inputs, config)
     told = json.loads((tmp_path / "manifest.json").read_text())["scene"]
     assert (told["name"], told["sha256"], told["file"]) == ("mine", scene.digest, None)
     assert report.command == ""

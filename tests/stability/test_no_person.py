@@ -69,7 +69,7 @@ def test_a_run_with_gaps_is_written_without_a_nan(
     source = edited(reference, blanked([1]))
     inputs = Inputs("builtin:courtyard", source)
     folder = open_run(tmp_path / "run")
-    write_run(folder, solve(source), inputs, load_config(), [])
+    write_run(folder, solve(source), inputs, load_config())
     written = json.loads((folder / "metrics.json").read_text(), parse_constant=pytest.fail)
     framing = written["metrics"]["framing"]
     assert (framing["values"][1], framing["defined"], framing["frames"]) == (None, 3, 4)
