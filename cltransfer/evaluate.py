@@ -22,6 +22,7 @@ from .reading.frames import check_maps, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
 from .reading.scene_source import split_scene
 from .report.data import Flag, ReportData
+from .scenes.load import BUILTIN
 
 OWN_STEPS = "compares two frames of each side, whose steps are not equally long: give both one frame rate"
 CLIPS = "expected clips, image folders or folders of runs"
@@ -60,7 +61,7 @@ def evaluate(
     start = time.perf_counter()
     reference, rendered = os.fspath(reference), os.fspath(rendered)
     for source in (reference, rendered):
-        if source.startswith("builtin:"):
+        if source.startswith(BUILTIN):
             raise InputError(source, "", "is made by code, no clip", CLIPS)
         if split_scene(source) is not None:
             hint = f"{CLIPS}; `describe` and `transfer` take a scene"

@@ -18,7 +18,7 @@ from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
 from ..registry.plugin_code import code_of
 from ..scenes.builtin import read_name
 from ..scenes.foreign import reader_code
-from ..scenes.load import load_scene
+from ..scenes.load import BUILTIN, load_scene
 from ..scenes.meshes.moment import MARK, split_moment
 from ..storage.files import content_hash
 from ..storage.run_files import LABELS, SUBJECT
@@ -90,8 +90,8 @@ def _of_one(source: str, content: Callable[[Path], str]) -> str:
     path = Path(source)
     if path.exists():
         return content(path)
-    if source.startswith("builtin:"):
-        return _builtin(source.removeprefix("builtin:"))
+    if source.startswith(BUILTIN):
+        return _builtin(source.removeprefix(BUILTIN))
     if Path(source.rpartition(MARK)[0]).suffix.lower() in ANIMATED:  # SCENE#t=SECONDS&animation=NAME
         scene, moment = split_moment(source)
         if scene.exists():
@@ -111,8 +111,8 @@ def _builtin(name: str) -> str:
     try:
         scene, seed, form = read_name(name)
     except UsageError:
-        return f"builtin:{name}"
-    return f"builtin:{scene}-{seed}-{form}"
+        return f"{BUILTIN}{name}"
+    return f"{BUILTIN}{scene}-{seed}-{form}"
 
 
 def digests() -> Digest:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scenes.load import load_scene
+from ..scenes.load import BUILTIN, load_scene
 from ..shots import Setup, shot
 from .read import DRAWN
 from .sweep import Sweep
@@ -29,7 +29,7 @@ def draw_references(sweep: Sweep, folder: Path) -> dict[tuple[str, int], str]:
         for reference in sweep.file.references:
             if reference.startswith(DRAWN):
                 name = reference.removeprefix(DRAWN)
-                scene = f"builtin:plaza-{seed}"
+                scene = f"{BUILTIN}plaza-{seed}"
                 person = load_scene(scene).person
                 # by its frames too: another sweep in this folder is not to change what this one's trials will read
                 path = folder.resolve() / DRAWN_REFERENCES / f"{name}-{seed}-{frames}.json"

@@ -21,7 +21,7 @@ from .check import check_cases, check_rows
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
-BUILTIN = ("builtin:", DRAWN)
+NOT_FILES = ("builtin:", DRAWN)
 KEYS = tuple(f.name for f in fields(SweepFile))
 MEASURES = ("preset", "output_side", "extract", "renderer", "extractors", "losses")  # what a result is measured by
 MEASURES_EXTRACT = ("inner", "verify")  # and of extract
@@ -162,7 +162,7 @@ def _place(text: str, field: str, where: Any, fence: Path | None) -> str:
     file = part = ""
     full = ((fence or Path()) / text).resolve()
     if not full.exists():
-        if text.startswith(BUILTIN):
+        if text.startswith(NOT_FILES):
             return text
         mark = next((mark for mark in "#:" if mark in text), "")
         if mark:

@@ -23,6 +23,7 @@ from ..models.content import read_by, read_otherwise
 from ..reading.scene_source import split_scene
 from ..registry.plugin_code import own_code
 from ..run.result import Result
+from ..scenes.load import BUILTIN
 from .content import Digest, codes_of, digests, parts_content, read_here
 from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep
@@ -132,7 +133,7 @@ Told = tuple[RunConfig, list[list[Any]]]  # a config and the content of its part
 
 def _files(scene: SceneConfig, reference: str, row: Told, metrics: Told) -> str:
     """Digest of what else is read here; scenes that are made by code are read by geometry alone."""
-    made = all(name.startswith("builtin:") for name in (scene.scene, (split_scene(reference) or (reference,))[0]))
+    made = all(name.startswith(BUILTIN) for name in (scene.scene, (split_scene(reference) or (reference,))[0]))
     networks = not made or row[0].extract.inner != "geometric"
     return _digest([read_here(*told, networks) for told in (row, metrics)])
 

@@ -9,7 +9,7 @@ from ..clips.thinned import evenly
 from ..drawing import OURS
 from ..errors import InputError
 from ..scenes import Scene
-from ..scenes.load import load_scene
+from ..scenes.load import BUILTIN, load_scene
 from ..scenes.person.lifted import load_person
 from ..storage.files import cache_dir, into_cache, read_json, write_json
 from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
@@ -38,7 +38,7 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
         from ..shots import builtin_reference
 
         size = (side, round(side * REFERENCE_ASPECT[1] / REFERENCE_ASPECT[0]))
-        return builtin_reference(source.removeprefix("builtin:"), size, frames or REFERENCE_FRAMES)
+        return builtin_reference(source.removeprefix(BUILTIN), size, frames or REFERENCE_FRAMES)
     scene_name, path = split[0], Path(split[1])
     require_done(path.parent)
     trajectory = Trajectory.load(path)
@@ -69,7 +69,7 @@ def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajector
 
 def remember(digest: str, source: str) -> None:
     """Note where a scene of this content was found, so that a run folder need not name a path."""
-    where = source if source.startswith("builtin:") else str(Path(source).resolve())
+    where = source if source.startswith(BUILTIN) else str(Path(source).resolve())
     note = cache_dir() / "scenes" / f"{digest}.json"
     with into_cache(note, f"a later render needs --scene {where}"):
         write_json(note, {"path": where})

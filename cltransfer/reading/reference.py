@@ -23,6 +23,7 @@ from ..pipeline.graph import CHUNK, run_clip
 from ..pipeline.plan import Family, Plan
 from ..progress import Progress, silent
 from ..registry.plugin_code import own_code
+from ..scenes.load import BUILTIN
 from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import SUBJECT
@@ -259,7 +260,7 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     features = replace(features, camera=None, person=None)
-    name, focal = Path(source.removeprefix("builtin:").replace("@", "-")).stem, path.camera.focal
+    name, focal = Path(source.removeprefix(BUILTIN).replace("@", "-")).stem, path.camera.focal
     zoom, family = float(focal.max() / focal.min()), reading.scene_family
     return Reference(features, path.times, image, name, digest, family, plan.missing, flags, zoom)
 

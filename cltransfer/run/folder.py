@@ -27,6 +27,7 @@ from ..report.metrics import metrics_json, metrics_table, write_metrics
 from ..report.page import write_report
 from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
+from ..scenes.load import BUILTIN
 from ..scenes.meshes.moment import split_moment
 from ..scenes.person.lifted import save_labels
 from ..storage.files import told_from_here, write_json, write_text
@@ -58,7 +59,7 @@ def default_folder(scene: str, reference: str) -> Path:
 
 
 def _name(source: str) -> str:
-    without_moment = re.sub("#[^@]*", "", source.removeprefix("builtin:"))
+    without_moment = re.sub("#[^@]*", "", source.removeprefix(BUILTIN))
     name = Path(without_moment).stem.replace("@", "-")
     return "run" if name in ("", "..") else name  # a folder that is named by where it lies
 
