@@ -98,11 +98,11 @@ def _is_trajectory(path: Path) -> bool:
 
 
 def simplify_file(
-    source: str, out: Path, views: Sequence[str], options: Simplification, report: Progress = silent
+    source: str, out: Path, views: Sequence[str], options: Simplification, progress: Progress = silent
 ) -> Mapping[str, Any]:
     """Write the Gaussians of ``source`` that ``views`` need to ``out``; returns how many were left by each step.
 
-    What is done is told to ``report``.
+    What is done is told to ``progress``.
 
     Raises:
         UsageError: the scene is not made of splats, or ``out`` is no .ply.
@@ -112,7 +112,7 @@ def simplify_file(
         raise UsageError(out, "--out", "expected a .ply file")
     check_out_file(out)
     _refuse_source(out, source)
-    report("reading the scene", 0, 0)
+    progress("reading the scene", 0, 0)
     scene = load_scene(source)
     if not isinstance(scene.geometry, Splats):
         kind = type(scene.geometry).__name__
@@ -121,15 +121,15 @@ def simplify_file(
     cameras = None if unseen else given_views(views, options.side)
     splats: Splats = scene.geometry
     if options.floaters == "drop":
-        report("leaving out floaters", 0, 0)
+        progress("leaving out floaters", 0, 0)
         splats = without_floaters(scene).geometry
     solid = len(splats)
     if cameras is not None and options.prune > 0:
-        report("pruning", 0, 0)
+        progress("pruning", 0, 0)
         splats = subset(splats, importance(splats, weighing_views(splats, cameras)) >= options.prune)
     pruned = len(splats)
     if cameras is not None and options.k > 0 and pruned:
-        report("merging", 0, 0)
+        progress("merging", 0, 0)
         splats = merged(splats, cameras, options.k)
     if len(splats) == 0:
         raise InputError(source, "prune", "leaves no Gaussian", "is the scene in the views?")
@@ -139,7 +139,7 @@ def simplify_file(
 
 
 def bake_to_folder(
-    source: str, out: Path, representation: Representation, detail: int | None, report: Progress = silent
+    source: str, out: Path, representation: Representation, detail: int | None, progress: Progress = silent
 ) -> Mapping[str, Any]:
     """Bake the mesh ``source`` into ``out``: the scene, and its person's subject.json and labels where known.
 
@@ -150,14 +150,14 @@ def bake_to_folder(
         out: folder.
         representation: what to make of it.
         detail: Gaussians in all, or cells along the longest side; None is what the representation usually needs.
-        report: is told what is done.
+        progress: is told what is done.
 
     Raises:
         UsageError: the scene is not a mesh.
         InputError: it cannot be read, or has no area.
         ResourceError: what is to be made of it takes more memory than is free.
     """
-    report("reading the mesh", 0, 0)
+    progress("reading the mesh", 0, 0)
     scene = load_scene(source)
     if not isinstance(scene.geometry, Mesh):
         kind = type(scene.geometry).__name__
@@ -167,7 +167,7 @@ def bake_to_folder(
         raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
     file = out / f"{scene.name}{'.ply' if representation == 'gaussian_splats' else '.safetensors'}"
     _refuse_source(file, source, part_files(Path(source)) if source.lower().endswith((".yaml", ".yml")) else ())
-    report("baking", 0, 0)
+    progress("baking", 0, 0)
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))
         count, label = len(splats), splats.label

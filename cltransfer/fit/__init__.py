@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from ..progress import Progress
     from ._curve import Level
     from ._views import Views
-
-Report = Callable[[str, int, int], None]
-"""Called with a step's name, how much of it is done, and how much there is."""
 
 
 class Fitter(Protocol):
@@ -28,7 +25,7 @@ class Fitter(Protocol):
         """
         ...
 
-    def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
+    def fit(self, views: Views, folder: Path, progress: Progress) -> list[Level]:
         """Fit a scene, leave it in ``folder``, which is there, and return what each level of detail reached.
 
         Raises:

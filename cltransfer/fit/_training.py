@@ -22,9 +22,9 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from ..errors import InputError
+from ..progress import Progress
 from ..renderers._nerf_grid_torch import Rays, camera_rays
 from ..scenes.nerf_grid import NerfGrid
-from . import Report
 from ._checkpoint import ANEW, StateFiles
 from ._rays import colors, distance_to_cells
 from ._views import Views, psnr
@@ -112,12 +112,12 @@ def _numbers(count: int) -> Any:
 class Teller(Callback):
     """Tells the caller's progress."""
 
-    def __init__(self, report: Report, name: str, total: int) -> None:
-        self.report, self.name, self.total = report, name, total
+    def __init__(self, progress: Progress, name: str, total: int) -> None:
+        self.progress, self.name, self.total = progress, name, total
 
     def on_train_batch_end(self, trainer: pl.Trainer, *_: Any) -> None:
         """After each step."""
-        self.report(self.name, trainer.global_step, self.total)
+        self.progress(self.name, trainer.global_step, self.total)
 
 
 class Clock(Callback):
@@ -145,7 +145,7 @@ def roughness(values: Tensor) -> Tensor:
     return sum((values.diff(dim=axis) ** 2).mean((0, 1, 2)).sum() for axis in range(3))  # type: ignore[return-value]
 
 
-def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, float]:
+def train(module: GridModule, checkpoint: Path, progress: Progress) -> tuple[int, float]:
     """Train ``module`` until its held-out PSNR stands still or its steps are done; return the steps and their seconds.
 
     ``checkpoint``, a name that ends in .safetensors, is resumed where it exists, and rewritten at every look.
@@ -164,7 +164,7 @@ def train(module: GridModule, checkpoint: Path, report: Report) -> tuple[int, fl
         trainer = pl.Trainer(
             accelerator="cpu",
             max_steps=options.steps,
-            callbacks=[Teller(report, checkpoint.stem, options.steps), clock, stop, keep],
+            callbacks=[Teller(progress, checkpoint.stem, options.steps), clock, stop, keep],
             plugins=[files, LightningEnvironment()],  # under SLURM too: one process, which puts itself in no queue
             default_root_dir=checkpoint.parent,
             num_sanity_val_steps=0,

@@ -12,11 +12,11 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..computer.cuda import require_gsplat
+from ..progress import Progress
 from ..registry import FITTERS
 from ..renderers.gaussian_splats import GaussianSplats
 from ..scenes.ply import write_splats
 from ..scenes.splats import Splats
-from . import Report
 from ._curve import Level, write_curve
 from ._folder import begun, write_state
 from ._views import Views, mean_over, psnr
@@ -76,7 +76,7 @@ class GaussianSplatsFit:
         """
         require_gsplat("--as gaussian_splats", "--as nerf_grid, which needs no CUDA device")
 
-    def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
+    def fit(self, views: Views, folder: Path, progress: Progress) -> list[Level]:
         """Fit splats into ``folder``: splats.ply, fit.json, curve.csv and curve.svg; an unfinished fit begins anew.
 
         Raises:
@@ -94,7 +94,7 @@ class GaussianSplatsFit:
         random = torch.Generator().manual_seed(self.seed)
         parameters = start(views.aabb, self.first, self.degree, random)
         since = time.perf_counter()
-        self._descend(parameters, learn, random, report)
+        self._descend(parameters, learn, random, progress)
         splats = splats_of(parameters)
         score = psnr(splats, held_out, self.renderer)
         count, seconds = len(splats), time.perf_counter() - since
@@ -105,7 +105,7 @@ class GaussianSplatsFit:
         return levels
 
     def _descend(
-        self, parameters: dict[str, torch.nn.Parameter], views: Views, random: torch.Generator, report: Report
+        self, parameters: dict[str, torch.nn.Parameter], views: Views, random: torch.Generator, progress: Progress
     ) -> None:
         from gsplat import DefaultStrategy, rasterization
 
@@ -141,7 +141,7 @@ class GaussianSplatsFit:
                 optimizer.zero_grad(set_to_none=True)
             fall.step()
             strategy.step_post_backward(parameters, optimizers, state, step, info, packed=False)
-            report("splats", step + 1, self.steps)
+            progress("splats", step + 1, self.steps)
 
 
 def difference(drawn: Tensor, views: Views, index: int) -> Tensor:

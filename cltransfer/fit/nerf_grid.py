@@ -12,10 +12,10 @@ from torch.nn.functional import interpolate, max_pool3d
 
 from ..computer.memory import require_free
 from ..errors import InputError
+from ..progress import Progress
 from ..registry import FITTERS
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes.nerf_grid import NerfGrid, read_grid, write_grid
-from . import Report
 from ._curve import Level, write_curve
 from ._folder import begun, write_state
 from ._views import Views, psnr
@@ -104,7 +104,7 @@ class NerfGridFit:
     def require(self) -> None:
         """Nothing: it runs on any computer."""
 
-    def fit(self, views: Views, folder: Path, report: Report) -> list[Level]:
+    def fit(self, views: Views, folder: Path, progress: Progress) -> list[Level]:
         """Fit a grid into ``folder``: grid.safetensors, fit.json, curve.csv and curve.svg; an unfinished fit goes on.
 
         Raises:
@@ -122,7 +122,7 @@ class NerfGridFit:
             self._check_memory(len(levels), cells, views, folder)
             if not levels:
                 write_state(folder, key, [])
-            level, grid = self._level(len(levels), cells, views, folder, report)
+            level, grid = self._level(len(levels), cells, views, folder, progress)
             gained = not levels or self.budget != AUTO or level.psnr >= levels[-1].psnr + self.gain
             levels.append(Level(**{**asdict(level), "kept": gained}))
             write_curve(folder, levels)
@@ -145,7 +145,7 @@ class NerfGridFit:
         what = f"{cells} cells and the rays of {len(views)} images"
         require_free(need, folder, what, "take a smaller budget or side" + ANOTHER * (number > 0))
 
-    def _level(self, number: int, cells: int, views: Views, folder: Path, report: Report) -> tuple[Level, NerfGrid]:
+    def _level(self, number: int, cells: int, views: Views, folder: Path, progress: Progress) -> tuple[Level, NerfGrid]:
         """Train one level, from the grid of the one before where there is one."""
         from ._training import GridModule, train
 
@@ -154,7 +154,7 @@ class NerfGridFit:
         start = resampled(coarse, shape) if coarse else empty_grid(shape, self.degree, views.aabb)
         learn, held_out = views.split(self.hold_out)
         module = GridModule(start, filled_cells(start), (learn, held_out), self)
-        steps, seconds = train(module, _checkpoint(folder, number), report)
+        steps, seconds = train(module, _checkpoint(folder, number), progress)
         grid = without_faint(module.grid())
         score = psnr(grid, held_out, self.renderer)
         filled = int(filled_cells(grid).sum())

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import urljoin, urlsplit
 
+from ..progress import Progress
 from ..storage.alone import in_turn
 from ..storage.files import atomic, cache_dir, content_hash
 from .catalogue import LARGEST, Entry, entry_of_file, pin, pinned
 
 if TYPE_CHECKING:
     from requests import Response, Session
-
-Report = Callable[[str, int, int], None]
 
 BLOCK = 2**14  # bytes; what a connection that breaks off costs at most
 ATTEMPTS = 3  # one after the other, as long as each brings something
@@ -41,13 +39,13 @@ class Resuming:
 
     Args:
         entry: what is wanted.
-        report: called with the file, bytes there, bytes in all (0 where nobody knows).
+        progress: called with the file, bytes there, bytes in all (0 where nobody knows).
         timeout: how long a server may say nothing [s].
         sha256: of what was downloaded, once it is.
     """
 
     entry: Entry
-    report: Report
+    progress: Progress
     timeout: float = 30.0
     sha256: str = ""
 
@@ -149,7 +147,7 @@ class Resuming:
                 if there > limit:
                     break
                 stream.write(block)
-                self.report(self.entry.file, there, total)
+                self.progress(self.entry.file, there, total)
         if there > limit:
             self.part.unlink()
             raise _RefusedError(f"expected at most {limit} bytes, the server goes on")
@@ -168,7 +166,7 @@ def further(url: str, target: str) -> str:
     return there
 
 
-def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) -> Entry:
+def pull(entry: Entry, accept_new: bool, progress: Progress, timeout: float = 30.0) -> Entry:
     """``entry`` with its file at ``entry.path``, downloaded unless it is there, and with its hash.
 
     A file that is there is replaced by a whole one only. Where its hash is not known it is left, and the hash too,
@@ -177,7 +175,7 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
     Args:
         entry: of the catalogue.
         accept_new: download an entry whose hash is not known, and pin what came.
-        report: called with the file, bytes there, bytes in all.
+        progress: called with the file, bytes there, bytes in all.
         timeout: how long a server may say nothing [s].
 
     Raises:
@@ -199,7 +197,7 @@ def pull(entry: Entry, accept_new: bool, report: Report, timeout: float = 30.0) 
     entry.path.parent.mkdir(parents=True, exist_ok=True)
     with in_turn(cache_dir() / f"{entry.path.name}.part.lock"):  # another command may be pulling the same file
         entry = pinned(entry)  # and have pinned it meanwhile
-        getter = Resuming(entry, report, timeout)
+        getter = Resuming(entry, progress, timeout)
         about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"
         try:
             _retrieve(entry, getter)

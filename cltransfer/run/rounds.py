@@ -27,7 +27,7 @@ from .left_out import LeftOut
 from .preparation import Clock, Job
 from .readback import Readback, read_back
 from .search_path import search_path
-from .take import Report, Take
+from .take import FrameDone, Take
 
 BIAS_WINDOW = 4.0  # [frames] along which the networks' bias is taken to be steady
 MAY_HIDE = 0.1  # of the joints, in rounds after one of which the networks lost the person behind something
@@ -188,7 +188,7 @@ def _starts(job: Job, stage: Stage) -> Starts:
         return job.starts
 
 
-def _counting(progress: Progress, step: str, count: int) -> Report:
+def _counting(progress: Progress, step: str, count: int) -> FrameDone:
     def report(frame: int, solved: Solved) -> None:
         progress(step, frame + 1, count)
         if frame + 1 == count:

@@ -17,7 +17,7 @@ from ..driver.whole_clip import WholeClip, views
 from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
-from .take import Report, Take, searched
+from .take import FrameDone, Take, searched
 
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that refines at all
@@ -26,7 +26,7 @@ STANDS = 0.25  # total above which a path that stands is tried nearby: a step of
 STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
 
 
-def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
+def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
     """Find a path in the scene of ``stage``, and what becomes of it among the floaters that this may lack.
 
     Args:
@@ -46,7 +46,7 @@ def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, sta
     return kept
 
 
-def _with_floaters(job: Job, config: RunConfig, first: Take, report: Report) -> Take:
+def _with_floaters(job: Job, config: RunConfig, first: Take, report: FrameDone) -> Take:
     """What was found without floaters, past them; or with them, where that is far worse there and the other gains more.
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.

@@ -23,7 +23,7 @@ from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
 
-Report = Callable[[int, Solved], None]
+FrameDone = Callable[[int, Solved], None]  # index, what was found
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Take:
         return self.found.leaps(self.found.totals if told is None else self.clip.totals(told))
 
 
-def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: Report) -> Take:
+def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
     """The frames of one round, and the path through them where one is asked for.
 
     The clip is followed leanly where that is good enough, else thoroughly too. Frames lost on the way tell nothing as
@@ -111,7 +111,7 @@ def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Ten
     return least_path(clip, found.x, local, job.noise, effort, guide, config.zoom == "still")
 
 
-def _followed_again(clip: WholeClip, schedule: Schedule, starts: Starts, report: Report, found: Path) -> Path:
+def _followed_again(clip: WholeClip, schedule: Schedule, starts: Starts, report: FrameDone, found: Path) -> Path:
     """Once more at other distances, where part of ``found`` ended right and the rest would cost less at its own."""
     if found.local is None or starts.guide is None or clip.stage.scene.subject is None:
         return found
