@@ -36,10 +36,10 @@ def run(plan: Plan, now: Features, before: Features | None) -> Features:
     """
     for step in plan.steps:
         check_single(step)
-        if _needs_before(step) and before is None:
+        if step.needs_before and before is None:
             now = _undefined(now, step)
         else:
-            now = step(now, before if _needs_before(step) else None)
+            now = step(now, before if step.needs_before else None)
     return now
 
 
@@ -152,7 +152,7 @@ def joined(features: Features, more: Features) -> Features:
 
 def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> Features:
     for step in steps:
-        if not _needs_before(step):
+        if not step.needs_before:
             now = step(now, None)
         elif last is not None:
             inputs = Features.concatenate([last.only(now.names()), now])
@@ -165,10 +165,6 @@ def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> F
                 value = later.require(name)
                 now = now.having(name, torch.cat([_unknown(value[:1]), value]))
     return now
-
-
-def _needs_before(step: Step) -> bool:
-    return bool(getattr(step.extractor, "needs_before", False))
 
 
 def _undefined(now: Features, step: Step) -> Features:

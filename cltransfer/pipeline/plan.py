@@ -76,6 +76,21 @@ class Step:
         return named(f"extractor {self.name}", f"expected {', '.join(self.extractor.provides)}")
 
     @property
+    def uses(self) -> tuple[str, ...]:
+        """Features it takes where both sides of a comparison have them."""
+        return tuple(getattr(self.extractor, "uses", ()))
+
+    @property
+    def needs_before(self) -> bool:
+        """Whether it compares with the frame before."""
+        return bool(getattr(self.extractor, "needs_before", False))
+
+    @property
+    def passes(self) -> int:
+        """Network passes one frame costs."""
+        return int(getattr(self.extractor, "passes", 0))
+
+    @property
     def whole_clip(self) -> bool:
         """Whether it reads whole clips only."""
         return bool(getattr(self.extractor, "whole_clip", False))
@@ -104,7 +119,7 @@ class Plan:
     @property
     def passes(self) -> int:
         """Network passes one frame costs."""
-        return sum(getattr(step.extractor, "passes", 0) for step in self.steps)
+        return sum(step.passes for step in self.steps)
 
     @property
     def detector(self) -> Step | None:
@@ -129,14 +144,14 @@ class Plan:
     @property
     def clip_passes(self) -> int:
         """Network passes one frame of a clip costs: all persons are found there, then one is read."""
-        finding = 0 if self.detector is None else getattr(self.detector.extractor, "passes", 0)
+        finding = 0 if self.detector is None else self.detector.passes
         return finding + self.person_known.passes
 
     def hiding(self, names: AbstractSet[str]) -> Plan:
         """The same where no step sees any of ``names`` that it can do without."""
         steps = []
         for step in self.steps:
-            more = [name for name in getattr(step.extractor, "uses", ()) if name in names and name not in step.hidden]
+            more = [name for name in step.uses if name in names and name not in step.hidden]
             steps.append(replace(step, hidden=(*step.hidden, *more)))
         return replace(self, steps=tuple(steps))
 
@@ -160,9 +175,7 @@ class Plan:
     @property
     def passed_on(self) -> frozenset[str]:
         """Everything a step takes."""
-        return frozenset(
-            n for step in self.steps for n in (*step.extractor.requires, *getattr(step.extractor, "uses", ()))
-        )
+        return frozenset(n for step in self.steps for n in (*step.extractor.requires, *step.uses))
 
 
 def make_plan(
@@ -212,7 +225,7 @@ class _Planner:
     @property
     def optional(self) -> frozenset[str]:
         """What steps take though they could do without: the other side has to be read by the same rule."""
-        return frozenset(n for step in self.steps for n in getattr(step.extractor, "uses", ()) if n not in step.hidden)
+        return frozenset(n for step in self.steps for n in step.uses if n not in step.hidden)
 
     def reach(self, feature: str, path: tuple[str, ...]) -> str:
         """Empty if ``feature`` can be had (and its steps are planned), else the reason."""

@@ -83,7 +83,7 @@ def own_steps(plan: Plan, losses: Mapping[str, Any]) -> list[str]:
 
     So is what a reader of whole clips makes of a flow that stays as it is.
     """
-    between = [step for step in plan.steps if getattr(step.extractor, "needs_before", False)]
+    between = [step for step in plan.steps if step.needs_before]
     between += [step for step in plan.steps if "flow" in _takes(step) and step not in _in_time(plan)]
     names = {name for step in between if "flow" not in step.extractor.provides for name in step.extractor.provides}
     names |= {name for step in _after(plan, names) for name in step.extractor.provides}
@@ -106,4 +106,4 @@ def _after(plan: Plan, names: set[str], whole: AbstractSet[str] = frozenset()) -
 
 
 def _takes(step: Step) -> set[str]:
-    return {*step.extractor.requires, *getattr(step.extractor, "uses", ())} - set(step.hidden)
+    return {*step.extractor.requires, *step.uses} - set(step.hidden)
