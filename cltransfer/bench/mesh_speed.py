@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..renderers.mesh import Mesh as Renderer
+from ..renderers.mesh import MeshRenderer
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.meshes.mesh import Mesh
 from .synthetic_room import PERSON, ROOM
 from .timing import FRAMES, GEOMETRY, SIZES, Posed, SpeedBench, SpeedRow, around, at_size, room
 
-ALL = Renderer.provides
+ALL = MeshRenderer.provides
 CLOSE = 1e-3  # relative difference of depth that still agrees
 
 
@@ -32,7 +32,7 @@ BENCH = SpeedBench(
         "Wall time, four cameras a call,",
         "quartiles over seeds and repeats; torch and kernels in turn on one thread each where they are compared.",
     ],
-    renderer=Renderer,
+    renderer=MeshRenderer,
     counts=lambda posed: (len(posed[0].geometry),),
     columns={"faces": "{:,}"},
     buffer="depth",

@@ -13,7 +13,7 @@ from ..computer.threads import thread_count
 from ..features import Features
 from ..registry import RENDERERS
 from ..scenes import Scene
-from ..scenes.meshes.mesh import Mesh as Triangles
+from ..scenes.meshes.mesh import Mesh
 from . import _mesh_torch
 from ._request import check_device, check_request, drawn_in_torch
 from .kernels import mesh as kernels
@@ -21,7 +21,7 @@ from .kernels import mesh as kernels
 
 @RENDERERS.register("mesh")
 @dataclass(frozen=True)
-class Mesh:
+class MeshRenderer:
     """Renders :class:`~cltransfer.scenes.meshes.mesh.Mesh` over black, faces from both sides.
 
     Args:
@@ -76,7 +76,7 @@ class Mesh:
         """What the backends share."""
         return kernels.Settings(self.near, self.headlight, self.samples)
 
-    def _numba(self, mesh: Triangles, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
+    def _numba(self, mesh: Mesh, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
         K = cameras.K.detach().cpu().numpy()
         lens = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
         views = kernels.Views(cameras.w2c.detach().cpu().numpy(), lens, cameras.size)
@@ -84,5 +84,5 @@ class Mesh:
         out = kernels.render(mesh.packed, views, self.settings, "image" in buffers, threads)._asdict()
         return {name: torch.from_numpy(out[name]) for name in buffers}
 
-    def _torch(self, mesh: Triangles, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
+    def _torch(self, mesh: Mesh, cameras: Camera, buffers: frozenset[str]) -> dict[str, Any]:
         return drawn_in_torch(self, _mesh_torch.render_one, mesh, cameras, buffers)

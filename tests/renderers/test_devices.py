@@ -18,7 +18,7 @@ from cltransfer.errors import UsageError
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers import _mesh_torch, _nerf_grid_torch, _splats_torch
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.renderers.mesh import Mesh as MeshRenderer
+from cltransfer.renderers.mesh import MeshRenderer
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes import Scene
 from cltransfer.scenes.meshes.mesh import Mesh

@@ -22,11 +22,11 @@ from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.renderers.kernels import mesh as kernels
-from cltransfer.renderers.mesh import Mesh as Renderer
+from cltransfer.renderers.mesh import MeshRenderer
 from cltransfer.scenes import Scene
 from cltransfer.scenes.meshes.mesh import Mesh
 
-ALL = Renderer.provides
+ALL = MeshRenderer.provides
 BACKENDS = ("numba", "torch")
 
 
@@ -88,7 +88,8 @@ def furnished_room(detail: int, seed: int) -> Mesh:
 
 
 def both(mesh: Mesh, cameras: Camera, **options: object) -> tuple[Features, Features]:
-    fast, plain = (Renderer(backend=name, **options).render(scene_of(mesh), cameras, ALL) for name in BACKENDS)  # type: ignore[arg-type]
+    both = [MeshRenderer(backend=name, **options) for name in BACKENDS]  # type: ignore[arg-type]
+    fast, plain = (renderer.render(scene_of(mesh), cameras, ALL) for renderer in both)
     return fast, plain
 
 
@@ -113,7 +114,7 @@ def test_depth_is_where_rays_meet_the_triangles():
         torch.tensor([[2.0, -1.5, 1.0], [0.3, 0.2, 1.8]]), torch.zeros(1, 3), torch.tensor([0.1, 0, 1.0]), 1.2, (64, 36)
     )
     mesh = Mesh.plain(torch.tensor(solid.vertices), torch.tensor(solid.faces))
-    depth = Renderer().render(scene_of(mesh), cameras, frozenset({"depth"})).depth.flatten(1)
+    depth = MeshRenderer().render(scene_of(mesh), cameras, frozenset({"depth"})).depth.flatten(1)
     assert depth.isfinite().all()  # the room is closed
     y, x = torch.meshgrid(torch.arange(36) + 0.5, torch.arange(64) + 0.5, indexing="ij")
     pixels = torch.stack([x, y], -1).reshape(1, -1, 2).expand(2, -1, 2)
@@ -144,7 +145,7 @@ def test_a_wall_has_the_values_worked_out_by_hand(backend):
     mesh = wall(3.0, 0.5).with_label(torch.ones(2))
     camera = forward_camera((9, 9), 12.0)
     camera.K[0, :2, 2] = 4.4
-    got = Renderer(backend=backend).render(scene_of(mesh), camera, ALL)
+    got = MeshRenderer(backend=backend).render(scene_of(mesh), camera, ALL)
     inside = torch.zeros(1, 9, 9)
     inside[:, 2:6, 2:6] = 1
     assert torch.equal(got.alpha, inside)
@@ -156,7 +157,7 @@ def test_a_wall_has_the_values_worked_out_by_hand(backend):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_mesh_without_faces_is_nothing(backend):
     mesh = Mesh.plain(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int32))
-    got = Renderer(backend=backend, samples=2).render(scene_of(mesh), forward_camera((9, 5), 8.0), ALL)
+    got = MeshRenderer(backend=backend, samples=2).render(scene_of(mesh), forward_camera((9, 5), 8.0), ALL)
     assert not any(bool(plane.any()) for plane in (got.alpha, got.image, got.label))
     assert bool(got.depth.isnan().all() and got.expected_depth.isnan().all())
 
@@ -167,7 +168,7 @@ def test_of_two_faces_at_one_place_the_first_is_seen(backend, turned):
     corners = torch.tensor([[-1.0, -1, 3.13], [1, -1, 3.37], [0, 1, 3.11]])
     faces = torch.tensor([[0, 1, 2], [5, 4, 3] if turned else [3, 4, 5]])
     mesh = Mesh.plain(corners.repeat(2, 1), faces).with_label(torch.tensor([1.0, 0.0]))
-    got = Renderer(backend=backend).render(scene_of(mesh), forward_camera((64, 48), 60.0), ALL)
+    got = MeshRenderer(backend=backend).render(scene_of(mesh), forward_camera((64, 48), 60.0), ALL)
     assert got.alpha.sum() > 500
     assert torch.equal(got.label, got.alpha)
 
@@ -180,7 +181,7 @@ def test_colour_and_texture_are_right_in_perspective(backend):
     painted = quad(floor, colors=ramp, shaded=torch.zeros(2, dtype=torch.bool))
     size = (20, 20)
     camera = forward_camera(size, 10.0)
-    got = Renderer(backend=backend).render(scene_of(painted), camera, ALL)
+    got = MeshRenderer(backend=backend).render(scene_of(painted), camera, ALL)
     row = 14  # centre 14.5: 4.5 px under the middle, so depth 10 / 4.5
     assert float(got.depth[0, row, 10]) == pytest.approx(10 / 4.5, rel=1e-6)
     assert float(got.image[0, 0, row, 10]) == pytest.approx((10 / 4.5 - 1) / 8, rel=1e-5)
@@ -190,7 +191,7 @@ def test_colour_and_texture_are_right_in_perspective(backend):
     plain = replace(
         painted, colors=torch.ones(4, 3), uv=uv, texture=torch.zeros(2, dtype=torch.int32), textures=(image,)
     )
-    textured = Renderer(backend=backend).render(scene_of(plain), camera, ALL)
+    textured = MeshRenderer(backend=backend).render(scene_of(plain), camera, ALL)
     torch.testing.assert_close(textured.image, got.image, atol=1e-5, rtol=0)
 
 
@@ -206,7 +207,7 @@ def test_a_texture_stands_upright_and_its_holes_show_what_is_behind(backend):
         textures=(image,),
     )
     mesh = Mesh.concatenate([front, wall(4.0, 2.0).with_label(torch.ones(2))])
-    got = Renderer(backend=backend).render(scene_of(mesh), forward_camera((6, 6), 6.0), ALL)
+    got = MeshRenderer(backend=backend).render(scene_of(mesh), forward_camera((6, 6), 6.0), ALL)
     assert got.image[0, :, 1, 1].tolist() == [1.0, 0.0, 0.0]  # centres 1 and 4 are the texels' middles
     assert got.image[0, :, 1, 4].tolist() == [1.0, 1.0, 1.0]
     hole = torch.zeros(6, 6)
@@ -228,10 +229,10 @@ def test_a_texture_goes_on_beyond_its_edges_as_it_says(backend, wrap, down):
         image, uv, wraps = image.transpose(0, 1), uv.flip(1)[[0, 3, 2, 1]], ("repeat", wrap)
     plain = Mesh.plain(*_square(2.0, 1.0), colors=torch.ones(4, 3))
     mesh = replace(plain, uv=uv, texture=torch.zeros(2, dtype=torch.int32), textures=(image,), wraps=(wraps,))
-    got = Renderer(backend=backend).render(scene_of(mesh), forward_camera((6, 6), 6.0), ALL)
+    got = MeshRenderer(backend=backend).render(scene_of(mesh), forward_camera((6, 6), 6.0), ALL)
     assert (got.alpha[0, :, 0] if down else got.alpha[0, 0]).tolist() == [1 - hole for hole in BEYOND[wrap]]
     solid = replace(mesh, textures=(image | torch.tensor([0, 0, 0, 255]).to(torch.uint8),))
-    got = Renderer(backend=backend).render(scene_of(solid), forward_camera((6, 6), 6.0), ALL)
+    got = MeshRenderer(backend=backend).render(scene_of(solid), forward_camera((6, 6), 6.0), ALL)
     assert (got.image[0, 1, :, 0] if down else got.image[0, 1, 0]).tolist() == pytest.approx(BEYOND[wrap], abs=1e-6)
 
 
@@ -242,7 +243,9 @@ def test_a_texture_shows_its_other_side_at_its_edges_only_where_it_repeats(backe
     plain = Mesh.plain(*_square(2.0, 1.0), colors=torch.ones(4, 3))
     uv = torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     shows = {"texture": torch.zeros(2, dtype=torch.int32), "textures": (image,), "wraps": ((wrap, wrap),)}
-    got = Renderer(backend=backend).render(scene_of(replace(plain, uv=uv, **shows)), forward_camera((4, 4), 4.0), ALL)
+    got = MeshRenderer(backend=backend).render(
+        scene_of(replace(plain, uv=uv, **shows)), forward_camera((4, 4), 4.0), ALL
+    )
     assert got.image[0, 0, 1].tolist() == pytest.approx([share, 0.25, 0.75, 1 - share], abs=1e-6)
 
 
@@ -258,7 +261,7 @@ def test_a_place_far_outside_a_texture_stays_in_it(place, wrap):
         wraps=((wrap, wrap),),
     )
     mesh = Mesh.concatenate([textured, wall(4.0, 2.0)])
-    fast, plain = (Renderer(backend=b).render(scene_of(mesh), forward_camera((4, 4), 4.0), ALL) for b in BACKENDS)
+    fast, plain = (MeshRenderer(backend=b).render(scene_of(mesh), forward_camera((4, 4), 4.0), ALL) for b in BACKENDS)
     torch.testing.assert_close(fast.image, plain.image, atol=1e-5, rtol=0)
     assert torch.equal(fast.depth, plain.depth)
 
@@ -267,7 +270,7 @@ def test_a_place_far_outside_a_texture_stays_in_it(place, wrap):
 def test_a_face_through_the_camera_is_cut_at_the_near_plane(backend):
     floor = quad([[-50.0, 1, -50], [50.0, 1, -50], [50.0, 1, 50], [-50.0, 1, 50]])
     camera = forward_camera((40, 40), 20.0)
-    got = Renderer(backend=backend, near=2.0).render(scene_of(floor), camera, ALL)
+    got = MeshRenderer(backend=backend, near=2.0).render(scene_of(floor), camera, ALL)
     below = torch.arange(40) + 0.5 - 20  # px under the middle; depth is focal / it
     expected = torch.where((below > 0) & (20 / below >= 2.0) & (20 / below <= 50), 20 / below, torch.nan)
     torch.testing.assert_close(got.depth[0, :, 20], expected, equal_nan=True, rtol=1e-5, atol=0)
@@ -279,7 +282,7 @@ def test_a_closed_room_has_no_seams(backend):
     mesh = Mesh.plain(torch.tensor(room.vertices), torch.tensor(room.faces))
     turns = torch.tensor([[1.0, 0, 0], [0, 1, 0.1], [0, 0.1, 1], [1, 1, 1]])
     cameras = Camera.look_at(torch.zeros(1, 3), turns, torch.tensor([0.3, 0.2, 1.0]), 1.5, (63, 64))
-    assert bool((Renderer(backend=backend).render(scene_of(mesh), cameras, frozenset({"alpha"})).alpha == 1).all())
+    assert bool((MeshRenderer(backend=backend).render(scene_of(mesh), cameras, frozenset({"alpha"})).alpha == 1).all())
 
 
 def test_seams_on_pixel_centres_are_drawn_once_and_closed():
@@ -289,14 +292,14 @@ def test_seams_on_pixel_centres_are_drawn_once_and_closed():
     K = intrinsics(torch.tensor([8.0]).double(), (17, 17))
     K[0, :2, 2] = 8.5  # strips of one pixel that begin and end on centres
     camera = Camera(torch.eye(4).double()[None], K, (17, 17))
-    alpha = Renderer().render(scene_of(Mesh.concatenate(strips)), camera, frozenset({"alpha"})).alpha
+    alpha = MeshRenderer().render(scene_of(Mesh.concatenate(strips)), camera, frozenset({"alpha"})).alpha
     assert bool((alpha[0, 1:-1, 1:-1] == 1).all())
 
 
 def test_more_samples_smooth_edges_and_keep_depth_on_surfaces():
     mesh = Mesh.concatenate([wall(2.0, 0.55).with_label(torch.ones(2)), wall(8.0, 40.0)])
     camera = forward_camera((16, 16), 16.0)
-    one, four = (Renderer(samples=n).render(scene_of(mesh), camera, ALL) for n in (1, 4))
+    one, four = (MeshRenderer(samples=n).render(scene_of(mesh), camera, ALL) for n in (1, 4))
     assert one.label.unique().tolist() == [0.0, 1.0]
     assert four.label.mean() == pytest.approx((0.55 * 16) ** 2 / 256, rel=0.05)  # the square's area in pixels
     assert set(four.depth.unique().tolist()) <= {2.0, 8.0}
@@ -308,10 +311,10 @@ def test_the_headlight_follows_the_cosine_and_spares_painted_faces():
     leaning = quad([[-2.0, -2, 2], [2.0, -2, 2], [2.0, 2, 6], [-2.0, 2, 6]])  # 45 degrees to the middle ray
     camera = forward_camera((9, 9), 9.0)
     for light in (0.0, 0.6, 1.0):
-        image = Renderer(headlight=light).render(scene_of(leaning), camera, frozenset({"image"})).image
+        image = MeshRenderer(headlight=light).render(scene_of(leaning), camera, frozenset({"image"})).image
         assert float(image[0, 0, 4, 4]) == pytest.approx(0.8 * (1 - light + light / math.sqrt(2)), rel=1e-5)
     painted = replace(leaning, shaded=torch.zeros(2, dtype=torch.bool))
-    image = Renderer(headlight=1.0).render(scene_of(painted), camera, frozenset({"image"})).image
+    image = MeshRenderer(headlight=1.0).render(scene_of(painted), camera, frozenset({"image"})).image
     assert float(image[0, 0, 4, 4]) == pytest.approx(0.8)
 
 
@@ -321,7 +324,7 @@ def test_small_faces_are_lit_as_large_ones(backend, side):
     leaning = quad([[-2.0, -2, 2], [2.0, -2, 2], [2.0, 2, 6], [-2.0, 2, 6]])
     small, camera = replace(leaning, vertices=leaning.vertices * side / 4), forward_camera((9, 9), 9.0)
     large, tiny = (
-        Renderer(backend=backend, near=near).render(scene_of(mesh), camera, frozenset({"image"})).image
+        MeshRenderer(backend=backend, near=near).render(scene_of(mesh), camera, frozenset({"image"})).image
         for mesh, near in ((leaning, 1.0), (small, side / 4))
     )
     assert large.max() > 0.5
@@ -330,7 +333,7 @@ def test_small_faces_are_lit_as_large_ones(backend, side):
 
 def test_threads_do_not_change_the_result():
     scene, cameras = scene_of(furnished_room(1, seed=3)), room_cameras(5, (40, 24))
-    one, three = (Renderer(threads=n).render(scene, cameras, ALL) for n in (1, 3))
+    one, three = (MeshRenderer(threads=n).render(scene, cameras, ALL) for n in (1, 3))
     for name in ALL:
         torch.testing.assert_close(one.require(name), three.require(name), rtol=0, atol=0, equal_nan=True)
 
@@ -341,7 +344,7 @@ def test_degenerate_faces_draw_nothing():
     vertices = torch.cat([flat, through_the_eye]).reshape(-1, 3)
     mesh = Mesh.plain(vertices, torch.arange(9).reshape(3, 3))
     for backend in BACKENDS:
-        got = Renderer(backend=backend).render(scene_of(mesh), forward_camera((8, 8), 8.0), ALL)
+        got = MeshRenderer(backend=backend).render(scene_of(mesh), forward_camera((8, 8), 8.0), ALL)
         assert not got.alpha.any()
 
 
@@ -352,15 +355,15 @@ def test_a_scene_of_another_kind_names_the_renderer_that_draws_it():
         GaussianSplats().render(scene, camera, frozenset({"depth"}))
     assert str(error.value) == "stage: renderer gaussian_splats: does not draw Mesh (choose: renderer.mesh={})"
     with pytest.raises(UsageError, match="has no buffer normals"):
-        Renderer().render(scene, camera, frozenset({"normals"}))
+        MeshRenderer().render(scene, camera, frozenset({"normals"}))
     with pytest.raises(ValueError, match="finite"):
-        Renderer().render(scene, replace(camera, w2c=camera.w2c * math.nan), ALL)
+        MeshRenderer().render(scene, replace(camera, w2c=camera.w2c * math.nan), ALL)
 
 
 def test_options_out_of_range_are_refused():
     for options in ({"near": 0.0}, {"samples": 0}, {"samples": 9}, {"headlight": 1.5}, {"threads": -1}):
         with pytest.raises(ValueError, match=next(iter(options))):
-            Renderer(**options)
+            MeshRenderer(**options)
 
 
 def test_a_second_process_finds_the_kernels_compiled(within):
@@ -385,8 +388,8 @@ print(int(seen.alpha.sum()), time.perf_counter() - start)
 
 def test_a_reference_scene_of_another_kind_is_drawn_by_its_own_renderer():
     scene, splats = scene_of(wall(2.0, 1.0)), GaussianSplats(near=0.5)
-    assert renderer_of(scene, splats) == Renderer()
-    assert renderer_of(scene, Renderer(samples=3)) == Renderer(samples=3)
+    assert renderer_of(scene, splats) == MeshRenderer()
+    assert renderer_of(scene, MeshRenderer(samples=3)) == MeshRenderer(samples=3)
     assert renderer_of(replace(scene, geometry=object()), splats) is splats
 
 
@@ -394,7 +397,7 @@ def test_fewer_threads_draw_where_their_rays_would_not_fit_and_the_pixels_are_th
     monkeypatch: pytest.MonkeyPatch, pools: list[int]
 ) -> None:
     scene = scene_of(quad([[-1.0, -1, 2], [1, -1, 2], [1, 1, 2.5], [-1, 1, 2.5]]))
-    cameras, renderer = room_cameras(3, (160, 90)), Renderer(samples=8, threads=3)
+    cameras, renderer = room_cameras(3, (160, 90)), MeshRenderer(samples=8, threads=3)
     frames, need = 3 * 160 * 90 * 28, kernels.scratch_bytes(4, cameras.size, 8, True)
     drawn = []
     two = frames + 2 * (need + memory.THREAD)
@@ -413,7 +416,7 @@ def test_fewer_threads_draw_where_their_rays_would_not_fit_and_the_pixels_are_th
     monkeypatch.setattr(memory, "LITTLE", 0)
     monkeypatch.setattr(memory, "free_bytes", lambda: 0)
     with pytest.raises(ResourceError, match=r"^memory: 1x1 rays a pixel .* 0 MB are free .*draw smaller frames\)"):
-        Renderer().render(scene, forward_camera((1920, 1080), 500.0), ALL)
+        MeshRenderer().render(scene, forward_camera((1920, 1080), 500.0), ALL)
 
 
 def test_no_pixel_is_nearer_than_near_of_a_face_that_goes_through_it_aslant() -> None:
@@ -422,5 +425,5 @@ def test_no_pixel_is_nearer_than_near_of_a_face_that_goes_through_it_aslant() ->
     mesh = Mesh.plain(places, torch.tensor([[0, 1, 2], [0, 2, 3]]))
     camera = Camera(torch.eye(4)[None], intrinsics(torch.tensor([16.0]).double(), (32, 32)), (32, 32))
     scene = Scene(mesh, None, torch.tensor([0.0, 1, 0]), "quad", "")
-    depth = Renderer(backend="numba", near=1.7).render(scene, camera, frozenset({"depth"})).require("depth")
+    depth = MeshRenderer(backend="numba", near=1.7).render(scene, camera, frozenset({"depth"})).require("depth")
     assert float(depth[depth.isfinite()].min()) >= 1.7

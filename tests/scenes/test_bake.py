@@ -19,7 +19,7 @@ from cltransfer.computer import memory
 from cltransfer.errors import ResourceError, UsageError
 from cltransfer.features import Features
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.renderers.mesh import Mesh as MeshRenderer
+from cltransfer.renderers.mesh import MeshRenderer
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes import Scene, bake
 from cltransfer.scenes.bake import bake_grid, bake_splats, sample_surface, surface_area

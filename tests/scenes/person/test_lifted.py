@@ -15,7 +15,7 @@ from safetensors.torch import save_file
 from cltransfer.bench.synthetic_room import synthetic_room
 from cltransfer.errors import InputError, UsageError
 from cltransfer.renderers.gaussian_splats import GaussianSplats
-from cltransfer.renderers.mesh import Mesh
+from cltransfer.renderers.mesh import MeshRenderer
 from cltransfer.renderers.nerf_grid import NerfGridRenderer
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.person import lifted
@@ -29,7 +29,7 @@ def test_the_cache_keeps_a_person_for_what_has_drawn_it() -> None:
     scene = named_scene("courtyard")
     kept = cached_lift(scene, GaussianSplats(), {})
     assert cached_lift(scene, GaussianSplats(near=1.0), {}) != kept
-    assert cached_lift(scene, Mesh(), {}) != cached_lift(scene, NerfGridRenderer(), {})
+    assert cached_lift(scene, MeshRenderer(), {}) != cached_lift(scene, NerfGridRenderer(), {})
     assert cached_lift(scene, GaussianSplats(threads=2), {}) == kept
 
 
