@@ -45,7 +45,7 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
     """
     clock = Clock()
     job = prepare(inputs, config, clock, progress, record)
-    made, note = attempts(job, config, clock, progress)
+    made, note = attempts(job, clock, progress)
     kept = best_of(made)
     stage, reference, cameras = job.stage, job.reference, made[kept].cameras
     terms = stage.path_terms(job.wanted, cameras)

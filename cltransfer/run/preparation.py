@@ -62,6 +62,7 @@ class Clock:
 class Job:
     """Everything a search starts from."""
 
+    config: RunConfig
     parts: Components
     search: Any
     reference: Reference
@@ -137,7 +138,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     starts = starting.starts(replace(stage, scene=solid), wanted)
     clock.lap("initial view")
     return Job(
-        parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts,
+        config, parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts,
         given.by_networks, given.alignment,
     )  # fmt: skip
 

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera, concatenate
-from ..config.options import RunConfig
 from ..driver.aiming import pitch_of
 from ..driver.closed_form import Guide
 from ..driver.follow import Path
@@ -88,14 +87,14 @@ def best_of(made: Sequence[Attempt]) -> int:
     return min(range(len(made)), key=lambda i: made[i].shown.scores.total)
 
 
-def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
+def attempts(job: Job, clock: Clock, progress: Progress) -> tuple[list[Attempt], str]:
     """Rounds of search and reading back, and what is to be told of them.
 
     After the first, a search is aimed off the networks' bias; once, where they lost the person behind something, it
     takes no view of which that is true instead. Where that was of no use, it goes on from the round before.
     """
-    asked = config.extract.corrections if job.reference.family == "image" else 0
-    why_none = _why_uncorrected(job, config) if asked else ""
+    asked = job.config.extract.corrections if job.reference.family == "image" else 0
+    why_none = _why_uncorrected(job) if asked else ""
     rounds = 0 if why_none else asked
     by, stage = job, replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
@@ -105,7 +104,7 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
-        take = search_path(by, config, stage, target, starts, report)
+        take = search_path(by, stage, target, starts, report)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, reference, take.cameras, job.by_networks, progress)
         reference = shown.reference  # what one round had to do without no later one has
@@ -126,14 +125,14 @@ def attempts(job: Job, config: RunConfig, clock: Clock, progress: Progress) -> t
         if before is not None and by is not job and best_of(made) <= lost_in:  # of no use
             by, now = job, before
         bias = measure_bias(
-            now.shown, now.seen, BIAS_WINDOW if config.extract.bias == "robust" else 0.0, job.starting.at
+            now.shown, now.seen, BIAS_WINDOW if job.config.extract.bias == "robust" else 0.0, job.starting.at
         )
         if bool(nobody(now.shown).all()):
             return made, UNSEEN
         if not bias.known:
             return made, f"no {'further ' if number else ''}{UNBIASED}"
         stage, first, note = now.take.clip.stage, now.take.cameras[0], ""
-        homes = first if config.warm_start else concatenate([first, job.starts.homes])
+        homes = first if job.config.warm_start else concatenate([first, job.starts.homes])
         target, starts = corrected(job.wanted, bias), Starts(homes, _guide(now, first, bias))
         off = bias.angles[:, 1]
     return made, note
@@ -146,9 +145,9 @@ def _guide(now: Round, first: Camera, bias: Bias) -> Guide:
     return Guide(take.clip.about(first, take.x), pitch)
 
 
-def _why_uncorrected(job: Job, config: RunConfig) -> str:
+def _why_uncorrected(job: Job) -> str:
     """Why the rounds that the config asks for are not made, empty where they are."""
-    if config.extract.inner == "image":
+    if job.config.extract.inner == "image":
         return UNAIMED
     return "" if job.by_networks else UNREAD
 

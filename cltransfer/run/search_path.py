@@ -7,7 +7,6 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..config.options import RunConfig
 from ..driver.aside import FEW, MANY, as_a_whole, go_aside
 from ..driver.joint import Effort
 from ..driver.path_order import LeastPath, refined
@@ -26,33 +25,32 @@ STANDS = 0.25  # total above which a path that stands is tried nearby: a step of
 STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
 
 
-def search_path(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
+def search_path(job: Job, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
     """Find a path in the scene of ``stage``, and what becomes of it among the floaters that this may lack.
 
     Args:
         job: what is prepared.
-        config: of the run.
         stage: renders and scores, with or without floaters.
         target: what the losses are to meet, N frames.
         starts: where to begin.
         report: called after each frame.
     """
-    take = searched(job, config, stage, target, starts, report)
+    take = searched(job, stage, target, starts, report)
     if stage.scene is job.stage.scene:
-        return _nearby(job, config, _past_steps(job, config, take))
-    kept = _nearby(job, config, _with_floaters(job, config, take, report))
+        return _nearby(job, _past_steps(job, take))
+    kept = _nearby(job, _with_floaters(job, take, report))
     if kept.found is not take.found or kept.path is not take.path:  # what floaters cost that was no score of a result
         job.stage.spent.evaluations += views(take.x)
     return kept
 
 
-def _with_floaters(job: Job, config: RunConfig, first: Take, report: FrameDone) -> Take:
+def _with_floaters(job: Job, first: Take, report: FrameDone) -> Take:
     """What was found without floaters, past them; or with them, where that is far worse there and the other gains more.
 
     A path that only they make good, standing close behind one, is no path for a scene from which they are cleaned.
     """
     before = _left_out(job, first)
-    first, left_out = _aside(job, config, first, before)
+    first, left_out = _aside(job, first, before)
     # one that went as a whole may have lost so much alone that the floaters seem to cost little
     stands = first.path is not None and first.path.steady
     if not (replace(left_out, alone=before.alone) if stands else left_out).matters:
@@ -62,18 +60,18 @@ def _with_floaters(job: Job, config: RunConfig, first: Take, report: FrameDone) 
         starts = job.starting.starts(job.stage, target)
     except NoViewError:  # among them no view shows anything: what was found without is what there is
         return replace(first, left_out=left_out)
-    second = searched(job, config, job.stage, target, starts, report)
+    second = searched(job, job.stage, target, starts, report)
     there = LeftOut(job.floaters, second.total_in(first.clip.stage), second.total)
     job.stage.spent.evaluations += views(second.x)
     return second if there.better(left_out) else replace(first, left_out=left_out)
 
 
-def _past_steps(job: Job, config: RunConfig, take: Take) -> Take:
+def _past_steps(job: Job, take: Take) -> Take:
     """What was found in a scene that has no floaters, past steps of the losses."""
-    return take if take.path is None else _aside(job, config, take, LeftOut(0, take.total, take.total))[0]
+    return take if take.path is None else _aside(job, take, LeftOut(0, take.total, take.total))[0]
 
 
-def _nearby(job: Job, config: RunConfig, take: Take) -> Take:
+def _nearby(job: Job, take: Take) -> Take:
     """A path that stands at views that hardly differ, of which one tells of all frames, if a step leads down there."""
     path = take.path
     if path is None or path.knots != 1 or not _told(job.stage):
@@ -87,9 +85,7 @@ def _nearby(job: Job, config: RunConfig, take: Take) -> Take:
     left_out = take.left_out or LeftOut(0, take.total, whole.mean_total(among))
     moved, found = take, left_out
     if x is not path.x:
-        moved, found = _moved(
-            job, config, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=True)
-        )
+        moved, found = _moved(job, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=True))
     return moved if take.left_out is None else replace(moved, left_out=found)
 
 
@@ -103,13 +99,13 @@ def _all_told(clip: WholeClip, frames: Tensor) -> bool:
     return bool((frames | ~clip.placed).all()) and bool(frames.any())
 
 
-def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
+def _aside(job: Job, take: Take, left_out: LeftOut) -> tuple[Take, LeftOut]:
     """The path aside where floaters hide the person or a loss jumps, and refined, if it gains there more than it loses.
 
     Presets that refine a path but once look for no steps.
     """
     path, clip, stage = take.path, take.clip, job.stage
-    several, dearer = config.joint > AMONG, left_out.among > left_out.alone + SEEN
+    several, dearer = job.config.joint > AMONG, left_out.among > left_out.alone + SEEN
     if path is None or not _told(stage) or not (several or dearer):
         return take, left_out
     whole = replace(clip, stage=stage)
@@ -129,17 +125,15 @@ def _aside(job: Job, config: RunConfig, take: Take, left_out: LeftOut) -> tuple[
     x, seen = go_aside(whole, path.x, among, wanted, path.about, path.lens_kept, tries)
     if x is path.x and not dearer:
         return take, left_out
-    return _moved(
-        job, config, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x)
-    )
+    return _moved(job, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=x is not path.x))
 
 
-def _moved(job: Job, config: RunConfig, take: Take, left_out: LeftOut, aside: LeastPath) -> tuple[Take, LeftOut]:
+def _moved(job: Job, take: Take, left_out: LeftOut, aside: LeastPath) -> tuple[Take, LeftOut]:
     """The path ``aside``, refined or else as it is, if it gains more than it loses."""
     clip, path = take.clip, take.path
     assert path is not None
     whole = replace(clip, stage=job.stage)
-    tried = [refined(whole, aside, Effort(min(AMONG, config.joint), config.joint_steps))]
+    tried = [refined(whole, aside, Effort(min(AMONG, job.config.joint), job.config.joint_steps))]
     tried += [aside] if tried[0].x is not aside.x else []
     for there in tried:
         if there.x is path.x or there.residuals is None:

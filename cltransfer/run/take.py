@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from ..camera import Camera, concatenate
-from ..config.options import RunConfig
 from ..driver.closed_form import Guide
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
@@ -74,19 +73,19 @@ class Take:
         return self.found.leaps(self.found.totals if told is None else self.clip.totals(told))
 
 
-def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
+def searched(job: Job, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
     """The frames of one round, and the path through them where one is asked for.
 
     The clip is followed leanly where that is good enough, else thoroughly too. Frames lost on the way tell nothing as
     long as the path passes them by; where it does not, there is a path through either, and the better one is taken.
     """
     clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
-    among, schedule = replace(clip, stage=stage.reduced(clip.home, config.lod)), job.schedule
+    among, schedule = replace(clip, stage=stage.reduced(clip.home, job.config.lod)), job.schedule
     guide = None if starts.guide is None else starts.guide.x
 
     def taken(found: Path) -> Take:
         found = _followed_again(among, job.schedule, starts, report, found)
-        path = None if config.path == "exact" else _least(job, config, clip, found, guide)
+        path = None if job.config.path == "exact" else _least(job, clip, found, guide)
         return Take(clip, found, path, starts.guide)
 
     if not schedule.lean_limit or schedule.engine != "refine" or not schedule.warm:
@@ -103,12 +102,12 @@ def searched(job: Job, config: RunConfig, stage: Stage, target: Features, starts
     return taken(_better(first, second)) if poor else min(lean, taken(second), key=lambda take: take.total)
 
 
-def _least(job: Job, config: RunConfig, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:
+def _least(job: Job, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:
     local = found.local
-    if local is not None and config.lod > 0:  # merged, the scene has other residuals
+    if local is not None and job.config.lod > 0:  # merged, the scene has other residuals
         local = replace(local, residuals=clip.residuals(found.x))
-    effort = Effort(config.joint, config.joint_steps)
-    return least_path(clip, found.x, local, job.noise, effort, guide, config.zoom == "still")
+    effort = Effort(job.config.joint, job.config.joint_steps)
+    return least_path(clip, found.x, local, job.noise, effort, guide, job.config.zoom == "still")
 
 
 def _followed_again(clip: WholeClip, schedule: Schedule, starts: Starts, report: FrameDone, found: Path) -> Path:

@@ -15,7 +15,6 @@ import torch
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import floaters
 from cltransfer.config import load_config
-from cltransfer.config.options import RunConfig
 from cltransfer.driver.aside import FEW
 from cltransfer.driver.frame import Solved
 from cltransfer.driver.stage import Stage
@@ -168,13 +167,13 @@ def test_a_frame_whose_reference_tells_nothing_does_not_keep_a_path_where_it_sta
     assert _all_told(clip, torch.tensor(poor, dtype=torch.bool)) == all_of_them
 
 
-def found_without_floaters(hanging: Inputs) -> tuple[Job, RunConfig, Take]:
+def found_without_floaters(hanging: Inputs) -> tuple[Job, Take]:
     """What is found in the scene without its floaters, which hide the person from there in every frame."""
     config = load_config(overrides=TINY)
     job = prepare(hanging, config, Clock(), silent, None)
-    take = searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    take = searched(job, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
     assert take.path is not None
-    return job, config, take
+    return job, take
 
 
 def cost(job: Job, step: Callable[[], Any]) -> tuple[int, Any]:
@@ -185,12 +184,12 @@ def cost(job: Job, step: Callable[[], Any]) -> tuple[int, Any]:
 
 
 def test_a_path_that_is_tried_past_floaters_is_counted_wherever_it_is_scored(hanging: Inputs) -> None:
-    job, config, take = found_without_floaters(hanging)
-    config = replace(config, joint=0)  # nothing is refined
+    job, take = found_without_floaters(hanging)
+    job = replace(job, config=replace(job.config, joint=0))  # nothing is refined
     left_out, frames = _left_out(job, take), len(take.x)
     assert take.path is not None
     assert take.path.residuals is not None  # so the path itself is not scored again
-    tried, (kept, _) = cost(job, lambda: _aside(job, config, take, left_out))
+    tried, (kept, _) = cost(job, lambda: _aside(job, take, left_out))
     assert kept is take  # another was tried, and not taken
     ways = len(job.search.aside) * len(range(0, frames, FEW.every))
     scored = ["what is chosen of all ways", "the same without floaters"]
@@ -202,10 +201,10 @@ def test_a_path_that_floaters_make_dearer_is_refined_among_them(tmp_path: Path) 
     inputs = with_blobs(tmp_path, "builtin:courtyard", 30, 2, "builtin:dolly_zoom")
     config = load_config(overrides=["preset=fast", "frames=6", "search_side=64", "output_side=96", "threads=1"])
     job = prepare(inputs, config, Clock(), silent, None)
-    take = searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    take = searched(job, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
     left_out = _left_out(job, take)
-    assert _aside(job, replace(config, joint=0), take, left_out)[0] is take
-    moved, there = _aside(job, config, take, left_out)
+    assert _aside(replace(job, config=replace(config, joint=0)), take, left_out)[0] is take
+    moved, there = _aside(job, take, left_out)
     assert there.among < 0.9 * left_out.among  # measured 0.80
     assert (there.alone, there.among) == pytest.approx((moved.total, moved.total_in(job.stage)), abs=1e-6)
     assert moved.path is not None
@@ -220,10 +219,10 @@ def test_what_floaters_cost_is_counted_where_another_path_is_kept(tmp_path: Path
     config = load_config(overrides=least)
     job = prepare(inputs, config, Clock(), silent, None)
     solid = replace(job.stage, scene=job.solid)
-    search, take = cost(job, lambda: searched(job, config, solid, job.wanted, job.starts, quiet))
-    beside, kept = cost(job, lambda: _with_floaters(job, config, take, quiet))
+    search, take = cost(job, lambda: searched(job, solid, job.wanted, job.starts, quiet))
+    beside, kept = cost(job, lambda: _with_floaters(job, take, quiet))
     assert (kept.path is not take.path) is other
-    whole, _ = cost(job, lambda: search_path(job, config, solid, job.wanted, job.starts, quiet))
+    whole, _ = cost(job, lambda: search_path(job, solid, job.wanted, job.starts, quiet))
     assert whole - search - beside == (len(take.x) if other else 0)
 
 
@@ -231,9 +230,9 @@ def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too(mo
     least = ["preset=fast", "frames=8", "search_side=64", "output_side=96", "threads=1"]
     config = load_config(overrides=[*least, "joint=2", "floaters=keep", "losses.camera_angle.weight=20"])
     job = prepare(Inputs("builtin:plaza", "builtin:orbit"), config, Clock(), silent, None)
-    take = searched(job, config, job.stage, job.wanted, job.starts, quiet)
+    take = searched(job, job.stage, job.wanted, job.starts, quiet)
     assert take.path is not None
-    assert _past_steps(job, config, take) is take
+    assert _past_steps(job, take) is take
     x, clip = take.path.x.clone(), take.clip
     x[5:, 0] += 0.15  # azimuth, as far as a way leads: a frame at 3
     off = clip.residuals(x)
@@ -246,26 +245,26 @@ def test_frames_far_above_the_others_go_aside_where_there_are_no_floaters_too(mo
         return residuals(clip, x)
 
     monkeypatch.setattr(WholeClip, "residuals", heard)
-    found = _past_steps(job, config, away)
+    found = _past_steps(job, away)
     assert len(set(scored)) == len(scored)
     assert found.path is not None
     assert found.path.aside
     assert found.left_out is None
     assert found.total < 0.5 * away.total
     assert found.total == pytest.approx(clip.total(found.x), abs=1e-6)
-    assert _past_steps(job, replace(config, joint=1), away) is away
+    assert _past_steps(replace(job, config=replace(config, joint=1)), away) is away
 
 
 def test_a_path_that_is_searched_among_floaters_is_counted_without_them_too(hanging: Inputs) -> None:
-    job, config, take = found_without_floaters(hanging)
+    job, take = found_without_floaters(hanging)
     left_out, target = _left_out(job, take), take.clip.reference
     assert left_out.matters
-    past, _ = cost(job, lambda: _aside(job, config, take, left_out))
+    past, _ = cost(job, lambda: _aside(job, take, left_out))
     search, _ = cost(
         job,
-        lambda: searched(job, config, job.stage, target, job.starting.starts(job.stage, target), quiet),
+        lambda: searched(job, job.stage, target, job.starting.starts(job.stage, target), quiet),
     )
-    whole, _ = cost(job, lambda: _with_floaters(job, config, take, quiet))
+    whole, _ = cost(job, lambda: _with_floaters(job, take, quiet))
     assert whole == past + search + len(take.x)
 
 
@@ -274,7 +273,7 @@ def test_where_no_view_among_floaters_shows_anything_what_was_found_without_is_k
     hanging: Inputs, error: type[InputError]
 ) -> None:
     """And another error is one, as that of a journal of another run."""
-    job, config, take = found_without_floaters(hanging)
+    job, take = found_without_floaters(hanging)
 
     class Lost:
         def starts(self, stage: Stage, target: Features) -> Starts:
@@ -282,9 +281,9 @@ def test_where_no_view_among_floaters_shows_anything_what_was_found_without_is_k
 
     lost: Any = replace(job, starting=Lost())  # type: ignore[arg-type]
     if error is NoViewError:
-        kept = _with_floaters(lost, config, take, quiet)
+        kept = _with_floaters(lost, take, quiet)
         assert kept.found is take.found
         assert kept.left_out is not None
     else:
         with pytest.raises(InputError, match="no view"):
-            _with_floaters(lost, config, take, quiet)
+            _with_floaters(lost, take, quiet)

@@ -28,7 +28,7 @@ def quiet(frame: int, solved: Solved) -> None:
 def test_whether_a_frame_is_lost_is_told_by_the_path_where_there_is_one() -> None:
     config = load_config(overrides=["preset=fast", "frames=2", "search_side=48", "output_side=96"])
     job = prepare(Inputs("builtin:plaza", "builtin:push_in"), config, Clock(), silent, None)
-    take = searched(job, config, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+    take = searched(job, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
     assert take.guide is job.starts.guide
     assert take.path is not None
     assert take.path.residuals is not None
@@ -53,7 +53,7 @@ def test_a_clip_that_was_lost_leanly_is_followed_thoroughly_too_and_the_better_i
 
     def total(job: Job) -> float:
         heard.clear()
-        return searched(job, config, stage, job.wanted, job.starts, lambda frame, _: heard.append(frame)).total
+        return searched(job, stage, job.wanted, job.starts, lambda frame, _: heard.append(frame)).total
 
     lean, thorough = total(job), total(replace(job, schedule=thoroughly))
     assert lean < 0.95 * thorough
