@@ -46,7 +46,7 @@ class ExtractConfig:
 class RunConfig:
     """Everything a run depends on beside its scene and its reference.
 
-    Defaults are for keys that a shipped config leaves out; make one by :func:`~cltransfer.config.load_config`.
+    Defaults are for keys that a shipped config leaves out; make one by load_config().
 
     Args:
         preset: the shipped config the others build on.
