@@ -84,5 +84,6 @@ def recall(digest: str) -> str:
     note = cache_dir() / "scenes" / f"{digest}.json"
     known = read_json(note) if digest.isalnum() and note.is_file() else None
     if not isinstance(known, dict) or not isinstance(known.get("path"), str):
-        raise InputError("", "scene", "this computer has not seen the scene of this run", "name it: --scene FILE")
+        hint = "name it: --scene FILE or builtin:NAME"
+        raise InputError("", "scene", "this computer has not seen the scene of this run", hint)
     return str(known["path"])

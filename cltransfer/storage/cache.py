@@ -1,4 +1,4 @@
-"""What lies in the cache, by kind: all of it can be made, or got, again."""
+"""What lies in the cache, by kind: all of it can be made, got or named again."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ MADE = {  # kinds that a run makes again by itself
     "features": "clips as they were read",
     "lifts": "persons that were found in scenes",
     "floaters": "what hangs in the air in scenes",
-    "scenes": "where scenes were seen last",
 }
+NOTED = {"scenes": "where scenes were seen last, by which runs are rendered again"}  # which no verb finds out again
 PULLED = {"models": "networks that were pulled or adopted", "assets": "demo scenes and clips that were pulled"}
+KINDS = {**MADE, **NOTED, **PULLED}
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Held:
 def held() -> list[Held]:
     """What the cache holds, a row a kind."""
     rows = []
-    for kind, what in {**MADE, **PULLED}.items():
+    for kind, what in KINDS.items():
         sizes = [file.lstat().st_size for file in _files(cache_dir() / kind)]
         rows.append(Held(kind, what, len(sizes), sum(sizes)))
     return rows
@@ -53,8 +54,8 @@ def clear(kinds: Sequence[str] = ()) -> list[Held]:
         InputError: the folder of one is a link.
     """
     for kind in kinds:
-        if kind not in {**MADE, **PULLED}:
-            raise UsageError("", kind, "expected a kind of what the cache holds", ", ".join([*MADE, *PULLED]))
+        if kind not in KINDS:
+            raise UsageError("", kind, "expected a kind of what the cache holds", ", ".join(KINDS))
     gone = [row for row in held() if row.kind in (kinds or MADE)]
     for row in gone:
         folder = cache_dir() / row.kind

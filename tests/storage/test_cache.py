@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 import cltransfer
 from cltransfer.cli.cache import app
 from cltransfer.errors import InputError, UsageError
-from cltransfer.storage.cache import MADE, PULLED, clear, held
+from cltransfer.reading.named_scenes import recall, remember
+from cltransfer.storage.cache import KINDS, MADE, NOTED, clear, held
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_each_kind_is_counted(cached: Path) -> None:
     counts = {row.kind: (row.files, row.size) for row in held()}
     assert counts == {
-        **dict.fromkeys((*MADE, *PULLED), (0, 0)), "features": (2, 10), "lifts": (1, 5), "models": (1, 5),
+        **dict.fromkeys(KINDS, (0, 0)), "features": (2, 10), "lifts": (1, 5), "models": (1, 5),
     }  # fmt: skip
 
 
@@ -44,6 +45,15 @@ def test_what_a_run_makes_again_goes_and_what_was_pulled_stays(cached: Path) -> 
         "models/yolox.onnx", "pins.json",
     ]  # fmt: skip
     assert sum(row.files for row in clear()) == 0
+
+
+def test_where_a_scene_lies_is_forgotten_only_by_name(cached: Path) -> None:
+    remember("ab12", "builtin:courtyard")
+    clear()
+    assert recall("ab12") == "builtin:courtyard"
+    clear(["scenes"])
+    with pytest.raises(InputError, match=r"\(name it: --scene FILE or builtin:NAME\)"):
+        recall("ab12")
 
 
 def test_one_kind_is_thrown_away_by_its_name(cached: Path) -> None:
@@ -75,6 +85,7 @@ def test_every_folder_that_is_written_is_of_a_kind() -> None:
                 )
     assert named == {
         *MADE,
+        *NOTED,
         "models",
         "pins.json",
         "f'{self.kind}s'",
