@@ -11,9 +11,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 import cltransfer
 from cltransfer import registry
+from cltransfer.features import SHAPES
+from cltransfer.skeleton import key_joints
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = "from cltransfer import transfer, evaluate"
@@ -79,6 +82,15 @@ def test_the_functions_of_tensors_that_the_docs_name_are_there() -> None:
     for module, function in named:
         formula = getattr(importlib.import_module(f"cltransfer.losses.{module}"), function)
         assert list(inspect.signature(formula).parameters)[:2] == ["reference", "rendered"]
+
+
+def test_the_joints_that_the_docs_name_are_the_keypoints_of_features() -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").partition("## Features\n")[2]
+    ((name, module),) = re.findall(r"the 14 are `(\w+)` of `([\w.]+)`, in that order", page)
+    joints = getattr(importlib.import_module(module), name)
+    assert (len(joints), 3) == SHAPES["keypoints"]
+    keypoints = torch.arange(14 * 3.0).reshape(14, 3)
+    assert torch.equal(key_joints(keypoints)[0], keypoints[joints.index("head_top")])
 
 
 def test_transfer_and_evaluate_are_the_functions() -> None:
