@@ -10,6 +10,7 @@ import pytest
 import typer
 
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.sweep import SweepFile
 from cltransfer.cli.app import app
 from cltransfer.config import load_config
 
@@ -49,6 +50,13 @@ def test_an_ablation_file_that_a_page_shows_is_one(page: str, tmp_path: Path) ->
         if "rows:" in block:
             (tmp_path / "mine.yaml").write_text(block, encoding="utf-8")
             assert len(read_sweep(str(tmp_path / "mine.yaml")).rows) > 1
+
+
+def test_the_guide_tells_what_an_ablation_takes_where_its_file_names_none() -> None:
+    guide, file = GUIDES[NAMES.index("ablate")], SweepFile()
+    assert f"# {file.scenes[0].scene} where none is named" in guide
+    assert f"or drawn:SHOT; else {file.references[0]}\n" in guide
+    assert f"of what is drawn; else {file.seeds}\n" in guide
 
 
 def test_the_readme_shows_each_verb_that_a_newcomer_needs() -> None:

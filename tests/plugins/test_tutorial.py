@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
+from cltransfer.ablate.summary import FEWEST
 from cltransfer.config import load_config
 from cltransfer.driver.schedule import make_schedule
 from cltransfer.pipeline.components import Components
@@ -57,9 +59,14 @@ def test_tutorial_loss_is_refined_and_not_searched_by_cma_es_alone(allowed: None
 
 def test_tutorial_ablation_measures_both_of_its_rows_by_the_loss(allowed: None, folder: Path) -> None:
     sweep = read_sweep(str(folder / "mine.yaml"))
-    assert len(ABLATION.splitlines()) == 5
+    assert len(ABLATION.splitlines()) == 7
     assert ["headroom" in row.config.losses for row in sweep.rows] == [False, True]
     assert "headroom" in Components.build(sweep.metrics).losses
+
+
+def test_tutorial_ablation_has_references_enough_for_an_interval(allowed: None, folder: Path) -> None:
+    sweep = read_sweep(str(folder / "mine.yaml"))
+    assert len(draw_references(sweep, folder)) == FEWEST
 
 
 def test_tutorial_test_passes_the_contract(folder: Path) -> None:
