@@ -75,8 +75,12 @@ def remember(digest: str, source: str) -> None:
         write_json(note, {"path": where})
 
 
-def recall(digest: str) -> str:
+def recall(digest: str, given: bool = False) -> str:
     """Where a scene of this content was last found on this computer.
+
+    Args:
+        digest: of the scene.
+        given: whether the run that asks for it was given it from Python, so that it may lie in no file.
 
     Raises:
         InputError: it was never seen here.
@@ -84,6 +88,7 @@ def recall(digest: str) -> str:
     note = cache_dir() / "scenes" / f"{digest}.json"
     known = read_json(note) if digest.isalnum() and note.is_file() else None
     if not isinstance(known, dict) or not isinstance(known.get("path"), str):
-        hint = "name it: --scene FILE or builtin:NAME"
+        again = "its scene was given from Python: run it there with a larger output_side"
+        hint = again if given else "name it: --scene FILE or builtin:NAME"
         raise InputError("", "scene", "this computer has not seen the scene of this run", hint)
     return str(known["path"])

@@ -94,14 +94,14 @@ def _filmed_run(
     require_done(run)
     if not same_file(target, run / VIDEO):
         _check_film(target, run)
-    digest, up = _scene_of(run)
+    digest, up, given = _scene_of(run)
     config = load_config(run / CONFIG, overrides, whole=True)
     if not (run / CONFIG).stat().st_size:
         raise UsageError(run / CONFIG, "", "is empty", "a run keeps its whole config")
     trajectory = at_rate(Trajectory.load(run / TRAJECTORY), fps)
     set_threads(config.threads or default_count())
     parts = Components.build(config)
-    source = scene or recall(digest)
+    source = scene or recall(digest, given)
     asked = None if source.startswith(BUILTIN) else up  # a built-in scene has its own
     loaded = load_scene(source, asked) if scene else _recalled(source, asked)
     if loaded.digest != digest:
@@ -146,13 +146,14 @@ def _reference_of(run: Path) -> str:
         raise InputError(run / MANIFEST, "reference", "expected sha256") from None
 
 
-def _scene_of(run: Path) -> tuple[str, tuple[float, float, float]]:
-    """Digest and up of the scene that a run was made in."""
+def _scene_of(run: Path) -> tuple[str, tuple[float, float, float], bool]:
+    """Digest and up of the scene that a run was made in, and whether Python gave it."""
     try:
         scene = read_json(run / MANIFEST)["scene"]
         up = scene["up"]
-        return str(scene["sha256"]), (float(up[0]), float(up[1]), float(up[2]))
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError):
+        given = scene.get("file", "") is None  # an older manifest does not tell
+        return str(scene["sha256"]), (float(up[0]), float(up[1]), float(up[2])), given
+    except (KeyError, AttributeError, TypeError, ValueError, IndexError, OverflowError):
         raise InputError(run / MANIFEST, "scene", "expected sha256 and up") from None
 
 

@@ -103,3 +103,15 @@ def test_a_built_in_scene_that_is_not_that_of_the_run_is_told_as_that(tiny_run: 
     (run / MANIFEST).write_text(json.dumps(manifest))
     with pytest.raises(InputError, match="builtin:room: sha256: is not the scene of this run"):
         render_run(run, [], None, "builtin:room", None, silent)
+
+
+def test_a_run_of_a_scene_that_python_gave_is_told_where_it_is_run_again(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    manifest = json.loads((run / MANIFEST).read_text())
+    manifest["scene"] |= {"sha256": "0" * 64}
+    python = r"its scene was given from Python: run it there with a larger output_side"
+    for file, hint in ((".ply", "name it: --scene FILE or builtin:NAME"), (None, python)):
+        manifest["scene"]["file"] = file
+        (run / MANIFEST).write_text(json.dumps(manifest))
+        with pytest.raises(InputError, match=rf"^scene: this computer has not seen the scene of this run \({hint}\)"):
+            render_run(run, ["output_side=64"], None, None, None, silent)
