@@ -11,7 +11,7 @@ import typer
 
 from ..errors import InputError, UsageError
 from ..storage.run_files import refuse_run
-from .shared import Allow, Config, Json, Quiet, check_keys, settings_of, show, tell, unused_plugins
+from .shared import STOPS, Allow, Config, Json, Quiet, check_keys, settings_of, show, stopped, tell, unused_plugins
 
 SCORING = ("frames", "renderer", "extractors", "losses", "threads", "preset")  # keys of the config that it looks at
 
@@ -216,12 +216,17 @@ def evaluate_folders(
 ) -> None:
     """Score folders of clips and show the table of methods and what a reader should know."""
     from ..clips.clip_folder import left_over
+    from ..evaluate_kept import KEPT
     from ..evaluate_many import evaluate_many, notes_of, summarise, worst_of
     from ..evaluate_table import methods_json, methods_markdown, write_methods
     from ..progress import progress
 
-    with progress(quiet) as report:
-        rows = evaluate_many(references, methods, settings, report, out)
+    try:
+        with progress(quiet) as report:
+            rows = evaluate_many(references, methods, settings, report, out)
+    except STOPS as stop:
+        kept = out is not None and (out / KEPT).is_file()
+        stopped(stop, f"the same command goes on from here: {out}" * kept)
     summary = summarise(rows, settings.seed, worst_of(settings, rows))
     unknown = left_over(references, methods)
     if out is not None:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .shared import Allow, Json, Quiet, show, tell
+from .shared import STOPS, Allow, Json, Quiet, show, stopped, tell
 
 if TYPE_CHECKING:
     from ..fit import Fitter
     from ..fit._curve import Level
+
+OURS = {  # by representation: the scene's file, what it is drawn by where not by default, what a stopped fit does
+    "nerf_grid": ("grid.safetensors", ["renderer.nerf_grid={}"], "goes on from here"),
+    "gaussian_splats": ("splats.ply", list[str](), "begins it anew"),
+}
 
 
 def fit(
@@ -49,7 +55,7 @@ def fit(
     cltransfer fit POSED --as nerf_grid --out grid budget=200000 side=400
 
     Without a budget cells are added only while the held-out images gain by it. Leaves grid.safetensors (or splats.ply),
-    and curve.csv and curve.svg: what each level of detail reached.
+    and curve.csv and curve.svg: what each level of detail reached. The last line tells how to transfer into it.
     """
     from ..config.layers import parse_overrides
     from ..plugins import allow
@@ -58,18 +64,30 @@ def fit(
     allow(allow_plugin or [])
     fitter = FITTERS.build(representation, parse_overrides(overrides or []))
     fitter.require()
-    from ..fit._folder import check_folder
+    from ..fit._folder import STATE, check_folder
 
     check_folder(out)
     from ..computer.threads import set_threads, thread_count
     from ..storage.alone import alone
 
     set_threads(thread_count(), tensors=thread_count())
-    with alone(out, "fits a scene"):
-        levels, notes = _fit_into(out, fitter, posed, as_json, quiet)
-    rows = [asdict(level) for level in levels]
+    try:
+        with alone(out, "fits a scene"):
+            levels, notes = _fit_into(out, fitter, posed, as_json, quiet)
+    except STOPS as stop:
+        begun = representation in OURS and (out / STATE).is_file()
+        stopped(stop, f"the same command {OURS[representation][2]}: {out}" if begun else "")
+    values = {"folder": str(out), "levels": [asdict(level) for level in levels], "notes": notes}
     lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
-    show({"folder": str(out), "levels": rows, "notes": notes}, "\n".join([*lines, str(out)]), as_json)
+    show(values, "\n".join([*lines, f"{out}{_command(out, representation)}"]), as_json)
+
+
+def _command(out: Path, representation: str) -> str:
+    """What stands behind the folder of a scene of ours: the command that transfers into it."""
+    if representation not in OURS:
+        return ""
+    file, drawn, _ = OURS[representation]
+    return "; " + shlex.join(["cltransfer", "transfer", str(out / file), "CLIP", *drawn])
 
 
 def _fit_into(out: Path, fitter: Fitter, posed: Path, as_json: bool, quiet: bool) -> tuple[list[Level], list[str]]:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 import torch
+from torch import Tensor
 
 from cltransfer.cli.evaluate import methods_of
 from cltransfer.clips.clip import write_video
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, UsageError
 from cltransfer.evaluate import evaluate
+from cltransfer.evaluate_kept import KEPT
+from cltransfer.features import Features
+from cltransfer.registry import LOSSES
 
 
 @pytest.fixture
@@ -75,3 +84,38 @@ def test_a_scene_with_a_trajectory_is_no_clip(clips: Path) -> None:
         assert methods_of(*words, []) == ({}, [])
         with pytest.raises(InputError, match=r"^a\.ply@b\.json: is a scene with a trajectory, no clip .*`describe`"):
             evaluate(*words, load_config())
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """A loss by which the process is terminated once a clip was scored."""
+
+    weight: float = 1.0
+
+    requires: ClassVar[tuple[str, ...]] = ("flow",)
+    unit: ClassVar[str] = "px"
+    penalty: ClassVar[float] = 1.0
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        if (Path("out") / KEPT).is_file():
+            signal.raise_signal(signal.SIGTERM)
+        return torch.zeros(len(rendered))
+
+
+@pytest.fixture
+def stopping() -> Iterator[str]:
+    LOSSES.register("stopping")(Stopping)
+    yield "losses.stopping={}"
+    LOSSES._classes.pop("stopping")
+
+
+def test_that_the_same_command_goes_on_is_told_where_it_is_stopped(
+    clips: Path, mean_flow: tuple[str, ...], stopping: str, command: Callable[..., Any]
+) -> None:
+    shutil.copy(clips / "refs" / "b.mkv", clips / "ours")
+    words = ("evaluate", "refs", "ours", *mean_flow, stopping, "--quiet")
+    answer = command(*words, "--out", "out")
+    assert (answer.code, answer.out) == (143, "")
+    assert answer.err == "error: terminated (the same command goes on from here: out)\n"
+    assert len((clips / "out" / KEPT).read_text().splitlines()) == 1
+    assert command(*words, "--out", "elsewhere").err == "error: terminated\n"

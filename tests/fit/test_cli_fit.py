@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
+import signal
+import threading
+import time
 
 import cv2
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from cltransfer.cli.app import app
+from cltransfer.cli.fit import OURS
+from cltransfer.config import load_config
 from cltransfer.errors import InputError, ResourceError, UsageError
+from cltransfer.fit._folder import STATE
+from cltransfer.fit.gaussian_splats import SCENE
 from cltransfer.registry import FITTERS
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import NerfGrid
@@ -56,6 +66,55 @@ def test_images_that_are_not_there_are_told(posed, tmp_path, as_json):
         assert json.loads(got.stdout)["notes"] == [line]
     else:
         assert got.stdout.startswith(f"note: {line}\n")
+
+
+def test_the_command_that_a_fit_prints_transfers_into_its_scene(posed, tmp_path):
+    out = tmp_path / "a grid"
+    words = ["fit", str(posed), "-o", str(out), "-q", "first=200", "most=200", "steps=2", "rays=64"]
+    got = CliRunner().invoke(app, words)
+    folder, _, command = got.stdout.splitlines()[-1].partition("; ")
+    assert folder == str(out)
+    _, verb, *words = shlex.split(command)
+    given = typer.main.get_command(app).commands[verb].make_context(verb, words).params["arguments"]
+    assert given[1:] == ["CLIP", "renderer.nerf_grid={}"]
+    assert [load_scene(given[0]).geometry.renderer] == list(load_config(overrides=given[2:]).renderer)
+    assert OURS["gaussian_splats"][:2] == (SCENE, [])
+
+
+@pytest.fixture
+def once_begun():
+    """Send this process a signal as soon as a file is there, if that is before the test ends."""
+    ended = threading.Event()
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def wait(file, number):
+        while not file.exists() and not ended.is_set():
+            time.sleep(0.005)
+        if not ended.is_set():
+            os.kill(os.getpid(), number)
+
+    def watch(file, number):
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell would have it ignored
+        signal.signal(signal.SIGTERM, lambda *_: None)
+        threading.Thread(target=wait, args=(file, number), daemon=True).start()
+
+    yield watch
+    ended.set()
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_fit_that_is_stopped_tells_that_the_same_command_goes_on(
+    posed, tmp_path, command, once_begun, number, code, word
+):
+    out, long = tmp_path / "out", ("first=200", "most=200", "steps=100000", "patience=100000", "rays=64")
+    once_begun(out / STATE, number)
+    answer = command("fit", posed, "-o", out, "-q", *long)
+    assert (answer.code, answer.out) == (code, "")
+    assert answer.err == f"error: {word} (the same command goes on from here: {out})\n"
 
 
 def test_an_unknown_option_and_a_path_among_options_are_named(posed, tmp_path):
