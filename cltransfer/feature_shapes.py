@@ -59,8 +59,8 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
     if (image := own["image"]) is not None and not image.is_floating_point():
         raise TypeError(f"image must be RGB in [0, 1], got {image.dtype}; image / 255 makes it so of bytes")
     for name in ("subject", "layers"):
-        if (value := own[name]) is not None and value.dtype is not torch.bool:
-            raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
+        if own[name] is not None:
+            check_mask(name, own[name])
     for name, value in (("camera", own["camera"]), *extras.items()):
         if name in extras and name in own:
             raise ValueError(f"{name} is a field of its own, expected another name among extras; give {name}=...")
@@ -70,6 +70,16 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
             first, count = name, len(value)
         elif value is not None and len(value) != count:
             raise _unequal(first, count, name, len(value))
+
+
+def check_mask(name: str, value: Tensor) -> None:
+    """Refuse a mask that is not bool.
+
+    Raises:
+        TypeError: it is of another type.
+    """
+    if value.dtype is not torch.bool:
+        raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
 
 
 def _check_size(size: Any, image: Tensor | None) -> None:

@@ -12,7 +12,7 @@ from kornia.metrics import aepe
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..feature_shapes import layers_on
+from ..feature_shapes import check_mask, layers_on
 from ..features import Features, check_pair
 from ..registry import LOSSES
 from ._affine_flow import AffineFlow, affine_flow_residuals, fit_affine_flow
@@ -29,7 +29,11 @@ def layer_endpoint_errors(reference: Tensor, rendered: Tensor, layers: Tensor) -
     Returns:
         (B, 3) [px], >= 0; NaN for a layer without a pixel that has both flows. Gradients are finite: 0 of pixels that
         are not compared or whose flows are equal.
+
+    Raises:
+        TypeError: ``layers`` is not bool.
     """
+    check_mask("layers", layers)
     full = torch.promote_types(rendered.dtype, torch.float32)  # in half precision squares end at 255 px
     difference = rendered.to(full) - reference
     square = difference.square().sum(1, keepdim=True)

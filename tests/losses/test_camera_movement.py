@@ -323,3 +323,13 @@ def test_half_precision_holds_a_flow_of_any_length() -> None:
     flow, layers = torch.full((1, 2, 4, 6), 300.0), torch.ones(1, 3, 4, 6, dtype=torch.bool)
     errors = layer_endpoint_errors(torch.zeros_like(flow).half(), flow.half(), layers)
     torch.testing.assert_close(errors, torch.full((1, 3), 300 * 2**0.5), rtol=1e-3, atol=0.0)
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.uint8])
+def test_layers_that_are_not_bool_are_refused_as_features_refuse_them(kind: torch.dtype) -> None:
+    flow, layers = torch.zeros(1, 2, 4, 6), torch.ones(1, 3, 4, 6, dtype=kind)
+    with pytest.raises(TypeError) as told:
+        layer_endpoint_errors(flow, flow, layers)
+    with pytest.raises(TypeError) as usual:
+        Features((6, 4), layers=layers)
+    assert str(told.value) == str(usual.value)
