@@ -101,6 +101,21 @@ def _thread_counts() -> dict[str, tuple[Callable[[], int], Callable[[int], None]
 
 
 @pytest.fixture
+def planted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What there is as soon as a process that is started imports joblib or numpy from the folder that we are in."""
+    from joblib.externals.loky import get_reusable_executor
+
+    here, marker = tmp_path / "a stranger's", tmp_path / "was imported"
+    here.mkdir()
+    for name in ("joblib", "numpy"):
+        (here / f"{name}.py").write_text(f"open({str(marker)!r}, 'w').close()\nraise SystemExit(1)\n")
+    get_reusable_executor(max_workers=1, kill_workers=True).shutdown(kill_workers=True)  # of tests before
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    monkeypatch.chdir(here)
+    return marker
+
+
+@pytest.fixture
 def command(cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
     """Run a command line in this process."""
 

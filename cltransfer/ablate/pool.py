@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any
 
+from ..computer.safe_path import safe_path
 from ..computer.threads import thread_count
 from ..errors import ModelError, ResourceError, UsageError
 from .outcome import Outcome
@@ -34,6 +35,11 @@ def outcomes(trials: Sequence[Trial], job: Job, engine: EngineConfig) -> Iterato
 
 
 def _by_processes(trials: Sequence[Trial], job: Job, workers: int) -> Iterator[Outcome]:
+    with safe_path():  # as long as workers may be started anew
+        yield from _by_workers(trials, job, workers)
+
+
+def _by_workers(trials: Sequence[Trial], job: Job, workers: int) -> Iterator[Outcome]:
     from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import BrokenProcessPool
 

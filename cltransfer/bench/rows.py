@@ -11,6 +11,7 @@ import torch
 
 from ..computer.processor import load_average, processor
 from ..computer.revision import commit
+from ..computer.safe_path import safe_path
 from ..errors import CltransferError
 from ..storage.alone import alone
 from ..storage.kept_lines import keep, read_kept
@@ -89,10 +90,11 @@ def _run(
     if jobs == 1:
         yield from (measured(key, task) for key, task in todo.items())
         return
-    from joblib import Parallel, delayed
+    with safe_path():
+        from joblib import Parallel, delayed
 
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-    yield from parallel(delayed(measured)(key, task) for key, task in todo.items())
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+        yield from parallel(delayed(measured)(key, task) for key, task in todo.items())
 
 
 def measured_at(rows: Iterable[Row]) -> str:

@@ -115,7 +115,7 @@ def _one_camera(posed: list[Posed], repeats: int) -> list[SpeedRow]:
 
 def _second_process(repeats: int) -> SpeedRow:
     """From the import of the kernels to the end of the first frame, in a process that finds them compiled."""
-    run = [sys.executable, "-c", _FIRST_FRAME]
+    run = [sys.executable, "-P", "-c", _FIRST_FRAME]  # which imports nothing from the folder we are in
     answers = [
         subprocess.run(run, capture_output=True, text=True, check=True).stdout.split() for _ in range(repeats + 1)
     ]

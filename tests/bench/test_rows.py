@@ -64,6 +64,12 @@ def test_a_trial_that_cannot_be_measured_keeps_no_other_from_it(tmp_path, jobs):
     assert any("clip.mp4: frames: there are none" in line for line in heard)
 
 
+def test_workers_import_nothing_from_the_folder_that_a_bench_is_started_in(tmp_path, planted):
+    rows = kept_rows({"a": 1, "b": 2}, lambda key, task: {"value": task}, tmp_path / "rows", 2)
+    assert not planted.exists()
+    assert [row["value"] for row in rows] == [1, 2]
+
+
 def test_a_folder_is_one_bench_s_at_a_time(tmp_path):
     with alone(tmp_path, "runs a bench"), pytest.raises(ResourceError, match="another --rows"):
         kept_rows({"a": 1}, lambda key, task: {}, tmp_path)

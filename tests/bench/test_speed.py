@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cltransfer.bench.pages import SECTIONS, markers
-from cltransfer.bench.speed import BENCH, run_speed
+from cltransfer.bench.speed import BENCH, _second_process, run_speed
 from cltransfer.bench.synthetic_room import room_cameras, synthetic_room
 from cltransfer.bench.timing import SpeedRow, write_benchmarks
 from cltransfer.renderers.gaussian_splats import GaussianSplats
@@ -37,6 +37,12 @@ def test_every_row_states_what_was_measured(rows):
         assert 0 < low <= median <= high
         assert 0 < row.counts[1] <= row.counts[0]
     assert {row.threads for row in rows} == {1, 2}
+
+
+@pytest.mark.slow  # three processes
+def test_a_second_process_imports_nothing_from_the_folder_that_it_is_started_in(planted):
+    assert _second_process(2).counts[0] == 10_000
+    assert not planted.exists()
 
 
 def test_speed_and_accuracy_against_the_oracle_stand_in_one_row(rows):
