@@ -20,9 +20,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numba
-
 from ..storage.files import cache_dir
+from .numba_settings import numba
 
 PACKAGE = Path(__file__).parents[1]
 SOURCES = ("*/_kernels.py", "*/kernels/*.py")
@@ -88,7 +87,7 @@ def folder() -> Path | None:
 
 
 def _places() -> Iterator[Callable[[], Path]]:
-    if named := str(_CONFIG.CACHE_DIR):
+    if named := os.environ.get("NUMBA_CACHE_DIR"):
         yield lambda: Path(named)
     yield lambda: PACKAGE / "__pycache__"
     yield cache_dir

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...computer import numba_settings as numba_settings  # before any of the modules here imports it
 from ...computer.array_type import Array as Array
 
 f32 = np.float32
