@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...computer.array_type import Array
-from ...errors import InputError
+from ...errors import InputError, ResourceError
 from .asset_files import Beside, read_limited
 from .glow import GLOWS, library_with_glow, named, tell_library_light
 from .mesh import CLAMPED, REPEATED
@@ -41,6 +41,7 @@ class ObjFiles(Beside):
         super().__init__(path, LIBRARY_LIMIT)
         self.libraries: dict[Path, str] = {}  # what those that it names say, in order
         self._joined = b""
+        self._decoded: dict[Path, bool] = {}  # images that materials shine by, whether they are any
 
     def named(self, line: str) -> list[str]:
         """The libraries of a line: one whose name has spaces, or several with spaces between."""
@@ -92,11 +93,21 @@ class ObjFiles(Beside):
         return library_with_glow(str(decode_text(data.removeprefix(BOM))), self._shows)
 
     def _shows(self, name: str) -> bool:
-        """Whether the image ``name`` is there, and one that is decoded."""
+        """Whether the image ``name`` is there, and one that is decoded, which is tried once for however many materials.
+
+        Raises:
+            ResourceError: there is no memory for it.
+        """
         try:
-            return decodes(self.place(name))
+            file = self.place(name).resolve()
         except InputError:
             return False
+        try:
+            self._decoded[file] = self._decoded[file] if file in self._decoded else decodes(file)
+        except ResourceError as error:
+            self.refused = self.refused or error
+            raise
+        return self._decoded[file]
 
 
 def _without_options(name: str) -> str:

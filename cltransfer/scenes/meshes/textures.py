@@ -50,11 +50,16 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
 
 
 def decodes(path: Path) -> bool:
-    """Whether the file is an image that is read, all of it, and not too large."""
+    """Whether the file is an image that is read, all of it, and not too large.
+
+    Raises:
+        ResourceError: it does not fit in memory.
+    """
     from PIL import Image
 
     try:
-        image_size(path)
+        width, height = image_size(path)
+        require_free(PIXEL_BYTES * width * height, path, f"a texture's {width}x{height} pixels", HINT)
         with Image.open(path, formats=FORMATS) as image:
             image.load()
     except (InputError, *_DAMAGED):

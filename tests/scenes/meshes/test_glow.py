@@ -8,8 +8,11 @@ import torch
 from kornia.color import linear_rgb_to_rgb
 from PIL import Image
 
-from cltransfer.errors import InputError
+from cltransfer.computer import memory
+from cltransfer.errors import InputError, ResourceError
+from cltransfer.scenes.meshes import mtl, textures
 from cltransfer.scenes.meshes.read_mesh import read_mesh
+from cltransfer.scenes.meshes.textures import decodes
 
 BLACK = {"pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]}}
 LIGHT = [1, 0.5, 0.2]
@@ -191,6 +194,23 @@ def test_the_image_of_a_light_is_looked_for_beside_the_mesh(stage, tmp_path):
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "stage.mtl").write_text("newmtl lamp\nKd 0 0 0\nmap_Ke wood.png\n")
     assert read_mesh(path).mesh.textures[0].shape == (4, 2, 4)
+
+
+def test_an_image_that_many_materials_shine_by_is_tried_once(stage, monkeypatch):
+    tried = []
+    monkeypatch.setattr(mtl, "decodes", lambda path: tried.append(path.name) or decodes(path))
+    lamp = "newmtl lamp{}\nKd 0 0 0\nmap_Ke {}\n"
+    spellings = ["wood.png", "./wood.png", "-s 2 2 wood.png", ".\\wood.png", "none.png", "./none.png"]
+    read_mesh(stage("".join(lamp.format(i, name) for i, name in enumerate(spellings))))
+    assert tried == ["wood.png", "none.png"]
+
+
+def test_an_image_that_a_material_shines_by_is_held_against_the_memory(stage, monkeypatch):
+    path = stage("newmtl lamp\nKd 0 0 0\nmap_Ke wood.png\n")
+    monkeypatch.setattr(textures, "PIXEL_BYTES", 2**20)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**22)
+    with pytest.raises(ResourceError, match=r"wood\.png: memory: a texture's 2x4 pixels need 8 MB, 4 MB are free"):
+        read_mesh(path)
 
 
 @pytest.mark.parametrize("said", ["Kd 0 0 0", "Kd 0 0 0\nKe 0 0 0\nmap_Ke wood.png", "Kd 0 0 0\nKe bright"])
