@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from .clips.kept_clip import kept_clip, kept_hash
 from .clips.source import ClipSource
+from .computer.memory import require_parsed
 from .config import to_yaml
 from .config.options import RunConfig
 from .models.content import files_content, read_by, reading
@@ -71,6 +73,7 @@ class Kept:
 
         Raises:
             InputError: they are damaged.
+            ResourceError: there may not be memory for them.
         """
         if folder is None:
             return cls(None, "", {})
@@ -78,7 +81,7 @@ class Kept:
         losses = [[code_of(loss), files_content(loss)] for loss in parts.losses.values()]
         asked = to_yaml(replace(config, seed=0))  # which is that of the intervals
         about = json.dumps([own_code(), read_by(), losses, asked, readers], default=str)
-        lines = read_kept(folder / KEPT, KEPT_LIMIT, lambda line: (str(line.pop("key")), _row_of(line)), "score")
+        lines = read_kept(folder / KEPT, KEPT_LIMIT, _row_of, "score", require_parsed)
         return cls(folder / KEPT, about, dict(lines))
 
     def key(self, method: str, name: str, reference: str, render: str | None) -> str:
@@ -95,5 +98,21 @@ class Kept:
             keep(self.path, {"key": key, **asdict(row)})
 
 
-def _row_of(line: dict[str, Any]) -> ClipScore:
-    return ClipScore(**{**line, "notes": tuple(line["notes"]), "had": tuple(line.get("had", ()))})
+def _row_of(line: dict[str, Any]) -> tuple[str, ClipScore]:
+    """Key and score of a line.
+
+    Raises:
+        TypeError: they are of other kinds of values.
+    """
+    key = line.pop("key")
+    row = ClipScore(**{**line, "notes": tuple(line["notes"]), "had": tuple(line.get("had", ()))})
+    texts = [key, row.method, row.clip, row.reason, *row.notes, *row.had, *row.lacking.values()]
+    numbers = [row.seconds, *(mean for mean in row.means.values() if mean is not None)]
+    if not (
+        all(isinstance(text, str) for text in texts)
+        and all(type(number) in (int, float) and abs(number) <= sys.float_info.max for number in numbers)
+        and all(type(count) is int for count in (row.frames, *row.defined.values()))
+        and type(row.lasts) is bool
+    ):
+        raise TypeError
+    return key, row

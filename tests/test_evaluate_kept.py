@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 import torch
 from torch import Tensor
 
 from cltransfer.clips.clip import write_video
+from cltransfer.computer import memory
 from cltransfer.config import load_config
 from cltransfer.config.options import RunConfig
+from cltransfer.errors import InputError, ResourceError
+from cltransfer.evaluate_kept import KEPT, ClipScore, Kept
 from cltransfer.evaluate_many import evaluate_many
 from cltransfer.features import Features, OfThisRun
+from cltransfer.pipeline.components import Components
 from cltransfer.registry import EXTRACTORS, LOSSES
+from cltransfer.storage.kept_lines import keep
 
 
 @dataclass(frozen=True)
@@ -80,3 +85,33 @@ def test_a_score_that_another_run_may_better_is_not_kept(config: RunConfig, tmp_
     assert [[row.means["of_grey"] for row in rows] for rows in runs] == [[None, 0.0], [0.0, 0.0], [0.0, 0.0]]
     assert all(row.means["mean_flow"] == 0.0 for rows in runs for row in rows)  # the others had a value at once
     assert len(Grey.turns) == 4 + 2  # of the second run those of the first clip, of the third none
+
+
+SCORE = ClipScore("ours", "a", {"size": 0.5, "angle": None}, {"size": 3, "angle": 0}, 3, notes=("dark",), had=("size",))
+
+
+def known(folder: Path, config: RunConfig) -> dict[str, ClipScore]:
+    return dict(Kept.of(folder, Components.build(config), config).known)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"method": 1}, {"clip": None}, {"means": {"size": "0.5"}}, {"means": [0.5]}, {"means": {"size": [[]] * 9}},
+        {"means": {"size": 10**400}}, {"defined": {"size": 1.5}}, {"frames": True}, {"notes": [1]}, {"lacking": [""]},
+        {"lacking": {"size": []}}, {"seconds": "1"}, {"had": 3}, {"lasts": 1}, {"key": []}, {"more": 1},
+    ],
+)  # fmt: skip
+def test_a_line_of_other_values_is_no_score(config: RunConfig, tmp_path: Path, change: dict[str, Any]) -> None:
+    keep(tmp_path / KEPT, {"key": "k", **asdict(SCORE)})
+    assert known(tmp_path, config) == {"k": SCORE}
+    keep(tmp_path / KEPT, {"key": "l", **asdict(SCORE), **change})
+    with pytest.raises(InputError, match=r"scores\.jsonl: line 2: is no score"):
+        known(tmp_path, config)
+
+
+def test_scores_are_held_against_the_memory(config: RunConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keep(tmp_path / KEPT, {"key": "k", **asdict(SCORE)})
+    monkeypatch.setattr(memory, "free_bytes", lambda: 1000)
+    with pytest.raises(ResourceError, match=r"scores\.jsonl: memory: values of \d+ bytes of JSON need"):
+        known(tmp_path, config)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
+from ..computer.memory import require_parsed
 from ..storage.kept_lines import keep, read_kept
 from .outcome import Outcome
 
@@ -16,8 +17,9 @@ def read_ledger(path: Path) -> dict[str, Outcome]:
 
     Raises:
         InputError: another line is damaged, or the file is too large or a link.
+        ResourceError: there may not be memory for them.
     """
-    return {outcome.key: outcome for outcome in read_kept(path, LIMIT, Outcome.from_json, "trial")}
+    return {outcome.key: outcome for outcome in read_kept(path, LIMIT, Outcome.from_json, "trial", require_parsed)}
 
 
 def append(path: Path, outcome: Outcome) -> None:

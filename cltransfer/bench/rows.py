@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 
+from ..computer.memory import require_parsed
 from ..computer.processor import load_average, processor
 from ..computer.revision import commit
 from ..computer.safe_path import safe_path
@@ -29,8 +30,15 @@ def read_rows(folder: Path) -> dict[str, Row]:
 
     Raises:
         InputError: another line is no row, or the file is too large or a link.
+        ResourceError: there may not be memory for them.
     """
-    return dict(read_kept(folder / FILE, LIMIT, lambda row: (str(row["key"]), row), "row"))
+    return {row["key"]: row for row in read_kept(folder / FILE, LIMIT, _row_of, "row", require_parsed)}
+
+
+def _row_of(line: Any) -> Row:
+    if not (isinstance(line, dict) and isinstance(line["key"], str)):
+        raise TypeError
+    return line
 
 
 def kept_rows(

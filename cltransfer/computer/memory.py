@@ -12,6 +12,7 @@ from ..errors import ResourceError, UsageError
 VARIABLE = "CLTRANSFER_MEMORY"
 LITTLE = 2**26  # bytes that are taken without asking: a look at what is free takes 0.1 ms
 THREAD = 80 * 2**20  # bytes that its stack and heap reserve, which `ulimit -v` counts
+GROWTH = 48  # bytes of memory for one of JSON at most; lists of nothing but lists take 44
 _CGROUP = Path("/sys/fs/cgroup")
 
 
@@ -50,6 +51,15 @@ def require_free(need: int, where: str | Path, what: str, hint: str) -> None:
     if free is not None and need > free:
         reason = f"{what} need {need / 2**20:.0f} MB, {free / 2**20:.0f} MB are free"
         raise ResourceError(where, "memory", reason, f"raise the limit of the system or of {VARIABLE}, or {hint}")
+
+
+def require_parsed(size: int, where: str | Path) -> None:
+    """Refuse JSON of ``size`` bytes whose values would take more memory than there is, if they are the worst.
+
+    Raises:
+        ResourceError: less is free.
+    """
+    require_free(GROWTH * size, where, f"values of {size} bytes of JSON", "make the file smaller")
 
 
 def affordable(workers: int, each: int, beside: int = 0) -> int:

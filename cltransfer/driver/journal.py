@@ -36,8 +36,10 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..computer.memory import require_parsed
 from ..errors import InputError, ResourceError
 from ..features import Features
+from ..storage.files import JSON_LIMIT
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
@@ -116,11 +118,13 @@ class Journal:
 
         Raises:
             InputError: another question was recorded here, or no JSON.
+            ResourceError: there may not be memory for it.
         """
         asked = fingerprint(cameras) ^ zlib.crc32(b"document")
         if (payload := self._recorded()) is not None:
             crc, rows, columns = _SHAPE.unpack(payload[: _SHAPE.size].ljust(_SHAPE.size, b"\0"))
             self._check((crc, rows, columns) == (asked, 0, 0))
+            require_parsed(len(payload), self.path)
         else:
             payload = _SHAPE.pack(asked, 0, 0) + json.dumps(compute()).encode()
             self._append(payload, lasting=True)
@@ -197,12 +201,12 @@ def _hold(stream: BinaryIO, path: Path) -> None:
         raise ResourceError(path.parent, path.name, reason, hint) from None
 
 
-def _record(stream: BinaryIO) -> bytes | None:
+def _record(stream: BinaryIO, limit: int = RECORD_LIMIT) -> bytes | None:
     """The record that begins here; None at the end, and where it is torn or flipped: so may be whatever follows."""
     if len(head := stream.read(_FRAME.size)) < _FRAME.size:
         return None
     length, crc = _FRAME.unpack(head)
-    if not 0 < length <= RECORD_LIMIT:
+    if not 0 < length <= limit:
         return None
     payload = stream.read(length)
     return payload if len(payload) == length and zlib.crc32(payload) == crc else None
@@ -215,7 +219,7 @@ def _is_begun(path: Path, header: Mapping[str, object]) -> bool:
         InputError: the file is no journal, or of another run.
     """
     with path.open("rb") as stream:
-        first = _record(stream)
+        first = _record(stream, JSON_LIMIT)
     if first is not None:
         _compare(path, _parsed(path, "header", first), header)
     elif not _torn_at_once(path):
@@ -227,10 +231,8 @@ def _torn_at_once(path: Path) -> bool:
     """Whether the first record of the file was being written when its run was killed."""
     with path.open("rb") as stream:
         head = stream.read(_FRAME.size)
-    if len(head) < _FRAME.size:
-        return True
-    length = _FRAME.unpack(head)[0]
-    return length <= RECORD_LIMIT and path.stat().st_size < _FRAME.size + length
+    length = _FRAME.unpack(head)[0] if len(head) == _FRAME.size else 0
+    return length <= JSON_LIMIT and path.stat().st_size < _FRAME.size + length
 
 
 def _parsed(path: Path, field: str, told: bytes) -> Any:

@@ -15,7 +15,9 @@ LONGEST = 2**22  # bytes; a row of 2,000 frames takes about 700 kB
 Value = TypeVar("Value")
 
 
-def read_kept(path: Path, limit: int, parse: Callable[[Any], Value], kind: str) -> list[Value]:
+def read_kept(
+    path: Path, limit: int, parse: Callable[[Any], Value], kind: str, afford: Callable[[int, Path], None]
+) -> list[Value]:
     """Values of a file's lines, none where there is no file; a last line that a kill has torn is cut off it.
 
     A line at a time: what somebody's file nests in one line may take thirty times the memory of its text.
@@ -26,6 +28,7 @@ def read_kept(path: Path, limit: int, parse: Callable[[Any], Value], kind: str) 
         parse: a value of the JSON in one line; what it raises of ValueError, TypeError, KeyError or AttributeError
             means that the line holds none.
         kind: what a line is, for errors.
+        afford: raises where there is no memory for the values of so many bytes of that file.
 
     Raises:
         InputError: another line is damaged or longer than :data:`LONGEST`, or the file is a link, a folder or too
@@ -35,6 +38,7 @@ def read_kept(path: Path, limit: int, parse: Callable[[Any], Value], kind: str) 
     if not path.exists():
         return []
     check_size(path, limit)
+    afford(path.stat().st_size, path)
     found, end = list[Value](), 0
     with path.open("rb") as stream:
         for number, line in enumerate(iter(lambda: stream.readline(LONGEST + 1), b""), 1):

@@ -11,7 +11,8 @@ import pytest
 
 from cltransfer.ablate.ledger import append, read_ledger
 from cltransfer.ablate.outcome import Case, Metric, Outcome
-from cltransfer.errors import InputError
+from cltransfer.computer import memory
+from cltransfer.errors import InputError, ResourceError
 
 CASE = Case("builtin:courtyard", "builtin:orbit", 3)
 DONE = Outcome("k1", "full", CASE, "", {"total": Metric(0.5, "", 4, "")}, 4, 40, 2, 1.5)
@@ -26,6 +27,13 @@ def test_reads_back_what_was_appended_and_the_last_of_a_key_counts(tmp_path: Pat
     again = Outcome("k2", "full", CASE, "", {"total": Metric(None, "", 0, "no person")}, 4, 40, 2, 1.5)
     append(path, again)
     assert read_ledger(path) == {"k1": DONE, "k2": again}
+
+
+def test_trials_are_held_against_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    append(tmp_path / "trials.jsonl", DONE)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 1000)
+    with pytest.raises(ResourceError, match=r"trials\.jsonl: memory: values of \d+ bytes of JSON need"):
+        read_ledger(tmp_path / "trials.jsonl")
 
 
 def test_a_loss_may_have_any_value(tmp_path: Path) -> None:

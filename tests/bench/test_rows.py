@@ -6,6 +6,7 @@ import pytest
 
 from cltransfer.bench.protocol import Trial
 from cltransfer.bench.rows import FILE, kept_rows, read_rows, run_trials
+from cltransfer.computer import memory
 from cltransfer.errors import InputError, ModelError, ResourceError
 from cltransfer.storage.alone import alone
 from cltransfer.storage.kept_lines import keep
@@ -17,6 +18,21 @@ def test_a_damaged_line_is_one_error_that_says_where(tmp_path):
     keep(tmp_path / FILE, {"key": "a"})
     keep(tmp_path / FILE, {"nokey": 1})
     with pytest.raises(InputError, match="line 2: is no row"):
+        read_rows(tmp_path)
+
+
+@pytest.mark.parametrize("line", [[{"key": "a"}], {"key": 1}, {"key": ["a"]}, "key"])
+def test_a_line_that_is_no_row_is_named(tmp_path, line):
+    keep(tmp_path / FILE, line)
+    with pytest.raises(InputError, match="line 1: is no row"):
+        read_rows(tmp_path)
+
+
+def test_rows_are_held_against_the_memory(tmp_path, monkeypatch):
+    keep(tmp_path / FILE, {"key": "a", "x": [[]] * 30_000})
+    assert list(read_rows(tmp_path)) == ["a"]
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**21)
+    with pytest.raises(ResourceError, match=r"rows\.jsonl: memory: values of 120020 bytes of JSON need 5 MB"):
         read_rows(tmp_path)
 
 

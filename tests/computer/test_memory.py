@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import pytest
 
 from cltransfer.computer import memory
-from cltransfer.computer.memory import LITTLE, THREAD, VARIABLE, affordable, free_bytes, require_free
+from cltransfer.computer.memory import LITTLE, THREAD, VARIABLE, affordable, free_bytes, require_free, require_parsed
 from cltransfer.errors import ResourceError, UsageError
 
 
@@ -77,6 +79,21 @@ def test_what_is_more_than_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
         require_free(3 * 2**20, "a.glb", "meshes", "thin them")
     hint = f"raise the limit of the system or of {VARIABLE}, or thin them"
     assert str(caught.value) == f"a.glb: memory: meshes need 3 MB, 1 MB are free ({hint})"
+
+
+@pytest.mark.parametrize("value", ["[]", "{}", "[[]]", '{"":0}', "[" * 500 + "]" * 500, '"ab"', "0"])
+def test_json_that_is_read_takes_no_more_memory_than_it_was_held_against(
+    monkeypatch: pytest.MonkeyPatch, value: str
+) -> None:
+    text = f"[{','.join([value] * (2**18 // len(value)))}]"
+    tracemalloc.start()
+    values = json.loads(text)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    monkeypatch.setattr(memory, "free_bytes", lambda: most)
+    with pytest.raises(ResourceError, match=rf"a\.jsonl: memory: values of {len(text)} bytes of JSON need"):
+        require_parsed(len(text), "a.jsonl")
+    assert values
 
 
 @pytest.mark.parametrize(("free", "workers"), [(None, 8), (9.0, 8), (3.1, 3), (2.9, 2), (0.9, 1), (0, 1)])

@@ -16,8 +16,10 @@ import torch
 from torch import Tensor
 
 from cltransfer.camera import Camera
+from cltransfer.computer import memory
 from cltransfer.driver.journal import SYNC, Journal, small_print
 from cltransfer.errors import InputError, ResourceError
+from cltransfer.storage.files import JSON_LIMIT
 from cltransfer.testing.samples import sample_cameras, sample_features
 
 HEADER = {"seed": 0, "scene": "abc"}
@@ -253,6 +255,27 @@ def test_the_header_is_compared_before_the_answers_are_read(tmp_path: Path) -> N
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 2**21
+
+
+def test_no_more_is_taken_for_a_header_than_any_file_of_json_may_have(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    for size in (JSON_LIMIT + 1, 2 * JSON_LIMIT):
+        header = b'"' + b" " * (size - 2) + b'"'
+        path.write_bytes(struct.pack("<II", size, zlib.crc32(header)) + header)
+        tracemalloc.start()
+        with pytest.raises(InputError, match="header: not a journal"):
+            Journal(path, HEADER, True)
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+        tracemalloc.stop()
+
+
+def test_a_document_is_held_against_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras, told = questions()[0], [[]] * 30_000
+    Journal(tmp_path / "j", HEADER, False).document(cameras, lambda: told)
+    assert Journal(tmp_path / "j", HEADER, True).document(cameras, list) == told
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**21)
+    with pytest.raises(ResourceError, match="j: memory: values of 120012 bytes of JSON need 5 MB"):
+        Journal(tmp_path / "j", HEADER, True).document(cameras, list)
 
 
 def test_answers_are_read_one_at_a_time_when_they_are_asked_for(tmp_path: Path) -> None:

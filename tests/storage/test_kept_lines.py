@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from cltransfer.errors import InputError
+from cltransfer.errors import InputError, ResourceError
 from cltransfer.storage.kept_lines import LONGEST, keep, read_kept
 
 LIMIT = 100  # bytes
 
 
 def read(path: Path) -> list[Any]:
-    return read_kept(path, LIMIT, lambda value: value["name"], "name")
+    return read_kept(path, LIMIT, lambda value: value["name"], "name", lambda size, path: None)
 
 
 def test_what_was_kept_comes_back_in_order_and_nothing_where_nothing_was(tmp_path: Path) -> None:
@@ -62,10 +62,23 @@ def test_a_line_that_nothing_here_has_written_is_refused_before_it_is_read(tmp_p
     tracemalloc.start()
     try:
         with pytest.raises(InputError, match=f"line 2: expected at most {LONGEST} bytes"):
-            read_kept(path, 8 * LONGEST, str, "name")
+            read_kept(path, 8 * LONGEST, str, "name", lambda size, path: None)
         assert tracemalloc.get_traced_memory()[1] < 3 * LONGEST
     finally:
         tracemalloc.stop()
+
+
+def test_no_line_is_read_where_there_is_no_memory_for_all_of_them(tmp_path: Path) -> None:
+    path, asked = tmp_path / "names.jsonl", list[Any]()
+
+    def afford(size: int, path: Path) -> None:
+        asked.append((size, path))
+        raise ResourceError(path, "memory", "none is free")
+
+    keep(path, {"name": "a"})
+    with pytest.raises(ResourceError, match="none is free"):
+        read_kept(path, LIMIT, pytest.fail, "name", afford)
+    assert asked == [(path.stat().st_size, path)]
 
 
 def test_a_value_without_json_is_not_written(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,18 @@ def test_answers_that_excel_has_saved_are_read(tmp_path: Path) -> None:
     plain = read_answers([path], TWO)
     path.write_text(path.read_text(), encoding="utf-8-sig", newline="\r\n")
     assert read_answers([path], TWO) == plain
+
+
+def test_no_more_of_a_table_is_held_than_the_line_that_is_looked_at(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text(",".join(COLUMNS) + "\n" + ",,,,,,,\n" * 2**16)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="line 2: is of study ''"):
+            read_answers([path], TWO)
+        assert tracemalloc.get_traced_memory()[1] < 12 * path.stat().st_size
+    finally:
+        tracemalloc.stop()
 
 
 def test_the_verb_unblinds_and_says_who_stopped_early(command: Callable[..., Any], tmp_path: Path) -> None:
