@@ -282,14 +282,19 @@ def test_every_clip_has_its_row_in_the_csv() -> None:
     assert rows[-1]["reason"] == MISSING.reason
 
 
-@pytest.mark.parametrize("name", ["=1+1", "+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "a\r=1", '=a,"b"\n'])
-def test_no_name_is_a_formula_and_every_number_stays_one(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("=1+1", "'=1+1"), ("+1", "'+1"), ("-1+1", "'-1+1"), ("@SUM(A1)", "'@SUM(A1)"), ("＝1＋1", "'＝1＋1"),
+        ("\t=1", "'\t'=1"), ("\r=1", "'\n'=1"), ("a\r=1", "a\n'=1"), ('=a,"b"\n', "'=a,\"b\"\n"),
+        ("a;=1", "a;'=1"), ("a\t-1", "a\t'-1"), ('a; "=1"', "a; \"'=1\""), ("a;b=1", "a;b=1"),
+    ],
+)  # fmt: skip
+def test_no_name_is_a_formula_and_every_number_stays_one(name: str, shown: str) -> None:
     rows = [
         ClipScore(name, name, {"offset": -0.5}, {"offset": 4}, 4, name),
         ClipScore("b", name, {"offset": -0.1}, {"offset": 4}, 4),
     ]
-    shown = name.replace("\r", "\n")
-    shown = shown if shown.startswith("a") else f"'{shown}"
     clips = list(csv.DictReader(io.StringIO(clips_csv(rows), newline="")))
     assert [(clip["method"], clip["clip"], clip["reason"]) for clip in clips] == [
         (shown, shown, shown),

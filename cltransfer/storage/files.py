@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import hashlib
-import io
 import json
 import logging
 import os
@@ -19,7 +17,10 @@ from typing import Any
 from ..errors import InputError, UsageError
 
 JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
-FORMULA = ("=", "+", "-", "@", "\t", "\n")  # how a cell may begin that a spreadsheet works out instead of showing it
+SIGNS = "=+@＝＋－＠-"  # how a cell may begin that a spreadsheet works out instead of showing it
+FORMULA = (*SIGNS, "\t", "\n")
+_BEGINS = re.compile(rf"([;\t\n][\s\"]*)(?=[{SIGNS}])")  # a cell, where the spreadsheet's separator is no comma
+_QUOTED = frozenset(',;\t\n"')
 
 _log = logging.getLogger("cltransfer")
 
@@ -172,23 +173,27 @@ def csv_text(lines: Iterable[Iterable[Any]], digits: int | None = None) -> str:
     "'-a,-0.333,\\n"
     """
 
-    def cell(value: Any) -> Any:
-        return f"{value:.{digits}g}" if digits and isinstance(value, float) else csv_cell(value)
+    def cell(value: Any) -> str:
+        if value is None:
+            return ""
+        text = f"{value:.{digits}g}" if digits and isinstance(value, float) else str(csv_cell(value))
+        quoted = text.replace('"', '""')
+        return f'"{quoted}"' if _QUOTED.intersection(text) else text
 
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(map(cell, line) for line in lines)
-    return text.getvalue()
+    return "".join(f"{','.join(map(cell, line))}\n" for line in lines)
 
 
 def csv_cell(value: Any) -> Any:
-    """``value``; a text that a spreadsheet would take for a formula has a ``'`` before it.
+    """``value``; what a spreadsheet would take for a formula has a ``'`` before it.
 
-    >>> csv_cell("=1+1"), csv_cell("a=1"), csv_cell(-1.5)
-    ("'=1+1", 'a=1', -1.5)
+    So has what it would in a text that it splits at semicolons or tabs, as where a comma stands before decimals.
+
+    >>> csv_cell("=1+1"), csv_cell("a=1"), csv_cell(-1.5), csv_cell("a; =1+1")
+    ("'=1+1", 'a=1', -1.5, "a; '=1+1")
     """
     if not isinstance(value, str):
         return value
-    text = value.replace("\r", "\n")  # which the writer leaves unquoted, so that a line would end
+    text = _BEGINS.sub(r"\1'", value.replace("\r", "\n"))
     return f"'{text}" if text.startswith(FORMULA) else text
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
 import os
 import stat
 from collections.abc import Iterator
@@ -16,6 +18,7 @@ from cltransfer.errors import UsageError
 from cltransfer.storage.files import (
     atomic,
     check_out,
+    csv_text,
     same_file,
     told_from_here,
     write_text,
@@ -125,3 +128,20 @@ def test_where_no_way_leads_a_path_is_told_whole(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(os.path, "relpath", other_drive)
     assert told_from_here(tmp_path) == str(tmp_path)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("between", [",", ";", "\t", "\n", "\r\n", "; ", ';"', '";', '";"'])
+def test_no_part_of_a_text_is_a_formula_whatever_a_spreadsheet_splits_at(separator: str, between: str) -> None:
+    """As it does at semicolons where a comma stands before decimals."""
+    for sign in "=+-@＝＋－＠":
+        text = csv_text([["name", "about"], ["a", f"b{between}{sign}1{between}c"], [f"{sign}1{between}{sign}1", "d"]])
+        for line in csv.reader(io.StringIO(text, newline=""), delimiter=separator):
+            assert not [cell for cell in line if cell.lstrip().lstrip('"').startswith(sign)]
+
+
+def test_a_table_is_read_back_as_it_was_written() -> None:
+    lines = [["name", "value"], ["a;b", "c\td"], ['"q", r', ""], ["", "x\ny"], ["é", "True"]]
+    assert list(csv.reader(io.StringIO(csv_text(lines), newline=""))) == lines
+    assert csv_text([[None, True, 3, 0.1, 1e-20]]) == ",True,3,0.1,1e-20\n"
+    assert csv_text([["a;b", "c\td", "e f"]]) == '"a;b","c\td",e f\n'
