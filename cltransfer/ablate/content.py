@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..clips.decoding import IMAGE_SUFFIXES
+from ..clips.kept_clip import kept_clip, kept_hash
 from ..clips.source import ClipSource
 from ..config.options import SECTIONS, RunConfig
 from ..errors import InputError, UsageError
@@ -21,9 +23,10 @@ from ..scenes.foreign import reader_code
 from ..scenes.load import BUILTIN, load_scene
 from ..scenes.meshes.moment import MARK, split_moment
 from ..storage.files import content_hash
-from ..storage.run_files import LABELS, SUBJECT
+from ..storage.run_files import LABELS, SUBJECT, is_run
 
 Digest = Callable[[str | None], str]
+Content = Callable[[Path, bool], str]
 ANIMATED = (".glb", ".gltf")  # scenes of which a moment may be named
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
@@ -56,8 +59,15 @@ def plugin_codes() -> tuple[str, ...]:
     return tuple(sorted({code_of(cls) for cls in classes} - {""}))
 
 
-def _content(path: Path) -> str:
-    """SHA-256 of a file or folder and of what goes with it: parts of a scene, labels of a person, a plugin's reader."""
+def _content(path: Path, posed: bool) -> str:
+    """SHA-256 of a file or folder and of what goes with it: parts of a scene, labels of a person, a plugin's reader.
+
+    Of a folder that is a clip or a run it is that of what is played of it, of any other and of ``posed`` images that of
+    all that lies in it. Links that lead out of it are not followed.
+    """
+    if path.is_dir():
+        clip = is_run(path) or any(file.suffix.lower() in IMAGE_SUFFIXES for file in path.iterdir())
+        return kept_hash(kept_clip(ClipSource(path))) if clip and not posed else _of_all(path)
     if path.suffix.lower() in MADE_OF_FILES:
         return load_scene(path).digest
     labels = path.with_name(LABELS)
@@ -65,15 +75,21 @@ def _content(path: Path) -> str:
     return content_hash(path) + beside + reader_code(path)
 
 
-def digest(source: str | None, content: Callable[[Path], str] = _content) -> str:
+def _of_all(folder: Path) -> str:
+    home = folder.resolve()
+    inside = (file for file in folder.rglob("*") if file.is_file() and file.resolve().is_relative_to(home))
+    return content_hash(folder, inside)
+
+
+def digest(source: str | None, content: Content = _content) -> str:
     """What identifies a scene or a reference: a built-in name, or the content of its files.
 
     Args:
         source: as it is named.
-        content: what identifies a file or folder.
+        content: what identifies a file or folder, and whether that is a set of posed images.
 
     Raises:
-        InputError: a file is missing.
+        InputError: a file is missing, or an image of a clip is a link that leads out of its folder.
         UsageError: a part of a clip, or a moment of a scene, is none.
     """
     if source is None or source == "auto":
@@ -83,26 +99,26 @@ def digest(source: str | None, content: Callable[[Path], str] = _content) -> str
         return _of_one(source, content)
     person = Path(split[1]).with_name(SUBJECT)  # as it is read
     parts = [_of_one(part, content) for part in split]
-    return "@".join([*parts, content(person)] if person.is_file() else parts)
+    return "@".join([*parts, content(person, False)] if person.is_file() else parts)
 
 
-def _of_one(source: str, content: Callable[[Path], str]) -> str:
+def _of_one(source: str, content: Content) -> str:
     path = Path(source)
     if path.exists():
-        return content(path)
+        return content(path, False)
     if source.startswith(BUILTIN):
         return _builtin(source.removeprefix(BUILTIN))
     if Path(source.rpartition(MARK)[0]).suffix.lower() in ANIMATED:  # SCENE#t=SECONDS&animation=NAME
         scene, moment = split_moment(source)
         if scene.exists():
-            return f"{content(scene)}#{moment}"
+            return f"{content(scene, False)}#{moment}"
     clip = ClipSource.parse(source)  # CLIP#PART
     if clip.path.exists():
         part = replace(clip, path=Path())
-        return content(clip.path) + f"#{part}" * (part != ClipSource(Path()))
+        return content(clip.path, False) + f"#{part}" * (part != ClipSource(Path()))
     file, there, index = source.rpartition(":")  # SET:INDEX
     if there and Path(file).exists():
-        return f"{content(Path(file))}:{index}"
+        return f"{content(Path(file), True)}:{index}"
     raise InputError(path, "", "no such file")
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from cltransfer.ablate.content import digest
-from cltransfer.storage.run_files import LABELS, SUBJECT
+from cltransfer.errors import InputError
+from cltransfer.storage.run_files import DONE, FRAMES, LABELS, MANIFEST, SUBJECT, TRAJECTORY
 
 
 def test_other_labels_are_another_person(tmp_path: Path) -> None:
@@ -46,3 +49,47 @@ def test_a_view_of_a_set_is_another_than_the_next(tmp_path: Path) -> None:
     views = tmp_path / "transforms.json"
     views.write_text("{}")
     assert len({digest(str(views)), digest(f"{views}:0"), digest(f"{views}:1")}) == 3
+
+
+def test_a_folder_of_images_is_known_by_what_is_played_of_it(tmp_path: Path) -> None:
+    clip, outside = tmp_path / "clip", tmp_path / "outside"
+    clip.mkdir()
+    for name in ("1.png", "2.png"):
+        (clip / name).write_bytes(name.encode())
+    before = [digest(str(clip)), digest(f"{clip}#fps=12")]
+    outside.write_text("another's")
+    (clip / "notes").symlink_to(outside)
+    (clip / "Thumbs.db").write_text("left by an explorer")
+    assert [digest(str(clip)), digest(f"{clip}#fps=12")] == before
+    (clip / "2.png").write_bytes(b"another frame")
+    assert not {digest(str(clip)), digest(f"{clip}#fps=12")} & set(before)
+    (clip / "3.png").symlink_to(outside)
+    with pytest.raises(InputError, match=r"3\.png: is a link that leads out of its folder"):
+        digest(str(clip))
+
+
+def test_a_run_is_known_by_the_frames_that_it_has_kept(tmp_path: Path) -> None:
+    for name, text in ((MANIFEST, '{"format": "cltransfer.run"}'), (DONE, ""), (FRAMES, "frames"), (TRAJECTORY, "{}")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    before = digest(str(tmp_path))
+    (tmp_path / "report.html").write_text("looked at")
+    assert digest(str(tmp_path)) == before
+    (tmp_path / FRAMES).write_text("others")
+    assert digest(str(tmp_path)) != before
+
+
+def test_a_set_is_known_by_all_of_it_and_by_nothing_outside(tmp_path: Path) -> None:
+    views, outside = tmp_path / "set", tmp_path / "outside"
+    (views / "images").mkdir(parents=True)
+    for name in ("transforms.json", "1.png", "images/2.png"):
+        (views / name).write_text(name)
+    outside.write_text("another's")
+    (views / "3.png").symlink_to(outside)
+    seen = [digest(f"{views}:0")]
+    outside.write_text("still another's")
+    assert digest(f"{views}:0") == seen[0]
+    for name in ("transforms.json", "1.png", "images/2.png"):
+        (views / name).write_text("other")
+        seen.append(digest(f"{views}:0"))
+    assert len(set(seen)) == 4
