@@ -6,9 +6,23 @@ import cv2
 import numpy as np
 from torch import Tensor
 
+from ..computer.memory import require_free
+
+MOST = 4096  # side of what a network is asked for [px]; a config may be anybody's
+PIXEL = 32  # bytes while a frame is made a network's input
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of RGB in [0, 1]
 
 Channels = tuple[float, float, float]
+
+
+def require_input(model: str, count: int, size: tuple[int, int], hint: str) -> None:
+    """Refuse ``count`` frames of ``size`` (W, H) [px] that there is no memory for to make them a network's input.
+
+    Raises:
+        ResourceError: less is free.
+    """
+    what = f"frames at {size[0]}x{size[1]} for the network"
+    require_free(count * size[0] * size[1] * PIXEL, model, what, hint)
 
 
 def to_uint8(image: Tensor) -> np.ndarray:

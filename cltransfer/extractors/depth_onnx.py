@@ -12,17 +12,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..computer.memory import require_free
 from ..errors import ModelError, UsageError
 from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._disparity import Align, depth_from_disparity
-from ._pixels import IMAGENET_MEAN, IMAGENET_STD, normalised, to_uint8
+from ._pixels import IMAGENET_MEAN, IMAGENET_STD, MOST, normalised, require_input, to_uint8
 
 __all__ = ["DepthOnnx", "depth_from_disparity"]
-PIXEL = 32  # bytes while a resized frame is normalised
 
 
 @EXTRACTORS.register("depth_onnx")
@@ -78,12 +76,14 @@ class DepthOnnx:
             raise ValueError(f"affine is for align shift or metric of a disparity, got raw of {self.kind}: {hint}")
         if self.affine is not None and not self.affine[0] > 0:
             raise ValueError(f"affine must rise with the disparity, got {self.affine}")
-        if self.multiple < 0:
-            raise ValueError(f"multiple must be at least 0, got {self.multiple}")
+        if not 0 <= self.multiple <= MOST:
+            raise ValueError(f"multiple must be 0 to {MOST}, got {self.multiple}")
         if not 0 <= min(self.mean) <= max(self.mean) <= 1:
             raise ValueError(f"mean is of pixels in [0, 1], got {self.mean}: divide it and std by 255")
-        if min(self.width, self.height) < 1 or min(self.std) <= 0 or not 0 < self.floor < 1:
-            raise ValueError("width, height and std must be positive and floor in (0, 1)")
+        if not 1 <= min(self.width, self.height) <= max(self.width, self.height) <= MOST:
+            raise ValueError(f"width and height must be 1 to {MOST}, got {self.width} and {self.height}")
+        if min(self.std) <= 0 or not 0 < self.floor < 1:
+            raise ValueError("std must be positive and floor in (0, 1)")
 
     @cached_property
     def network(self) -> Network:
@@ -133,8 +133,7 @@ class DepthOnnx:
 
     def _input(self, image: Tensor) -> np.ndarray:
         size = self._size(image.shape[3], image.shape[2])
-        need, what = len(image) * size[0] * size[1] * PIXEL, f"frames at {size[0]}x{size[1]} for the network"
-        require_free(need, self.model, what, "crop what is so long")
+        require_input(self.model, len(image), size, "crop what is so long")
         how = cv2.INTER_AREA if image.shape[3] > size[0] else cv2.INTER_CUBIC
         rgb = np.stack([cv2.resize(frame, size, interpolation=how) for frame in to_uint8(image)])
         return normalised(rgb, self.mean, self.std)

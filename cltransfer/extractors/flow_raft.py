@@ -18,7 +18,7 @@ from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._flow_check import round_trip_confidence
-from ._pixels import to_uint8
+from ._pixels import MOST, require_input, to_uint8
 
 STRIDE = 8  # the network's input has sides that are multiples of it
 SMALLEST = 128  # side below which its coarsest correlation has no room [px]
@@ -51,8 +51,8 @@ class FlowRaft:
     output: str = "flow"
 
     def __post_init__(self) -> None:
-        if min(self.height, self.width or self.height) < SMALLEST:
-            raise ValueError(f"height and width must be at least {SMALLEST}, got {self.height} and {self.width}")
+        if not all(SMALLEST <= side <= MOST for side in (self.height, self.width) if side is not None):
+            raise ValueError(f"height and width must be {SMALLEST} to {MOST}, got {self.height} and {self.width}")
         if not self.check:
             object.__setattr__(self, "provides", ("flow",))
 
@@ -79,6 +79,7 @@ class FlowRaft:
         confidence = torch.full((count, height, width), torch.nan)
         if before is not None:
             size = self._size(width, height)
+            require_input(self.model, 2 * count, size, "make its height smaller, or crop what is so long")
             new, old = padded(image, size), padded(before.require("image"), size)
             old = np.repeat(old, count // len(old), axis=0)
             backward = self._flow(new, old, size)

@@ -16,7 +16,7 @@ from ..registry import EXTRACTORS
 from ..skeleton import from_coco, unseen_outside
 from ._crops import Crops, about_boxes
 from ._heatmaps import dark_offset, peaks, quarter_offset, simcc_joints
-from ._pixels import normalised, to_uint8
+from ._pixels import MOST, normalised, require_input, to_uint8
 
 COUNTS = {"coco": 17, "crowdpose": 14}
 
@@ -61,8 +61,10 @@ class PoseTopdown:
             raise ValueError(f"decode must be quarter, dark, udp or simcc, got {self.decode!r}")
         if self.joints not in COUNTS:
             raise ValueError(f"joints must be coco or crowdpose, got {self.joints!r}")
-        if min(self.width, self.height) < 8 or self.margin < 1:
-            raise ValueError("width and height must be at least 8 and margin at least 1")
+        if not 8 <= min(self.width, self.height) <= max(self.width, self.height) <= MOST:
+            raise ValueError(f"width and height must be 8 to {MOST}, got {self.width} and {self.height}")
+        if self.margin < 1:
+            raise ValueError(f"margin must be at least 1, got {self.margin}")
 
     @cached_property
     def network(self) -> Network:
@@ -92,6 +94,7 @@ class PoseTopdown:
     def _look(self, images: np.ndarray, boxes: np.ndarray) -> np.ndarray:
         """Joints (N, J, 3) as x, y [px of the image], confidence, of ``images`` (N, H, W, 3) uint8."""
         crops = self._crops(boxes)
+        require_input(self.model, len(images), (crops.size, crops.size), "make its width and height smaller")
         left, top = (crops.size - self.width) // 2, (crops.size - self.height) // 2
         seen = crops.cut(images)[:, top : top + self.height, left : left + self.width]
         places, scores = self._decode(self.network({self.input: normalised(seen)}))

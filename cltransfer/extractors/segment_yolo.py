@@ -17,7 +17,7 @@ from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
-from ._pixels import to_uint8
+from ._pixels import MOST, require_input, to_uint8
 from .detect_yolox import GREY, PERSON, SAME_PERSON, STRIDES
 
 PROTOTYPES = 32
@@ -115,8 +115,8 @@ class SegmentYolo:
     max_overlap: float = 0.7
 
     def __post_init__(self) -> None:
-        if self.side < 32 or self.side % 32:
-            raise ValueError(f"side must be a positive multiple of 32, got {self.side}")
+        if not 32 <= self.side <= MOST or self.side % 32:
+            raise ValueError(f"side must be a multiple of 32 from 32 to {MOST}, got {self.side}")
         if not (0 <= self.min_score <= 1 and 0 <= self.max_overlap <= 1):
             raise ValueError("min_score and max_overlap must be in [0, 1]")
 
@@ -163,6 +163,7 @@ class SegmentYolo:
     def _look(self, image: Tensor) -> tuple[Letterbox, np.ndarray, np.ndarray]:
         """Where frames (B, 3, H, W) lie in the square, boxes (B, 4 + classes + 32, P), prototypes (B, 32, h, w)."""
         frame = Letterbox(self.side, (image.shape[3], image.shape[2]))
+        require_input(self.model, len(image), (self.side, self.side), "make its side smaller")
         squares = np.stack([frame.fit(one) for one in to_uint8(image)])
         got = self.network({"images": squares.transpose(0, 3, 1, 2).astype(np.float32) / 255})
         self._check_layout(got["output0"].shape)

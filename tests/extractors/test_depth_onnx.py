@@ -5,6 +5,7 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.errors import ModelError, ResourceError
+from cltransfer.extractors._pixels import MOST
 from cltransfer.extractors.depth_onnx import DepthOnnx, depth_from_disparity
 from cltransfer.extractors.layers import Layers
 from cltransfer.features import Features
@@ -100,6 +101,16 @@ def test_a_frame_that_is_a_line_is_refused_before_it_takes_memory(planted, monke
     monkeypatch.setenv("CLTRANSFER_MEMORY", "1000")
     with pytest.raises(ResourceError, match=r"memory: frames at 124320x518 for the network need \d+ MB"):
         extractor(Features((960, 4), image=torch.zeros(1, 3, 4, 960)))
+
+
+@pytest.mark.parametrize("sizes", [{"width": 0}, {"height": MOST + 1}, {"width": 2**40}])
+def test_a_size_that_no_network_has_is_refused(sizes):
+    with pytest.raises(ValueError, match="width and height must be 1 to 4096, got "):
+        DepthOnnx("a.onnx", "depth", **sizes)
+    for multiple in (-1, MOST + 1):
+        with pytest.raises(ValueError, match=f"multiple must be 0 to 4096, got {multiple}"):
+            DepthOnnx("a.onnx", "depth", multiple=multiple)
+    assert DepthOnnx("a.onnx", "depth", width=MOST, height=MOST, multiple=MOST).width == MOST
 
 
 def test_mean_and_std_are_those_of_each_channel(planted):

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.errors import ModelError
+from cltransfer.errors import ModelError, ResourceError
+from cltransfer.extractors._pixels import MOST
 from cltransfer.extractors.flow_raft import FlowRaft, padded
 from cltransfer.features import Features
 from cltransfer.testing import ExtractorCase
@@ -152,3 +153,18 @@ class TestContract(ExtractorCase):
     @pytest.fixture(autouse=True)
     def use(self, planted):
         self.component = planted(wide=(232, 128))  # frames of 64 x 36 grow to 228 x 128
+
+
+@pytest.mark.parametrize("size", [(127, None), (MOST + 1, None), (432, 0), (432, 2**40)])
+def test_a_size_that_no_network_has_is_refused(size):
+    with pytest.raises(ValueError, match=f"height and width must be 128 to 4096, got {size[0]} and {size[1]}"):
+        FlowRaft("a.onnx", *size)
+    assert FlowRaft("a.onnx", MOST, MOST).width == MOST
+
+
+def test_a_frame_that_is_a_line_is_refused_before_it_takes_memory(monkeypatch):
+    """Its shorter side is brought to the least that the network sees, the other one as much longer."""
+    line = Features((6000, 1), image=torch.zeros(1, 3, 1, 6000))
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1000")
+    with pytest.raises(ResourceError, match=r"memory: frames at 768000x128 for the network need 6000 MB"):
+        FlowRaft("a.onnx")(line, line)

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.errors import ModelError
+from cltransfer.computer import memory
+from cltransfer.errors import ModelError, ResourceError
+from cltransfer.extractors._pixels import MOST
 from cltransfer.extractors.pose_topdown import PoseTopdown
 from cltransfer.features import Features
 from cltransfer.testing import ExtractorCase
@@ -135,3 +137,17 @@ class TestContract(ExtractorCase):
     @pytest.fixture(autouse=True)
     def use(self, planted):
         self.component = planted("dark")
+
+
+@pytest.mark.parametrize("size", [(7, 256), (192, 7), (MOST + 1, 256), (192, 2**40)])
+def test_a_size_that_no_network_has_is_refused(size):
+    with pytest.raises(ValueError, match=f"width and height must be 8 to 4096, got {size[0]} and {size[1]}"):
+        PoseTopdown("a.onnx", "udp", "coco", *size)
+    assert PoseTopdown("a.onnx", "udp", "coco", MOST, 8).width == MOST
+
+
+def test_crops_are_held_against_the_memory(planted, monkeypatch):
+    box = torch.tensor([[2.0, 2, 20, 40, 1]])
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**20)
+    with pytest.raises(ResourceError, match=r"memory: frames at 256x256 for the network need 2 MB"):
+        planted("udp")(Features((64, 48), image=torch.zeros(1, 3, 48, 64), box=box))

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from cltransfer.errors import ModelError
+from cltransfer.computer import memory
+from cltransfer.errors import ModelError, ResourceError
+from cltransfer.extractors._pixels import MOST
 from cltransfer.extractors.segment_yolo import Letterbox, SegmentYolo, main_person
 from cltransfer.features import Features
 from cltransfer.pipeline.plan import make_plan
@@ -50,6 +52,19 @@ def planted(network, node):
         return SegmentYolo(network(nodes, {"images": [1, 3, SIDE, SIDE]}, outputs, constants), SIDE, **options)
 
     return build
+
+
+@pytest.mark.parametrize("side", [0, 31, 100, MOST + 32, 2**40])
+def test_a_side_that_no_network_has_is_refused(side):
+    with pytest.raises(ValueError, match=f"side must be a multiple of 32 from 32 to 4096, got {side}"):
+        SegmentYolo("a.onnx", side)
+    assert SegmentYolo("a.onnx", MOST).side == MOST
+
+
+def test_squares_are_held_against_the_memory(planted, monkeypatch):
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**20)
+    with pytest.raises(ResourceError, match=r"memory: frames at 128x128 for the network need 2 MB"):
+        planted()(Features((64, 48), image=torch.zeros(3, 3, 48, 64)))
 
 
 def scene(size, cell, person=True):
