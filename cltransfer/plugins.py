@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -231,5 +232,6 @@ def _hint(source: Source, error: BaseException) -> str:
         return ""
     folder = source.path.parent
     if not (folder / "__init__.py").is_file():
-        return f"write an empty __init__.py beside it and name the folder: --allow-plugin {folder}"
-    return f"name the folder of the package that it needs: --allow-plugin {folder.parent if source.package else folder}"
+        return f"write an empty __init__.py beside it and name the folder: --allow-plugin {shlex.quote(str(folder))}"
+    needed = shlex.quote(str(folder.parent if source.package else folder))
+    return f"name the folder of the package that it needs: --allow-plugin {needed}"

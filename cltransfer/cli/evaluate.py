@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -114,7 +115,7 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
                 raise UsageError("", name, "two methods have this name", "name them: METHOD=FOLDER")
             methods[name] = path
         elif path and (file := _file(path)):
-            hint = f"name the folder that it lies in: {name}={file.parent}"
+            hint = f"name the folder that it lies in: {shlex.quote(f'{name}={file.parent}')}"
             raise UsageError(argument, "", f"{file} is a file, expected a folder of clips, as {reference} is one", hint)
         elif path:
             raise UsageError(argument, "", f"no such folder, and {name!r} is no key of the config", _nearest_key(name))
@@ -163,7 +164,7 @@ def _check_one_render(reference: str, render: str) -> None:
     elif named and not os.path.exists(render):
         if _file(named):
             reason = f"expected one render, and no method, as {reference} {_by_what(path)}"
-            raise UsageError(render, "", reason, f"METHOD= goes with folders only: {named}")
+            raise UsageError(render, "", reason, f"METHOD= goes with folders only: {shlex.quote(named)}")
         if os.path.isdir(_folder(named)):
             reason = f"{_by_what(path)}, so it is taken for one clip: expected one render, got {render}"
             hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
@@ -183,7 +184,7 @@ def _one_of(folder: str, reference: Path) -> str:
     from ..clips.clip_folder import clips_in
 
     clips = clips_in(Path(folder))
-    return f"name one, as {clips.get(reference.stem) or next(iter(clips.values()))}"
+    return f"name one, as {shlex.quote(str(clips.get(reference.stem) or next(iter(clips.values()))))}"
 
 
 def _method(argument: str) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import shlex
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -149,9 +150,9 @@ def _expected(path: Path) -> str:
         return "it may not be read"
     if path.suffix.lower() == ".safetensors":
         told = "features that were read before are for `transfer`, `describe` and `inspect`"
-        return f"{told}, a grid by a path through it: {path.name}@trajectory.json"
+        return f"{told}, a grid by a path through it: {shlex.quote(f'{path.name}@trajectory.json')}"
     if path.suffix.lower() in SCENE_SUFFIXES:
-        return f"a scene is a reference by a path through it: {path.name}@trajectory.json"
+        return f"a scene is a reference by a path through it: {shlex.quote(f'{path.name}@trajectory.json')}"
     return "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
 
 

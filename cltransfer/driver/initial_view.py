@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,7 +99,8 @@ def _first_camera(path: Path) -> Camera:
         count = len(read_posed(path))
     except InputError:
         raise told from None
-    came = f"expected SET:INDEX, it has {count} cameras, {path}:0 to {path}:{count - 1}"
+    first, last = (shlex.quote(f"{path}:{index}") for index in (0, count - 1))
+    came = f"expected SET:INDEX, it has {count} cameras, {first} to {last}"
     raise UsageError(path, "--init", came)
 
 

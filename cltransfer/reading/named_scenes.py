@@ -71,7 +71,7 @@ def remember(digest: str, source: str) -> None:
     """Note where a scene of this content was found, so that a run folder need not name a path."""
     where = source if source.startswith(BUILTIN) else str(Path(source).resolve())
     note = cache_dir() / "scenes" / f"{digest}.json"
-    with into_cache(note, f"a later render needs --scene {where}"):
+    with into_cache(note, f"a later render needs --scene {shlex.quote(where)}"):
         write_json(note, {"path": where})
 
 

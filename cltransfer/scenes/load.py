@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -113,12 +114,13 @@ def _geometry(path: Path) -> Any:
     if (reader := reader_of(path)) is not None:
         return read_foreign(path, reader)
     if suffix in FOREIGN_SPLATS:
-        raise InputError(path, "", f"{suffix} is not read", f"convert it: splat-transform {path.name} {path.stem}.ply")
+        command = shlex.join(["splat-transform", path.name, f"{path.stem}.ply"])
+        raise InputError(path, "", f"{suffix} is not read", f"convert it: {command}")
     if not suffix and not path.exists():
         from .builtin import SETS
 
         if str(path).partition("-")[0] in SETS:
-            raise InputError(path, "", "no such file", f"did you mean {BUILTIN}{path}?")
+            raise InputError(path, "", "no such file", f"did you mean {shlex.quote(f'{BUILTIN}{path}')}?")
     known = ", ".join((*SCENE_SUFFIXES, *own_suffixes()))
     if path.is_dir():
         raise InputError(path, "", "is a folder, expected the file of a scene", f"{known} or {BUILTIN}NAME")

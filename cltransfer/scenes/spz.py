@@ -5,6 +5,7 @@ They are stored with y up and z backward, and read with y down and z forward as 
 
 from __future__ import annotations
 
+import shlex
 import struct
 import zlib
 from dataclasses import dataclass
@@ -100,7 +101,7 @@ def _header(path: Path, data: bytearray) -> Header:
 
 
 def _hint(path: Path) -> str:
-    return f"convert it: splat-transform {path.name} {path.stem}.ply"
+    return f"convert it: {shlex.join(['splat-transform', path.name, f'{path.stem}.ply'])}"
 
 
 def _columns(header: Header, body: bytearray, terms: int) -> Columns:

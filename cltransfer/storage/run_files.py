@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def refuse_run(folder: Path, what: str, inside: str) -> None:
     check_out(folder)
     if is_run(folder):
         reason = f"expected another folder than that of a run, whose own {what} have the same names"
-        raise UsageError(folder, "--out", reason, f"as in --out {folder / inside}")
+        raise UsageError(folder, "--out", reason, f"as in --out {shlex.quote(str(folder / inside))}")
 
 
 def require_done(folder: Path) -> None:

@@ -60,6 +60,16 @@ def test_a_method_without_a_name_is_refused(clips: Path, name: str) -> None:
             "ours=ours/a.mkv#t=0,1: ours/a.mkv is a file, expected a folder of clips, as refs is one (name the folder "
             "that it lies in: ours=ours)",
         ),
+        (
+            ("refs", "$(ours)=ours/a.mkv"),
+            "$(ours)=ours/a.mkv: ours/a.mkv is a file, expected a folder of clips, as refs is one (name the folder "
+            "that it lies in: '$(ours)=ours')",
+        ),
+        (
+            ("refs/a.mkv", "ours=ours/a.mkv#t=0,1"),
+            "ours=ours/a.mkv#t=0,1: expected one render, and no method, as refs/a.mkv is a file (METHOD= goes with "
+            "folders only: 'ours/a.mkv#t=0,1')",
+        ),
     ],
 )
 def test_what_is_no_clip_or_no_folder_of_them_is_told_to_be_none(
@@ -76,6 +86,9 @@ def test_a_clip_is_offered_by_the_name_of_its_reference(clips: Path) -> None:
     (clips / "imgs").mkdir()
     (clips / "imgs" / "0.png").touch()
     with pytest.raises(UsageError, match=r"as imgs holds 0\.png .name one, as ours/a\.mkv;"):
+        methods_of("imgs", "ours", [])
+    (clips / "ours" / "a.mkv").rename(clips / "ours" / "$(a).mkv")
+    with pytest.raises(UsageError, match=r"name one, as 'ours/\$\(a\)\.mkv';"):
         methods_of("imgs", "ours", [])
 
 

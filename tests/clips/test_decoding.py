@@ -170,6 +170,9 @@ def test_a_scene_where_a_clip_belongs_is_told_how_it_can_teach(tmp_path: Path) -
     (tmp_path / "a.ply").write_text("ply\n")
     with pytest.raises(InputError, match=r"a scene is a reference by a path through it: a\.ply@trajectory\.json"):
         read_clip(tmp_path / "a.ply")
+    (tmp_path / "a.ply").rename(tmp_path / "$(a).ply")
+    with pytest.raises(InputError, match=r"by a path through it: '\$\(a\)\.ply@trajectory\.json'"):
+        read_clip(tmp_path / "$(a).ply")
 
 
 def test_features_where_a_clip_belongs_are_told_who_takes_them(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import json
 import logging
 import math
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,8 +53,11 @@ def test_a_camera_of_a_posed_set_is_named_by_its_index(tmp_path: Path) -> None:
         given_view(f"{tmp_path}:3")
     with pytest.raises(InputError, match="no such file or folder"):
         given_view(f"{tmp_path / 'gone'}:0")
-    for path in (tmp_path, tmp_path / "transforms.json"):
-        line = f"{path}: --init: expected SET:INDEX, it has 3 cameras, {path}:0 to {path}:2"
+    (tmp_path / "a set").mkdir()
+    (tmp_path / "a set" / "transforms.json").write_text(json.dumps(data))
+    for path in (tmp_path, tmp_path / "transforms.json", tmp_path / "a set"):
+        first, last = (shlex.quote(f"{path}:{index}") for index in (0, 2))
+        line = f"{path}: --init: expected SET:INDEX, it has 3 cameras, {first} to {last}"
         with pytest.raises(UsageError, match=f"^{re.escape(line)}$"):
             given_view(str(path))
     with pytest.raises(InputError, match="expected a file, got a folder"):

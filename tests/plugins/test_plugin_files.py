@@ -61,6 +61,10 @@ def test_a_file_of_a_package_is_refused_with_what_to_name(package: Path, own_los
     (package / "loss.py").write_text("from .tools import W\n")
     with pytest.raises(ModelError, match=f"write an empty __init__.py beside it and .*--allow-plugin {package}\\)$"):
         allow([package])
+    strange = package.rename(package.with_name("$(mine)"))
+    with pytest.raises(ModelError) as caught:
+        allow([strange / "loss.py"])
+    assert str(caught.value).endswith(f"--allow-plugin '{strange}')")
 
 
 @pytest.mark.parametrize(

@@ -43,9 +43,11 @@ def test_a_cache_that_cannot_be_written_is_told_and_loses_no_result(
     (tmp_path / "cache").write_text("a file where the folder should be")
     monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
     remember("ab12", "builtin:courtyard")
-    (line,) = caplog.messages
+    remember("ab13", "builtin:$(yard)")
+    line, strange = caplog.messages
     assert "ab12.json" in line
     assert "a later render needs --scene builtin:courtyard" in line
+    assert "a later render needs --scene 'builtin:$(yard)'" in strange
 
 
 @pytest.mark.parametrize(("frames", "count"), [(None, 24), (6, 6)])

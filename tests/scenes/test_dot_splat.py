@@ -54,3 +54,7 @@ def test_other_packed_formats_name_their_converter(tmp_path: Path, suffix: str) 
     path.write_bytes(b"1")
     with pytest.raises(InputError, match=rf"is not read \(convert it: splat-transform lawn{suffix} lawn.ply\)"):
         load_scene(path)
+    strange = path.rename(tmp_path / f"$(lawn) 1{suffix}")
+    with pytest.raises(InputError) as caught:
+        load_scene(strange)
+    assert str(caught.value).endswith(f"(convert it: splat-transform '$(lawn) 1{suffix}' '$(lawn) 1.ply')")

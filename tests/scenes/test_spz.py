@@ -153,6 +153,13 @@ def test_what_is_wrong_is_named(tmp_path, stream, says):
         read_spz(written(tmp_path, stream))
 
 
+def test_a_name_in_a_command_to_copy_is_quoted(tmp_path):
+    path = written(tmp_path, header(1, 1, 0)).rename(tmp_path / "`room`.spz")
+    with pytest.raises(InputError) as caught:
+        read_spz(path)
+    assert str(caught.value).endswith("(convert it: splat-transform '`room`.spz' '`room`.ply')")
+
+
 def test_a_stream_that_grows_beyond_its_header_is_not_unpacked(tmp_path):
     path = written(tmp_path, header(3, 1, 0) + bytes(30 * 2**20))  # 30 kB on disk
     assert path.stat().st_size < 2**17

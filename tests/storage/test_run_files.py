@@ -30,6 +30,7 @@ from cltransfer.storage.run_files import (
     is_run,
     kept_frames,
     open_run,
+    refuse_run,
     refuse_written,
     require_done,
 )
@@ -63,6 +64,18 @@ def test_a_journal_of_another_program_makes_no_run(tmp_path: Path) -> None:
     assert is_run(tmp_path)
     (tmp_path / JOURNAL).write_bytes(b"")  # killed before the header was written
     assert is_run(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "hint"), [("run", "run/person"), ("$(run)", "'$(run)/person'")])
+def test_a_folder_in_a_command_to_copy_is_quoted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, hint: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).mkdir()
+    (Path(name) / MANIFEST).write_text('{"format": "cltransfer.run"}')
+    with pytest.raises(UsageError) as caught:
+        refuse_run(Path(name), "subject", "person")
+    assert str(caught.value).endswith(f"(as in --out {hint})")
 
 
 def test_a_run_that_was_killed_is_no_result(tmp_path: Path) -> None:
