@@ -192,6 +192,9 @@
   at("back").addEventListener("click", takeBack);
   at("undo").addEventListener("click", takeBack);
   at("again").addEventListener("click", replay);
+  at("ask").addEventListener("click", (event) => { // by mouse: what the space bar does is play, not press it again
+    if (event.detail) event.target.closest("button")?.blur();
+  });
   for (const name of ["download", "stop"]) at(name).addEventListener("click", download);
   for (const name of ["next", "another"]) at(name).addEventListener("click", another);
   for (const video of videos) {

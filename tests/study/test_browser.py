@@ -13,6 +13,7 @@ import pytest
 from cltransfer.study.design import Study
 
 pytest.importorskip("selenium", reason="needs selenium, of the extra cltransfer[dev]")
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
@@ -111,6 +112,20 @@ def test_a_button_that_has_the_focus_is_pressed_by_the_space_bar(browser: Any, p
     browser.switch_to.active_element.send_keys(Keys.SPACE)
     until(lambda: text(browser, "count") != before)
     assert text(browser, "count") == "Question 2 of 3"
+
+
+def test_after_a_click_the_space_bar_shows_the_videos_again_and_answers_nothing(
+    browser: Any, page: tuple[Path, Path]
+) -> None:
+    join(browser, page[0], "P-09")
+    kept = f"return JSON.parse(localStorage.getItem('cltransfer-study-{Study.load(page[1]).name}')).answers.length"
+    for _ in range(2):
+        press(browser, Keys.ARROW_LEFT)
+    for name, count in (("back", 1), ("choose-left", 2)):
+        browser.find_element(By.ID, name).click()
+        until(lambda told=f"Question {count + 1} of 3": text(browser, "count") == told)
+        ActionChains(browser).send_keys(Keys.SPACE).perform()
+        assert browser.execute_script(kept) == count
 
 
 def test_who_stops_early_downloads_what_there_is_and_makes_room_for_another(
