@@ -92,12 +92,17 @@ def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: s
             ax.set_yscale("symlog", linthresh=positive.min())
         else:
             ax.set_yscale("log")
-        ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         ax.yaxis.set_minor_formatter(lambda value, _: "")
     else:
         ax.set_ylim(bottom=0)
+    ax.yaxis.set_major_formatter(_plain)
     ax.set_title(f"{term.name} [{term.unit}]{scale}", pad=3)
     ax.grid(axis="y")
+
+
+def _plain(value: float, _: float) -> str:
+    """A tick as it is: a factor taken out of all of them would lie under the title."""
+    return f"{value:g}"
 
 
 def top_view(trajectory: Trajectory, subject: Subject) -> str:
@@ -142,6 +147,7 @@ def lens_curves(trajectory: Trajectory, subject: Subject | None) -> str:
         for ax, (name, values) in zip(axes, rows):
             ax.plot(times, values, color=_MAIN, marker="o", markersize=2)  # one frame alone is no line
             ax.set_ylim(0, 1.15 * float(values.max()))
+            ax.yaxis.set_major_formatter(_plain)
             ax.set_title(name, pad=3)
             ax.grid(axis="y")
         axes[-1].set_xlabel("time [s]")

@@ -38,6 +38,19 @@ def test_a_loss_of_nothing_is_drawn_on_a_log_scale_too(values: list[float], told
     assert ax.get_title(loc="left") + ax.get_title() == f"framing [frame]{told}"
 
 
+@pytest.mark.parametrize("size", [1e-6, 0.3, 3e6])
+def test_the_values_at_an_axis_are_those_that_are_drawn(size: float) -> None:
+    figure = Figure()
+    ax = figure.subplots()
+    values = size * torch.tensor([1.0, 2.0, 3.0, 2.0])
+    _curves(ax, np.arange(4.0), Term("framing", "frame", 1.0, values), None, "transfer")
+    figure.draw_without_rendering()
+    told = [float(label.get_text()) for label in ax.get_yticklabels()]
+    assert told == pytest.approx(list(ax.get_yticks()), rel=1e-5)
+    assert max(told) > 2 * size
+    assert ax.yaxis.get_offset_text().get_text() == ""
+
+
 def path(eye: torch.Tensor, size: tuple[int, int] = (64, 36)) -> Trajectory:
     """Two frames from ``eye`` (3,) on, which look at the sample's person."""
     person = sample_subject()
