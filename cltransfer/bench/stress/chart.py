@@ -17,24 +17,27 @@ if TYPE_CHECKING:
 
 COLUMNS = 4
 MARKERS = "os^Dv<>P"
+SPREAD = 0.3  # of a level: how far the marks of the first and of the last method stand apart
 
 
 def write_success(found: Sequence[StressVerdict], path: Path) -> None:
     """Draw the share of clips that did not fail as SVG; the same verdicts give the same bytes."""
+    _write(found, path, "clips that did not fail", _success)
 
-    def draw(ax: Any, verdict: StressVerdict, nudge: float, style: Mapping[str, Any]) -> None:
-        ax.plot([share + 0.01 * nudge for share in verdict.success], **style)  # lines on one another are both seen
-        ax.set_ylim(-0.07, 1.07)
-        ax.axhline(0.5, linewidth=0.5, color="0.5", linestyle=":")
 
-    _write(found, path, "clips that did not fail", draw)
+def _success(ax: Any, verdict: StressVerdict, beside: float, style: Mapping[str, Any]) -> None:
+    """Lines on one another are all seen: each is thinner than the one below it, its marks stand beside the level."""
+    at = [level + SPREAD * beside for level in range(len(verdict.success))]
+    ax.plot(at, verdict.success, linewidth=2 - 2 * beside, **style)
+    ax.set_ylim(-0.07, 1.07)
+    ax.axhline(0.5, linewidth=0.5, color="0.5", linestyle=":")
 
 
 def write_totals(found: Sequence[StressVerdict], path: Path) -> None:
     """Draw the mean totals as SVG; the same verdicts give the same bytes."""
     from ..plain_axis import plain
 
-    def draw(ax: Any, verdict: StressVerdict, nudge: float, style: Mapping[str, Any]) -> None:
+    def draw(ax: Any, verdict: StressVerdict, beside: float, style: Mapping[str, Any]) -> None:
         ax.plot(verdict.totals, **style)
         ax.set_yscale("log")
         plain(ax.yaxis)
@@ -42,7 +45,7 @@ def write_totals(found: Sequence[StressVerdict], path: Path) -> None:
     _write(found, path, "mean total", draw)
 
 
-Draw = Callable[[Any, StressVerdict, float, Mapping[str, Any]], None]
+Draw = Callable[[Any, StressVerdict, float, Mapping[str, Any]], None]  # the number: from -0.5, the first method, to 0.5
 
 
 def _write(found: Sequence[StressVerdict], path: Path, label: str, draw: Draw) -> None:
@@ -50,6 +53,7 @@ def _write(found: Sequence[StressVerdict], path: Path, label: str, draw: Draw) -
     methods = list(dict.fromkeys(verdict.method for verdict in found))
     columns = min(COLUMNS, len(stressors))
     rows = math.ceil(len(stressors) / columns)
+    middle = (len(methods) - 1) / 2
 
     def draw_all(figure: Figure) -> None:
         axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
@@ -64,7 +68,7 @@ def _write(found: Sequence[StressVerdict], path: Path, label: str, draw: Draw) -
                     "color": f"C{i}",
                     "label": verdict.method,
                 }
-                draw(ax, verdict, i - (len(methods) - 1) / 2, style)
+                draw(ax, verdict, (i - middle) / max(1, 2 * middle), style)
             levels = ["none", *(f"{value:g}" for value in STRESSORS[stressor].levels)]
             ax.set_xticks(range(len(levels)), levels, fontsize=7)
             ax.set_title(stressor.replace("_", " "), loc="left", fontsize=9)
