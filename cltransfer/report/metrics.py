@@ -19,6 +19,8 @@ from .data import ReportData
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "first view / mean")
 WITHOUT_BASELINE = 5  # columns of the head that need none
+WORDS = (0, 2)  # columns of it that hold no numbers
+GAP, NARROW = 2, 10  # letters between two columns in a terminal, and of a name there at the least
 
 
 @dataclass(frozen=True)
@@ -116,31 +118,49 @@ def sums(report: ReportData) -> str:
 def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
     """Table of the metrics: drawn for a terminal, Markdown otherwise; below it what :func:`sums` says.
 
-    ``terminal`` is whether it will be seen in one; None looks at standard output.
+    ``terminal`` is whether it will be seen in one; None looks at standard output. In one that is too narrow for the
+    numbers it is Markdown too, whose lines are broken there.
     """
     names = head(report)
     lines = [row.cells()[: len(names)] for row in rows(report)]
-    if sys.stdout.isatty() if terminal is None else terminal:
-        table = _drawn(names, lines)
+    seen = sys.stdout.isatty() if terminal is None else terminal
+    if seen and (widths := _widths(names, lines, shutil.get_terminal_size().columns)):
+        table = _drawn(names, lines, widths)
     else:
-        rule = tuple("---" if i in (0, 2) else "--:" for i in range(len(names)))
+        rule = tuple("---" if i in WORDS else "--:" for i in range(len(names)))
         table = "\n".join("| " + " | ".join(cells) + " |" for cells in [names, rule, *lines])
     return "\n\n".join(filter(None, [table, sums(report)]))
 
 
-def _drawn(names: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
-    """As wide as the terminal allows, without colour: what a terminal would act on is escaped where it is printed."""
+def _widths(names: tuple[str, ...], lines: list[tuple[str, ...]], columns: int) -> list[int]:
+    """Letters of each column in ``columns`` of a terminal, where numbers stay whole; empty where they would not.
+
+    What is wider than that goes on below: first heads of numbers, the last one first, then units, then names.
+    """
+    numbers = [i for i in range(len(names)) if i not in WORDS]
+    widths = [max(map(len, column)) for column in zip(names, *lines)]
+    least = [max(map(len, " ".join(column).split())) for column in zip(names, *lines)]  # no word is broken,
+    least[0] = min(least[0], NARROW)  # but a long name is
+    over = sum(widths) + GAP * (len(widths) - 1) - columns
+    for i in (*reversed(numbers), *reversed(WORDS)):
+        given = min(max(over, 0), widths[i] - least[i])
+        widths[i] -= given
+        over -= given
+    return widths if over <= 0 else []
+
+
+def _drawn(names: tuple[str, ...], lines: list[tuple[str, ...]], widths: list[int]) -> str:
+    """Columns of ``widths`` without colour: what a terminal would act on is escaped where it is printed."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False)
-    for i, name in enumerate(names):
-        table.add_column(name, justify="left" if i in (0, 2) else "right", no_wrap=i == 0)
-    table.columns[0].min_width = max(len(cells[0]) for cells in lines)
+    for i, (name, width) in enumerate(zip(names, widths)):
+        table.add_column(name, justify="left" if i in WORDS else "right", width=width, overflow="fold")
     for cells in lines:
         table.add_row(*(Text(cell) for cell in cells))
-    console = Console(file=io.StringIO(), width=shutil.get_terminal_size().columns, color_system=None)
+    console = Console(file=io.StringIO(), width=sum(widths) + GAP * len(widths), color_system=None)
     console.print(table)
     return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
 

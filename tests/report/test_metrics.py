@@ -105,6 +105,30 @@ def test_a_terminal_shows_the_table_as_it_was_drawn(report, columns, capsys, mon
     assert [line.split(" ")[0] for line in lines[-5:-2]] == ["shot_size", "camera_movement", "total"]
 
 
+@pytest.mark.parametrize("columns", [40, 56, 62, 72, 80, 100])
+def test_a_narrow_terminal_cuts_no_number(report, columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    drawn = metrics_table(report, terminal=True).partition("\n\n")[0]
+    assert "…" not in drawn
+    markdown = drawn.startswith("| metric |")
+    assert markdown == (columns < 60)  # there is no room for seven columns
+    assert markdown or max(map(len, drawn.splitlines())) <= columns
+    shown = drawn.replace("|", " ").split()
+    for row in rows(report):
+        assert set(row.cells()[3:]) <= set(shown)
+
+
+def test_a_long_unit_goes_on_below_before_a_name_is_broken(report, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "70")
+    long = Term("camera_movement", "frame widths a frame", 1.0, torch.tensor([0.25] * 4))
+    drawn = metrics_table(replace(report, scores=Scores((long,), torch.ones(4))), terminal=True).splitlines()
+    at = next(i for i, line in enumerate(drawn) if line.startswith("camera_movement"))
+    assert [line.split() for line in drawn[at : at + 2]] == [
+        ["camera_movement", "0.250", "frame", "widths", "0.250", "4/4", "1.00", "4.00×"],
+        ["a", "frame"],
+    ]
+
+
 def test_columns_that_nothing_fills_are_left_out(report):
     alone = replace(report, baseline=None)
     piped, drawn = metrics_table(alone, terminal=False), metrics_table(alone, terminal=True)
