@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 HIGH = 120  # [px] of the frames
 WIDE = 7.2  # width of their row over its height
+ALONE = 1.0  # [s] that one frame alone is drawn over
 DOTS: Any = {"marker": "o", "markersize": 1.5}  # one frame, or one between two that were not read, is no line
 STYLE: Any = {**SMALL, "axes.titlesize": 9}
 
@@ -36,18 +37,21 @@ def write_strip(path: Path, shown: Description, image: Tensor | None) -> None:
         image: its frames, (N, 3, H, W) uint8, None where there are none.
     """
     rows = [1.0, 1.3, 1.3, 1.6] if image is not None else [1.3, 1.3, 1.6]
+    write_text(path, svg(lambda figure: _draw(figure, rows, shown, image), (8.0, 1.1 * sum(rows)), STYLE))
 
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=rows)[:, 0]
-        if image is not None:
-            _thumbnails(axes[0], shown.times, image)
-        for track, ax in zip((_scale, _angle, _movement), axes[-3:]):
-            track(ax, shown)
-            ax.spines[["top", "right"]].set_visible(False)
-            ax.grid(axis="y", linewidth=0.3)
-        axes[-1].set_xlabel("time [s]")
 
-    write_text(path, svg(draw, (8.0, 1.1 * sum(rows)), STYLE))
+def _draw(figure: Figure, rows: list[float], shown: Description, image: Tensor | None) -> None:
+    axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=rows)[:, 0]
+    if image is not None:
+        _thumbnails(axes[0], shown.times, image)
+    for track, ax in zip((_scale, _angle, _movement), axes[-3:]):
+        track(ax, shown)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(axis="y", linewidth=0.3)
+    axes[-1].set_xlabel("time [s]")
+    if len(shown.times) == 1:
+        axes[-1].set_xlim(_span(shown.times))
+        axes[-1].set_xticks([float(shown.times[0])], [f"{float(shown.times[0]):.2f}"])
 
 
 def _thumbnails(ax: Axes, times: Tensor, image: Tensor) -> None:
@@ -58,9 +62,14 @@ def _thumbnails(ax: Axes, times: Tensor, image: Tensor) -> None:
     picked = (times - moments[:, None]).abs().argmin(1)
     small = interpolate(image[picked].float(), (HIGH, max(1, HIGH * width // height)), mode="area")
     strip = np.concatenate(list(small.permute(0, 2, 3, 1).round().byte().numpy()), axis=1)
-    span = float(times[0]), max(float(times[-1]), float(times[0]) + 1e-3)
-    ax.imshow(strip, extent=(*span, 0, 1), aspect="auto", interpolation="none")
+    ax.imshow(strip, extent=(*_span(times), 0, 1), aspect="auto", interpolation="none")
     ax.set_axis_off()
+
+
+def _span(times: Tensor) -> tuple[float, float]:
+    """From where to where the time goes [s]: one frame alone has none, and stands in the middle of a second."""
+    beside = ALONE / 2 if len(times) == 1 else 0.0
+    return float(times[0]) - beside, float(times[-1]) + beside
 
 
 def _scale(ax: Axes, shown: Description) -> None:

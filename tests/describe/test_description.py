@@ -237,3 +237,15 @@ def test_one_frame_is_a_dot_in_the_strip(tmp_path: Path) -> None:
         write_strip(tmp_path / "a.svg", describe_features("one", alone, TIMES[:1], motion, {}), None)
         drawn.append((tmp_path / "a.svg").read_text().count("<use "))
     assert drawn[0] == drawn[1] + 3  # yaw, pitch and roll
+
+
+@pytest.mark.parametrize("pictures", [True, False])
+def test_one_frame_stands_in_the_middle_of_the_strip_at_its_own_time(pictures: bool) -> None:
+    figure = Figure()
+    features, times = sample_features(1, 1), torch.tensor([2.5]).double()
+    shown = describe_features("one", features, times, flow_motion(features, times), {})
+    rows = [1.0] * (3 + pictures)
+    strip._draw(figure, rows, shown, (features.image * 255).byte() if pictures else None)
+    assert [ax.get_xlim() for ax in figure.axes] == [(2.0, 3.0)] * len(rows)
+    assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == ["2.50"]
+    assert [image.get_extent()[:2] for ax in figure.axes for image in ax.images] == [[2.0, 3.0]] * pictures
