@@ -104,12 +104,12 @@ class Description:
         scale, height, side, dutch, staging = (self.tracks[n] for n in ("scale", "height", "side", "dutch", "staging"))
         seen = f" The person is read in {scale.defined} of {len(self.times)} frames."
         parts = [
-            _sentence("Shot size", _from_to(scale)),
-            _sentence("Angle", _angle(height, side, _canted(dutch, self.movement))),
+            _sentence("Shot size", _from_to(scale), scale.reason),
+            _sentence("Angle", _angle(height, side, _canted(dutch, self.movement)), height.reason),
+            _sentence("Movement", self.movement.text),
+            _sentence("Staging", staging.usual(), staging.reason),
         ]
-        parts.append(_sentence("Movement", self.movement.text))
-        parts.append(_sentence("Staging", staging.usual()) or f"Staging: not told ({staging.reason}).")
-        return " ".join(part for part in parts if part) + seen
+        return " ".join(parts) + seen
 
 
 def describe_features(
@@ -192,5 +192,5 @@ def _from(side: str | None) -> str:
     return f"from the {side}" if side in ("front", "back") else f"from {side}" if side else ""
 
 
-def _sentence(name: str, words: str | None) -> str:
-    return f"{name}: {words}." if words else ""
+def _sentence(name: str, words: str | None, reason: str = "") -> str:
+    return f"{name}: {words or f'not told ({reason})'}."

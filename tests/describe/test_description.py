@@ -41,6 +41,14 @@ def test_staging_that_is_not_told_says_why_by_what_the_clip_itself_told() -> Non
     assert "Staging: not told (depth_sfm: the camera stands still)." in told.text()
 
 
+def test_of_a_person_whom_nobody_sees_every_sentence_says_that_it_is_not_told_and_why() -> None:
+    told = described(replace(without_person(sample_features(0, 6)), depth=None)).text()
+    assert told.startswith(
+        "Shot size: not told (too few joints). Angle: not told (the person's orientation is unknown). Movement: "
+    )
+    assert told.endswith("Staging: not told (no depth network). The person is read in 0 of 6 frames.")
+
+
 def angles(yaw: float = 0, pitch: float = 0, roll: float = 0) -> torch.Tensor:
     return torch.deg2rad(torch.tensor([[yaw, pitch, roll]]))
 
