@@ -55,11 +55,23 @@ def _live() -> Iterator[Progress]:
     columns = (bar.TextColumn("{task.description:<24}"), bar.BarColumn(), bar.MofNCompleteColumn())
     times = (bar.TimeElapsedColumn(), bar.TimeRemainingColumn())
     with bar.Progress(*columns, *times, console=Console(stderr=True)) as bars:
-        tasks: dict[str, object] = {}
+        tasks: dict[str, bar.TaskID] = {}
+        endless = ""  # step under way of which nobody knows how long it takes: it has ended where another begins
+
+        def end() -> None:
+            if endless:
+                bars.update(tasks[endless], completed=1, total=1)
 
         def report(step: str, done: int, total: int) -> None:
-            if step not in tasks:
+            nonlocal endless
+            if step != endless:
+                end()
+            if step not in tasks or (not total and step != endless):  # one that has ended begins anew, as one line
+                if step in tasks:
+                    bars.remove_task(tasks[step])
                 tasks[step] = bars.add_task(step, total=total or None)
-            bars.update(tasks[step], completed=done, total=total or None)  # type: ignore[arg-type]
+            bars.update(tasks[step], completed=done, total=total or None)
+            endless = "" if total else step
 
         yield report
+        end()
