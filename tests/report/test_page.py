@@ -88,6 +88,39 @@ def test_one_frame_makes_a_page(report):
     )
 
 
+def test_long_words_stay_in_their_column_and_on_the_page(report, browser, tmp_path):
+    word = 96 * "x"
+    terms = (replace(report.scores.terms[0], reason=word, unit="of a long unit " * 9), *report.scores.terms[1:])
+    flags = (Flag(None, word), Flag(1, word))
+    long = replace(report, title=word, flags=flags, scores=replace(report.scores, terms=terms), command=word)
+    file = write_report(tmp_path, long).as_uri()
+    inside = "const box = document.querySelector('.table'); return box.scrollWidth <= box.clientWidth"
+    over = "return [...document.querySelectorAll('li, dd, h1, pre')].filter(e => e.scrollWidth > e.clientWidth).length"
+    for width in (1200, 500):
+        browser.set_window_size(width, 800)
+        browser.get(file)
+        wide, shown = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+        assert wide <= shown
+        assert browser.execute_script(over) == 0
+        assert browser.execute_script(inside) == (width > 500)  # a narrow one has to be moved
+
+
+def test_few_frames_are_no_larger_than_many_and_one_is_called_one(report, browser, tmp_path):
+    one = replace(
+        report,
+        times=report.times[:1],
+        trajectory=None,
+        scores=Scores((term("framing", [0.5]),), torch.ones(1, dtype=torch.float64)),
+        baseline=None,
+        reference_frames=report.reference_frames[:1],
+        render_frames=report.render_frames[:1],
+    )
+    browser.get(write_report(tmp_path, one).as_uri())
+    assert max(picture.size["width"] for picture in browser.find_elements("css selector", ".strip img")) <= 280
+    assert browser.find_element("css selector", ".under").text == "1 frame · camera language score"
+    assert "4 frames over 0.38 s · camera language transfer" in page(report)
+
+
 def test_what_is_as_good_as_the_first_view_is_neither_better_nor_worse(report):
     for share, word in ((1.0, ""), (2.0, "better"), (0.5, "worse")):
         held = replace(report.scores, terms=report.scores.terms[:1], totals=torch.ones(4, dtype=torch.float64))
