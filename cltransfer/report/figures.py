@@ -51,6 +51,8 @@ _STYLE: Any = {
     "legend.fontsize": 8,
 }
 
+_MARGIN = 0.05  # beside the first and the last frame, of the time between them; [s] beside one alone
+_TICKS = 5  # of an axis, at the most
 _LOG_SPAN = 30.0  # largest over smallest value from which a chart is drawn on a log scale
 
 
@@ -65,9 +67,16 @@ def term_curves(report: ReportData) -> str:
             _curves(ax, report.times.numpy(), term, other, report.render_name)
         axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, borderpad=0)
         axes[-1].set_xlabel("time [s]")
+        axes[-1].set_xlim(_limits(report.times.numpy()))
 
     told = f"each term over time: {', '.join(term.name for term in shown)}"
     return _svg(draw, (6.4, 1.15 * len(shown) + 0.3), told)
+
+
+def _limits(times: np.ndarray) -> tuple[float, float]:
+    """From where to where an axis of ``times`` (N,) [s] goes, whichever of them have a value."""
+    beside = _MARGIN * (times[-1] - times[0]) or _MARGIN
+    return times[0] - beside, times[-1] + beside
 
 
 def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: str) -> None:
@@ -90,6 +99,7 @@ def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: s
         if (values <= 0).any():  # which has a place of its own, and is told from a gap
             scale += f" from {positive.min():.2g}"
             ax.set_yscale("symlog", linthresh=positive.min())
+            ax.set_yticks(_decades(float(positive.min()), float(positive.max())))
         else:
             ax.set_yscale("log")
         ax.yaxis.set_minor_formatter(lambda value, _: "")
@@ -98,6 +108,14 @@ def _curves(ax: Axes, times: np.ndarray, term: Term, other: Term | None, name: s
     ax.yaxis.set_major_formatter(_plain)
     ax.set_title(f"{term.name} [{term.unit}]{scale}", pad=3)
     ax.grid(axis="y")
+
+
+def _decades(low: float, high: float) -> list[float]:
+    """0 and powers of ten up to ``high``, as many as can be read, on an axis that is even below ``low``, log above."""
+    below = 10 / 9  # decades that 0 to ``low`` is as long as
+    stride = math.ceil((below + math.log10(high / low)) / (_TICKS - 1))
+    least = math.log10(low) + max(0.0, stride - below)
+    return [0.0, *(10.0**power for power in range(math.floor(math.log10(high)), math.ceil(least) - 1, -stride))]
 
 
 def _plain(value: float, _: float) -> str:

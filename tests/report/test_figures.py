@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import torch
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from cltransfer.camera import Camera
-from cltransfer.pipeline.scores import Term
-from cltransfer.report.figures import _curves, lens_curves, top_view
+from cltransfer.pipeline.scores import Scores, Term
+from cltransfer.report.data import ReportData
+from cltransfer.report.figures import _STYLE, _curves, lens_curves, term_curves, top_view
 from cltransfer.testing import sample_subject
 from cltransfer.trajectory import Trajectory
 
@@ -36,6 +40,32 @@ def test_a_loss_of_nothing_is_drawn_on_a_log_scale_too(values: list[float], told
     known = places[np.isfinite(places)]
     assert low - 1e-6 <= known.min() <= known.max() <= high + 1e-6
     assert ax.get_title(loc="left") + ax.get_title() == f"framing [frame]{told}"
+
+
+@pytest.mark.parametrize("values", [[0.0, 1e-7, 3.0], [0.0, 0.01, 1.0], [0.0, 0.02, 7e5], [0.0, 0.29, 9.1]])
+def test_no_two_values_at_a_log_axis_lie_over_one_another(values: list[float]) -> None:
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(6.4, 1.45), layout="constrained")  # as a term alone has
+        ax = figure.subplots()
+        _curves(ax, np.arange(3.0), Term("framing", "frame", 1.0, torch.tensor(values)), None, "transfer")
+        figure.draw_without_rendering()
+    places = sorted(tuple(label.get_window_extent().intervaly) for label in ax.get_yticklabels())
+    assert len(places) >= 2
+    assert all(before[1] < after[0] for before, after in pairwise(places))
+    told = [float(label.get_text()) for label in ax.get_yticklabels()]
+    assert told == pytest.approx(list(ax.get_yticks()))
+    assert min(told) == 0
+    assert max(values) / 10 < max(told) <= max(values)
+
+
+@pytest.mark.parametrize("values", [[NAN, NAN, NAN, NAN], [NAN, 0.2, 0.3, NAN]])
+def test_a_chart_goes_over_all_of_the_clip_whatever_has_no_value(report: ReportData, values: list[float]) -> None:
+    told = Scores((Term("framing", "frame", 1.0, torch.tensor(values)),), torch.tensor(values))
+    whole = replace(told, terms=(replace(told.terms[0], values=torch.tensor([0.1, 0.2, 0.3, 0.1])),))
+    gaps, full = (term_curves(replace(report, scores=one, baseline=None)) for one in (told, whole))
+    ticks = re.compile(r'id="xtick_.*?>([\d.]+)</text>', re.DOTALL)
+    assert ticks.findall(gaps) == ticks.findall(full)
+    assert len(ticks.findall(full)) > 3
 
 
 @pytest.mark.parametrize("size", [1e-6, 0.3, 3e6])
