@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import cycle
 from pathlib import Path
@@ -38,12 +38,18 @@ def _draw(figure: Figure, clips: Sequence[Clip]) -> None:
     colors = dict(zip(dict.fromkeys(clip.preset for clip in clips), cycle(COLORS)))
     grid = figure.subplots(len(targets), len(COSTS), sharey="row", squeeze=False)
     for row, target in zip(grid, targets):
+        mine = [clip for clip in clips if clip.target == target]
         for ax, (cost, label) in zip(row, COSTS):
-            _panel(ax, [clip for clip in clips if clip.target == target], cost, colors)
+            _panel(ax, mine, cost, colors)
             ax.set_xlabel(label)
-        row[0].set_ylabel(f"{target}: mean total of a clip")
+        row[0].set_ylabel(f"{target}: mean total of a clip{floored(clip.total for clip in mine)}")
     shown = {label: dot for ax in grid[:, 0] for dot, label in zip(*ax.get_legend_handles_labels())}
     grid[0][0].legend(list(shown.values()), list(shown), frameon=False, fontsize=8)
+
+
+def floored(totals: Iterable[float]) -> str:
+    """What is said where some of ``totals`` are drawn at :data:`LOWEST` and lie below it; else empty."""
+    return f" (below {LOWEST:g} at {LOWEST:g})" if min(totals, default=LOWEST) < LOWEST else ""
 
 
 def _panel(ax: Axes, clips: Sequence[Clip], cost: str, colors: Mapping[str, str]) -> None:

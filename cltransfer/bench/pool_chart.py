@@ -7,7 +7,7 @@ from itertools import cycle
 from typing import TYPE_CHECKING
 
 from .driver import PAPER, Clip
-from .driver_chart import COLORS, LOWEST
+from .driver_chart import COLORS, LOWEST, floored
 from .driver_table import comparable, met
 
 if TYPE_CHECKING:
@@ -22,17 +22,19 @@ def draw(figure: Figure, clips: Sequence[Clip]) -> None:
 
     presets = [name for name in dict.fromkeys(clip.preset for clip in clips) if name != PAPER]
     for ax, (value, label) in zip(figure.subplots(1, len(PANELS)), PANELS):
-        ends = [1.0]
+        totals = [1.0]
         for name, color in zip(presets, cycle(COLORS)):
             pairs = met(name, "cross", clips) if value == "judged" or comparable(name) else []
             dots = [(getattr(theirs, value), getattr(ours, value)) for ours, theirs in pairs]
-            dots = [(max(x, LOWEST), max(y, LOWEST)) for x, y in dots if x == x and y == y]
+            dots = [(x, y) for x, y in dots if x == x and y == y]
+            totals += [total for dot in dots for total in dot]
+            dots = [(max(x, LOWEST), max(y, LOWEST)) for x, y in dots]
             x, y = [x for x, _ in dots], [y for _, y in dots]
             ax.scatter(x, y, 12, color=color, alpha=0.55, linewidths=0, label=name)
-            ends += [end for dot in dots for end in dot]
-        low, high = min(ends) / 1.3, max(ends) * 1.3
+        low, high = max(min(totals), LOWEST) / 1.3, max(totals) * 1.3
         ax.plot([low, high], [low, high], color="#999999", linewidth=0.8)
-        ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), aspect="equal", title=label)
+        ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), aspect="equal")
+        ax.set_title(label + floored(totals))
         ax.set_xlabel("the paper's setting")
         ax.set_ylabel("ours; below the line it is lower")
         plain(ax.xaxis)

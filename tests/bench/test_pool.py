@@ -108,3 +108,11 @@ def test_the_chart_has_a_dot_for_what_both_sides_know() -> None:
     assert dots([CLIP, PAPER]) == [[[1.0, 0.5]], [[0.5, 0.6]]]
     assert dots([replace(CLIP, judged=NAN), PAPER]) == [[[1.0, 0.5]], []]
     assert dots([CLIP]) == [[], []]
+
+
+def test_a_total_that_is_drawn_higher_than_it_is_is_told() -> None:
+    figure = Figure()
+    draw(figure, [replace(CLIP, total=1e-4), PAPER])
+    assert [ax.get_title().partition(" (")[2] for ax in figure.axes] == ["below 0.001 at 0.001)", ""]
+    assert figure.axes[0].collections[0].get_offsets().tolist() == [[1.0, 0.001]]
+    assert figure.axes[0].get_ylim()[0] < 0.001
