@@ -99,7 +99,7 @@ class GaussianSplatsFit:
         score = psnr(splats, held_out, self.renderer)
         count, seconds = len(splats), time.perf_counter() - since
         levels = [Level(count, count, score, self.steps, seconds, True)]
-        write_curve(folder, levels)
+        write_curve(folder, levels, "Gaussians")
         write_splats(folder / SCENE, splats)
         write_state(folder, key, levels)  # last: by it the fit is done
         return levels

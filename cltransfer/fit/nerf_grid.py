@@ -125,7 +125,7 @@ class NerfGridFit:
             level, grid = self._level(len(levels), cells, views, folder, progress)
             gained = not levels or self.budget != AUTO or level.psnr >= levels[-1].psnr + self.gain
             levels.append(Level(**{**asdict(level), "kept": gained}))
-            write_curve(folder, levels)
+            write_curve(folder, levels, "cells")
             if gained:
                 write_grid(folder / GRID, grid)
             write_state(folder, key, levels)  # last: by it a level is done

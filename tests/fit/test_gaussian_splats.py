@@ -62,7 +62,7 @@ def test_a_folder_is_one_fits(quick, views, tmp_path):
 
 
 def test_a_fit_is_not_done_before_its_curve_is_there(quick, views, tmp_path, monkeypatch):
-    def interrupt(folder, levels):
+    def interrupt(*words):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
@@ -71,6 +71,7 @@ def test_a_fit_is_not_done_before_its_curve_is_there(quick, views, tmp_path, mon
             quick.fit(views, tmp_path, lambda *step: None)
     assert quick.fit(views, tmp_path, lambda *step: None)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["curve.csv", "curve.svg", "fit.json", "splats.ply"]
+    assert ">Gaussians</text>" in (tmp_path / "curve.svg").read_text()
 
 
 def test_a_set_in_small_units_is_scored_as_it_is_learnt_and_one_that_cannot_be_seen_is_refused(quick, views, tmp_path):

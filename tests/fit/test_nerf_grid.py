@@ -99,6 +99,7 @@ def test_the_folder_holds_curve_state_and_grid_and_no_leftovers(fitted):
     assert [float(row["psnr"]) for row in rows] == [level.psnr for level in levels]
     svg = (folder / "curve.svg").read_text()
     assert "held-out PSNR" in svg
+    assert ">cells</text>" in svg
     assert f"{levels[0].psnr:.1f} dB" in svg
     assert told[0][0] == "level_0"
     assert {name for name, _, _ in told} == {f"level_{i}" for i in range(len(levels))}
