@@ -117,7 +117,7 @@ def bench_driver(
     seeds: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[seeds=FIRST:LAST]",
+            metavar="seeds=FIRST:LAST",
             help="Where the shots stand; seeds=500:520 are published, those to 679 were seen, 0 is the default.",
         ),
     ] = None,
@@ -156,7 +156,7 @@ def bench_driver(
 
 @app.command("pool")
 def bench_pool(
-    clips: Annotated[list[Path], typer.Argument(metavar="driver.csv...", help="What `bench driver --out` wrote.")],
+    clips: Annotated[list[Path], typer.Argument(metavar="driver.csv", help="What `bench driver --out` wrote.")],
     out: Out = None,
 ) -> None:
     """Runs of the driver bench together, of seeds that differ: by preset and by shot, against the paper's setting."""

@@ -17,7 +17,7 @@ def ablate(
     overrides: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[KEY=VALUE]...",
+            metavar="KEY=VALUE",
             help="The sweep's are seeds=[0,1] scenes=[..] references=[..] engine.workers=4 engine.backend=dask "
             "engine.address=tcp://.. (a cluster is named here, not in FILE); anything else goes on top of every row.",
         ),

@@ -31,7 +31,7 @@ def cache_clear(
     kinds: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[KIND]...", help="Of those that `cltransfer cache list` names; scenes, models, assets only so."
+            metavar="KIND", help="Of those that `cltransfer cache list` names; scenes, models, assets only so."
         ),
     ] = None,
 ) -> None:

@@ -36,7 +36,7 @@ def evaluate(
     more: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[METHOD=FOLDER]... [KEY=VALUE]...",
+            metavar="METHOD=FOLDER|KEY=VALUE",
             help="Further methods, where REFERENCE is a folder of clips; then what goes over the config: frames=24, "
             "extractors..., losses..., preset=, renderer..., threads=, and of folders seed= (`plugins show config`).",
         ),

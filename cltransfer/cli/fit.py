@@ -36,7 +36,7 @@ def fit(
     overrides: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[KEY=VALUE]...",
+            metavar="KEY=VALUE",
             help="Options; `plugins show fit.nerf_grid` explains them, fit.gaussian_splats those of splats.",
         ),
     ] = None,

@@ -108,7 +108,7 @@ def models_align(
         str, typer.Argument(help="A scene: what its renderer knows of depth is held against the network.")
     ],
     overrides: Annotated[
-        list[str], typer.Argument(metavar="KEY=VALUE...", help="The config; it must have extractors.depth_onnx.")
+        list[str], typer.Argument(metavar="KEY=VALUE", help="The config; it must have extractors.depth_onnx.")
     ],
     views: Annotated[int, typer.Option(min=1, help="How many, all around the subject.")] = 8,
     subject: Annotated[Path | None, typer.Option(help="subject.json of `cltransfer lift`; else it is lifted.")] = None,

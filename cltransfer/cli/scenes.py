@@ -19,9 +19,7 @@ def lift(
     scene: Annotated[str, typer.Argument(help="Scene file, as in `transfer`, or builtin:NAME.")],
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[KEY=VALUE]...", help="renderer.mesh={}, extractors.pose_blazepose.model=FILE, threads=1."
-        ),
+        typer.Argument(metavar="KEY=VALUE", help="renderer.mesh={}, extractors.pose_blazepose.model=FILE, threads=1."),
     ] = None,
     out: Out = None,
     view: Annotated[list[Path] | None, typer.Option(help="Trajectory files to look from (repeatable).")] = None,
@@ -75,7 +73,7 @@ def simplify(
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY=VALUE]...", help="k=2 (px), prune=0 (of a pixel), side=160 (px), floaters=keep."),
+        typer.Argument(metavar="KEY=VALUE", help="k=2 (px), prune=0 (of a pixel), side=160 (px), floaters=keep."),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,

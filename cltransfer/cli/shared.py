@@ -26,7 +26,7 @@ Config = Annotated[
 Overrides = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="[KEY=VALUE]...",
+        metavar="KEY=VALUE",
         help="Over the config: frames=12 losses.framing=null; a component's: `cltransfer plugins show NAME`.",
     ),
 ]

@@ -36,9 +36,16 @@ def check_once(command: Any, words: Sequence[str]) -> None:
     for i, one in enumerate(given):
         if one in given[:i] and not one.multiple and (not one.is_flag or one.secondary_opts):
             raise UsageError("", one.opts[0], "expected once, it is there twice", "leave one out")
-    for one in given:
-        if "KEY=VALUE" in str(one.metavar):
-            _check_keys(values[one.name] or ())
+    if keys := [one for one in given if "KEY=VALUE" in str(one.metavar)]:  # they stand where a path is left out too
+        _check_keys([word for one in given if one in keys or not one.required for word in _words(one, values)])
+
+
+def _words(parameter: Any, values: Mapping[str, Any]) -> Sequence[str]:
+    """What stands on the command line for a ``parameter`` without a name there, of the parser's ``values``."""
+    if parameter.param_type_name != "argument":
+        return ()
+    value = values[parameter.name]
+    return [value] if isinstance(value, str) else value if isinstance(value, tuple | list) else ()
 
 
 def _check_keys(arguments: Sequence[str]) -> None:
@@ -79,7 +86,7 @@ def told(error: Any, arguments: Sequence[str]) -> str:
     if command is None or not line.startswith("Missing argument"):
         return meant_as_key(error, arguments)
     needed = " ".join(
-        one.metavar or str(one.name).upper()
+        (one.metavar or str(one.name).upper()) + "..." * (one.nargs != 1)
         for one in command.params
         if one.required and not one.opts[0].startswith("-")
     )

@@ -20,7 +20,7 @@ def study(
     paths: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN_A RUN_B...",
+            metavar="RUN_A RUN_B",
             help="Run folders or clips, one of each method for a sample; or answers. CLIP#t=START,END is a part of "
             "one; images play at 24 a second unless FOLDER#fps=30 or times.json says.",
         ),

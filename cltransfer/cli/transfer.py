@@ -39,16 +39,30 @@ DEFAULT_SCENE, DEFAULT_REFERENCE = "builtin:courtyard", "builtin:dolly_zoom"
 
 
 def transfer(
-    arguments: Annotated[
-        list[str] | None,
+    scene: Annotated[
+        str | None,
         typer.Argument(
-            metavar="[SCENE] [REFERENCE] [KEY=VALUE]...",
-            help="Scene: splats (.ply, .splat, .spz), a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with "
-            "renderer.mesh={}), a .yaml of meshes or builtin:NAME (courtyard, the default, plaza, room, stage, path). "
-            "Reference: a video, an image folder (24 images/s unless FOLDER#fps=30 or its times.json says), "
+            metavar="SCENE",
+            help="Splats (.ply, .splat, .spz), a grid .safetensors, a mesh (.glb, .gltf, .obj, .ply; with "
+            "renderer.mesh={}), a .yaml of meshes or builtin:NAME (courtyard, the default, plaza, room, stage, path).",
+        ),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="REFERENCE",
+            help="A video, an image folder (24 images/s unless FOLDER#fps=30 or its times.json says), "
             "CLIP#t=START,END for a part, a .safetensors feature file, SCENE@TRAJECTORY.json or builtin:SHOT "
             "(dolly_zoom, the default, push_in, pull_out, pan, tilt, orbit, zoom, crash_zoom, dutch, boom, truck, "
             "static, handheld), as many frames long as frames= says, by default 24, at 12 a second.",
+        ),
+    ] = None,
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="KEY=VALUE",
+            help="Over the config, wherever they stand: preset=fast frames=12; `cltransfer plugins show config` has "
+            "all keys.",
         ),
     ] = None,
     out: Out = None,
@@ -85,7 +99,7 @@ def transfer(
     config.yaml and report.html in the run folder, and prints the five metrics; `cltransfer export` takes the camera to
     Blender, USD or COLMAP. Clips and scenes of your own need two networks: cltransfer models pull default.
     """
-    paths, overrides = split(arguments or [], 2)
+    paths, overrides = split([word for word in (scene, reference, *(more or ())) if word is not None], 2)
     if resume is not None and out is not None and out.resolve() != resume.resolve():
         raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
     settings = settings_of(config, overrides, allow_plugin)
@@ -159,7 +173,7 @@ def render(
     run: Annotated[Path, typer.Argument(help="Folder of a run.")],
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY=VALUE]...", help="output_side=1280, renderer.NAME.OPTION=VALUE, threads=1."),
+        typer.Argument(metavar="KEY=VALUE", help="output_side=1280, renderer.NAME.OPTION=VALUE, threads=1."),
     ] = None,
     fps: Annotated[
         float | None, typer.Option(help="Frames a second, between those of the run too; default: only those it has.")
@@ -199,7 +213,7 @@ def export(
     overrides: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[KEY=VALUE]...",
+            metavar="KEY=VALUE",
             help="output_side=1920: longer side of the picture [px], by default that of RUN's. Width and height are "
             "made even, as H.264 has to have them.",
         ),

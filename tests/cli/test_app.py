@@ -162,6 +162,21 @@ def test_no_help_says_a_word_twice_in_a_row() -> None:
     assert [text for text in texts if re.search(r"\b(\w+) \1\b", text)] == []
 
 
+def usages(verb: Any, path: str = "cltransfer") -> Iterator[str]:
+    """The line of how a verb is written, and those of the verbs under it."""
+    yield " ".join(verb.get_usage(typer.Context(verb, info_name=path)).split()).removeprefix("Usage: ")
+    for name, below in getattr(verb, "commands", {}).items():
+        yield from usages(below, f"{path} {name}")
+
+
+def test_a_usage_has_brackets_and_dots_once() -> None:
+    told = list(usages(typer.main.get_command(app)))
+    assert len(told) > 40
+    assert [line for line in told if re.search(r"\[\[|\.\.\.[\]}]|\]\]", line)] == []
+    assert "cltransfer transfer [OPTIONS] [SCENE] [REFERENCE] [KEY=VALUE]..." in told
+    assert "cltransfer evaluate [OPTIONS] {reference} {render} [METHOD=FOLDER|KEY=VALUE]..." in told
+
+
 def test_a_run_leaves_what_it_promises(tiny_run: Path) -> None:
     assert [name for name in LEFT if not (tiny_run / name).is_file()] == []
     assert list(tiny_run.rglob(".tmp*")) == []

@@ -187,6 +187,8 @@ TWICE = {
     ("transfer", "--out", "a", "-o", "b"): "--out: expected once, it is there twice (leave one out)",
     ("lift", "a.ply", "--up", "0,1,0", "--up=0,0,1"): "--up: expected once",
     ("bench", "speed", "--quick", "--no-quick"): "--quick: expected once",
+    ("transfer", "a.ply", "frames=3", "b.mp4", "frames=4"): "frames: expected once, got frames=3 before frames=4",
+    ("models", "align", "a.ply", "frames=3", "frames=4"): "frames: expected once, got frames=3 before frames=4",
     ("transfer", "frames=3", "frames=4"): "frames: expected once, got frames=3 before frames=4 (leave one out)",
     ("evaluate", "a", "b", "frames=3", "seed=1", "frames=3"): "frames: expected once, got frames=3 before frames=3",
     ("fit", "a", "--out", "b", "side=64", "side=96"): "side: expected once",

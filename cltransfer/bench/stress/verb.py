@@ -17,7 +17,7 @@ FIXED = {  # what no override may say: expected, and what to do
 
 def bench_stress(
     overrides: Annotated[
-        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Over every method's config: floaters=keep.")
+        list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Over every method's config: floaters=keep.")
     ] = None,
     tier: Annotated[
         Literal["smoke", "standard", "full"], typer.Option(help="How much; full takes about a day on two cores.")
