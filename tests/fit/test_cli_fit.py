@@ -75,9 +75,9 @@ def test_the_command_that_a_fit_prints_transfers_into_its_scene(posed, tmp_path)
     folder, _, command = got.stdout.splitlines()[-1].partition("; ")
     assert folder == str(out)
     _, verb, *words = shlex.split(command)
-    given = typer.main.get_command(app).commands[verb].make_context(verb, words).params["arguments"]
-    assert given[1:] == ["CLIP", "renderer.nerf_grid={}"]
-    assert [load_scene(given[0]).geometry.renderer] == list(load_config(overrides=given[2:]).renderer)
+    given = typer.main.get_command(app).commands[verb].make_context(verb, words).params
+    assert (given["reference"], list(given["more"])) == ("CLIP", ["renderer.nerf_grid={}"])
+    assert [load_scene(given["scene"]).geometry.renderer] == list(load_config(overrides=given["more"]).renderer)
     assert OURS["gaussian_splats"][:2] == (SCENE, [])
 
 
