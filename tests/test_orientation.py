@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera
-from cltransfer.orientation import orientation_from_axes
+from cltransfer.orientation import _turned, orientation_from_axes
 
 UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)  # world: z up, the body faces +x, its left is +y
 LEFT = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
@@ -67,3 +67,17 @@ def test_parallel_axes_have_no_yaw(dtype):
     assert orientation_from_axes(100 * length * up, up, toward_camera)[:, 0].isnan().all()
     aside = torch.linalg.cross(up, toward_camera)
     assert orientation_from_axes(length * up + 1e-3 * aside, up, toward_camera).isfinite().all()
+
+
+def test_roll_is_read_after_the_least_turn_that_brings_the_body_to_the_middle():
+    generator = torch.Generator().manual_seed(1)
+    ray, vector = torch.randn(2, 50, 3, generator=generator, dtype=torch.float64)
+    ray[:, 2] = ray[:, 2].abs() + 0.1
+    ray /= ray.norm(dim=1, keepdim=True)
+    middle = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64).expand_as(ray)
+    axis = torch.linalg.cross(ray, middle)
+    cosine = ray[:, 2:]
+    by_rodrigues = (
+        vector * cosine + torch.linalg.cross(axis, vector) + axis * (axis * vector).sum(1, keepdim=True) / (1 + cosine)
+    )
+    torch.testing.assert_close(torch.stack(_turned(vector, ray), dim=1), by_rodrigues[:, :2])

@@ -59,3 +59,8 @@ def test_nothing_that_differs_is_no_evidence():
     assert wilcoxon_p([]) is None
     same = together([compared("x", "", [1.0, 2.0], [1.0, 2.0])])
     assert same[0].p_holm == 1.0
+
+
+def test_a_clip_that_is_the_same_is_no_win():
+    found = compared("x", "", [1.0, 2.0, 3.0, 4.0], [0.5, 2.0, 3.5, 4.0])
+    assert found.wins == 0.25

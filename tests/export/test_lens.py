@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from cltransfer.camera import Camera, intrinsics
-from cltransfer.export.lens import Lens, filmable, millimetres, rate_of
+from cltransfer.export.lens import Lens, filmable, frame_numbers, millimetres, rate_of
 from cltransfer.trajectory import Trajectory
 
 
@@ -52,3 +52,9 @@ def test_a_picture_of_another_size_is_even_and_as_high(
 def test_a_picture_that_is_even_already_stays_as_it_is(path: Trajectory) -> None:
     assert filmable(path) is path
     assert filmable(path, 1280) is path
+
+
+def test_a_path_that_does_not_begin_at_0_is_numbered_from_its_first_frame(still: Trajectory) -> None:
+    camera = Camera(still.camera.w2c.expand(3, 4, 4), still.camera.K.expand(3, 3, 3), still.camera.size)
+    late = Trajectory(camera, 5.0 + torch.tensor([0.0, 0.5, 0.75], dtype=torch.float64))
+    assert frame_numbers(late, 24.0) == [0.0, 12.0, 18.0]

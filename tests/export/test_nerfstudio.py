@@ -82,3 +82,9 @@ def test_fov_is_vertical(tmp_path):
     write_camera_path(tmp_path / "path.json", trajectory())
     data = json.loads((tmp_path / "path.json").read_text())
     assert data["camera_path"][-1]["fov"] == pytest.approx(math.degrees(1.2))
+
+
+def test_a_film_lasts_as_long_as_its_frames_are_shown(tmp_path):
+    write_camera_path(tmp_path / "camera_path.json", trajectory())
+    data = json.loads((tmp_path / "camera_path.json").read_text())
+    assert data["seconds"] * data["fps"] == pytest.approx(len(data["camera_path"]))

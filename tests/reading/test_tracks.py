@@ -143,3 +143,11 @@ def test_one_angle_that_is_read_elsewhere_is_left_out() -> None:
     angles[12] = 0.5
     got = cleaned(Features((10, 10), orientation=angles), 1.0).require("orientation")
     assert float(got.abs().max()) < 0.02
+
+
+def test_which_side_faces_the_camera_is_told_alike_of_a_body_that_leans() -> None:
+    yaw = torch.tensor([0.2, 1.2, 1.5, 2.0, 3.0], dtype=torch.float64)
+    upright = facing(shown(yaw))
+    assert 0 < float(upright[2]) < 1  # how surely is told too
+    for roll in (0.7, -1.2, 3.0):
+        torch.testing.assert_close(facing(shown(yaw, roll)), upright)
