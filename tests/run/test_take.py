@@ -98,3 +98,26 @@ def test_a_second_guide_is_held_against_totals_in_which_flow_has_its_whole_weigh
     assert again.gains(clip, found.x, whole)
     farther = _followed_again(clip, job.schedule, starts, quiet, found)
     assert float((farther.x - found.x)[NEARER, 3].min()) > 0.4
+
+
+def test_how_well_a_clip_was_followed_leanly_is_told_by_the_frames_that_show_somebody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Half of them cost nothing from anywhere: with as many more the limit would be twice as high."""
+    config = load_config(overrides=["preset=fast", "frames=4", "search_side=48", "output_side=96", "threads=1"])
+    job, heard = prepare(Inputs("builtin:plaza", "builtin:push_in"), config, Clock(), silent, None), list[int]()
+    gone = {name: job.wanted.require(name).clone() for name in ("keypoints", "subject", "layers", "orientation")}
+    for value in gone.values():
+        value[2:] = False if value.dtype == torch.bool else torch.nan
+    target, stage = replace(job.wanted, **gone), replace(job.stage, scene=job.solid)
+    clip = WholeClip(stage, job.search, target, job.starts.homes[0], job.starting.at)
+    assert clip.placed_share == 0.5
+    assert job.starts.guide is not None
+    lean = follow(clip, job.starts.homes, job.schedule.lean, quiet, job.starts.guide.x)
+    assert lean.local is not None
+    monkeypatch.setattr("cltransfer.driver.follow.DRIFT_FLOOR", math.inf)
+    for share, times in ((1.9, 2), (2.1, 1)):  # of its total, as the limit of frames that are all told
+        schedule = replace(job.schedule, lean_limit=share * lean.local.total)
+        heard.clear()
+        searched(replace(job, schedule=schedule), stage, target, job.starts, lambda frame, _: heard.append(frame))
+        assert len(heard) == times * len(target)
