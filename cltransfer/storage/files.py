@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import hashlib
+import io
 import json
 import logging
 import os
@@ -20,7 +22,6 @@ JSON_LIMIT = 16 * 2**20  # bytes; a trajectory of 2,000 frames takes about 2 MiB
 SIGNS = "=+@＝＋－＠-"  # how a cell may begin that a spreadsheet works out instead of showing it
 FORMULA = (*SIGNS, "\t", "\n")
 _BEGINS = re.compile(rf"([;\t\n][\s\"]*)(?=[{SIGNS}])")  # a cell, where the spreadsheet's separator is no comma
-_QUOTED = frozenset(',;\t\n"')
 
 _log = logging.getLogger("cltransfer")
 
@@ -173,14 +174,12 @@ def csv_text(lines: Iterable[Iterable[Any]], digits: int | None = None) -> str:
     "'-a,-0.333,\\n"
     """
 
-    def cell(value: Any) -> str:
-        if value is None:
-            return ""
-        text = f"{value:.{digits}g}" if digits and isinstance(value, float) else str(csv_cell(value))
-        quoted = text.replace('"', '""')
-        return f'"{quoted}"' if _QUOTED.intersection(text) else text
+    def cell(value: Any) -> Any:
+        return f"{value:.{digits}g}" if digits and isinstance(value, float) else csv_cell(value)
 
-    return "".join(f"{','.join(map(cell, line))}\n" for line in lines)
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(map(cell, line) for line in lines)
+    return text.getvalue()
 
 
 def csv_cell(value: Any) -> Any:

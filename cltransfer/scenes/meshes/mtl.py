@@ -103,7 +103,8 @@ class ObjFiles(Beside):
         except InputError:
             return False
         try:
-            self._decoded[file] = self._decoded[file] if file in self._decoded else decodes(file)
+            if file not in self._decoded:
+                self._decoded[file] = decodes(file)
         except ResourceError as error:
             self.refused = self.refused or error
             raise
