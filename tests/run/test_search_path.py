@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +24,7 @@ from cltransfer.errors import InputError
 from cltransfer.features import Features
 from cltransfer.pipeline.scores import Scores
 from cltransfer.progress import silent
+from cltransfer.run import search_path as searches
 from cltransfer.run.flags import run_flags
 from cltransfer.run.left_out import LeftOut
 from cltransfer.run.preparation import Clock, Job, prepare
@@ -287,3 +288,59 @@ def test_where_no_view_among_floaters_shows_anything_what_was_found_without_is_k
     else:
         with pytest.raises(InputError, match="no view"):
             _with_floaters(lost, take, quiet)
+
+
+@dataclass(frozen=True)
+class Priced:
+    """A take of which only what it costs is known, without floaters and among them."""
+
+    alone: float
+    among: float
+    path: Any = None
+    left_out: LeftOut | None = None
+    given: bool = False  # whether it was searched in the scene as it was given
+    x: Any = None
+
+    @property
+    def clip(self) -> Any:
+        return SimpleNamespace(stage=SimpleNamespace(given=self.given), reference=None)
+
+    @property
+    def total(self) -> float:
+        return self.total_in(self.clip.stage)
+
+    def total_in(self, stage: Any) -> float:
+        return self.among if stage.given else self.alone
+
+
+def kept_of(first: Priced, aside: LeftOut, second: Priced, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What is kept of a path that costs so much once it went ``aside``, and what a search among floaters finds."""
+    monkeypatch.setattr(searches, "_aside", lambda job, take, before: (take, aside))
+    monkeypatch.setattr(searches, "searched", lambda *told: second)
+    monkeypatch.setattr(searches, "views", lambda x: 1)
+    stage = SimpleNamespace(given=True, spent=SimpleNamespace(evaluations=0))
+    starting: Any = SimpleNamespace(starts=lambda stage, target: None)
+    job: Any = SimpleNamespace(floaters=aside.count, stage=stage, starting=starting)
+    take: Any = first
+    return _with_floaters(job, take, quiet)
+
+
+@pytest.mark.parametrize(
+    ("alone", "among", "taken"),
+    [(0.4, 0.95, True), (0.7, 0.4, True), (0.95, 0.1, False), (0.4, 1.05, False)],
+    ids=["better", "gains more among them than it loses", "good among them alone", "worse among them"],
+)
+def test_a_path_that_was_searched_among_floaters_is_taken_where_it_gains_by_it(
+    alone: float, among: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, left_out = Priced(0.5, 1.0), Priced(alone, among, given=True), LeftOut(5, 0.5, 1.0)
+    assert kept_of(first, left_out, second, monkeypatch) == (second if taken else replace(first, left_out=left_out))
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_where_a_path_lost_much_as_a_whole_floaters_are_judged_by_what_it_cost_before(
+    steady: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = Priced(0.05, 0.6, SimpleNamespace(steady=steady)), Priced(0.05, 0.1, given=True)
+    gone = LeftOut(5, 0.5, 0.55)
+    assert kept_of(first, gone, second, monkeypatch) == (second if steady else replace(first, left_out=gone))
