@@ -17,3 +17,8 @@ def test_jerk_is_told_by_how_far_it_is_from_the_reference_s_either_way():
     for jerk, reference in ((0.1, 0.4), (0.4, 0.1)):
         row = {"jerk": jerk, "reference_jerk": reference}
         assert _value("jerk apart from the reference's", row) == pytest.approx(0.3)
+
+
+def test_a_term_as_printed_is_the_mean_of_the_frames_where_both_sides_have_it_and_no_penalty():
+    row = {"priced": {"framing": [5.0, 7.0, 9.0]}, "faithful": {"framing": [None, 0.25, 0.75]}}
+    assert _value("framing, as printed", row) == 0.5
