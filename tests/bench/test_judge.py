@@ -1,9 +1,11 @@
 """The judge reads everybody by one rule, and leaving the frame never pays."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 
-from cltransfer.bench.judge import HELD_OUT, Reader, judge, random_total
+from cltransfer.bench.judge import HELD_OUT, RANDOM_VIEWS, Reader, judge, random_total
 from cltransfer.bench.methods import FAITHFUL
 from cltransfer.camera import Camera
 from cltransfer.scenes.builtin import builtin_scene
@@ -57,6 +59,34 @@ def test_random_views_are_the_same_for_every_method_and_far_from_a_match(scene, 
     assert first == again
     assert first != other
     assert first > 5
+
+
+class Known:
+    """An objective that was told the totals (N, V) of N frames by V views; it keeps the views it is asked about."""
+
+    def __init__(self, totals):
+        self.left = list(totals)
+
+    def defined(self, reference):
+        return torch.ones(len(reference), 1, dtype=torch.bool)
+
+    def terms(self, reference, held):
+        self.held = held
+        return self.left.pop(0)[:, None]
+
+    def totals(self, terms, defined):
+        return terms[:, 0]
+
+
+def test_a_clip_has_failed_by_the_median_view_of_all_round_each_held_for_all_its_frames(scene, reader, features):
+    frames, views = torch.tensor([0.0, 0.0, 0.0, 400.0]), torch.arange(float(RANDOM_VIEWS)) ** 2
+    known = Known(frames[:, None] + views)
+    found = random_total(SimpleNamespace(stage=reader.stage, objective=known), features, scene, 1)
+    assert found == 100 + (23**2 + 24**2) / 2
+    assert bool((known.held.flow == 0).all())  # a view that is held shows no movement
+    away = (known.held.camera.center - scene.person.anchor).norm(dim=1) / scene.person.height
+    assert 1 <= float(away.min()) < 1.5
+    assert 6 < float(away.max()) <= 8
 
 
 def test_a_held_out_reading_sees_pixels_where_the_judge_sees_the_scene(reader):
