@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from scipy.special import expit
+from scipy.stats import beta
 
 from cltransfer.study.analysis import bradley_terry, preferences, strengths
 from cltransfer.study.answers import Choice
@@ -70,6 +71,22 @@ def test_the_intervals_of_strengths_hold_the_truth(differ: float) -> None:
         low, high = np.transpose(strength_intervals(wins, bradley_terry(wins.sum(0))))
         held.append((low <= truth) & (truth <= high))
     assert np.mean(held) >= 0.92
+
+
+def test_intervals_of_six_people_worked_out_by_hand() -> None:
+    """Three of them preferred the first in 8 of 10 answers and three in 4, so the share is 0.6.
+
+    Its variance is 6/5 of 6 * 2^2 / 60^2, 0.008; so much have 30 answers, and fewer by Student's t of 59 and of 5.
+    """
+    wins = np.array([8.0, 8, 8, 4, 4, 4])
+    worth = 30 * (2.00100 / 2.57058) ** 2
+    ends = beta.ppf(0.025, 0.6 * worth, 0.4 * worth + 1), beta.ppf(0.975, 0.6 * worth + 1, 0.4 * worth)
+    assert share_interval(wins, np.full(6, 10.0)) == pytest.approx(ends, abs=1e-5)
+    games = np.zeros((6, 2, 2))
+    games[:, 0, 1], games[:, 1, 0] = wins, 10 - wins
+    half = 2.57058 * 0.008**0.5 / (0.6 * 0.4)  # of the log odds, which change so much faster than the share
+    ends = expit(np.log(0.6 / 0.4) - half), expit(np.log(0.6 / 0.4) + half)
+    assert strength_intervals(games, np.array([0.6, 0.4]))[0] == pytest.approx(ends, abs=1e-5)
 
 
 @pytest.mark.parametrize("wins", [(10, 10, 10, 10, 10, 9), (5, 5, 5, 5, 5, 4), (10,) * 6, (0, 1, 0, 0, 0, 0)])
