@@ -30,6 +30,11 @@ def test_presets_are_held_against_the_paper_on_the_same_clips_only() -> None:
     assert row["jerk before / after / of the reference"] == "0.2000 / 0.0200 / 0.0100"
 
 
+def test_seconds_are_those_of_the_clip_in_the_middle() -> None:
+    clips = [replace(CLIP, seed=seed, seconds=seconds) for seed, seconds in enumerate((1.0, 2.0, 9.0))]
+    assert dict(zip(HEADER, summary(clips)[0]))["seconds a clip"] == "2.00"
+
+
 def test_clips_too_short_for_a_jerk_have_none_in_the_table() -> None:
     row = dict(zip(HEADER, summary([replace(CLIP, shaken=NAN, smooth=NAN, true=NAN)])[0]))
     assert row["jerk before / after / of the reference"] == "– / – / –"
