@@ -84,6 +84,11 @@ def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
     assert (less.evaluations, less.seconds) == (10, 2)
 
 
+def test_evaluations_a_frame_are_the_mean_of_the_trials_however_long_they_are() -> None:
+    long = replace(outcome("full", 0, 0.1), frames=12, evaluations=60)
+    assert summarise(["full"], [long, replace(outcome("full", 1, 0.1), evaluations=44)])[0].evaluations == 8
+
+
 def test_seeds_of_a_fixed_reference_are_one_observation_and_those_that_draw_it_many() -> None:
     values = {"drawn:orbit": 0.2, "clip.mp4": 0.4, "builtin:orbit": 0.6}
     for references, count in ((["drawn:orbit"], 6), (["clip.mp4"], 1), (["clip.mp4", "builtin:orbit"], 2)):
