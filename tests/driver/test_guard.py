@@ -299,3 +299,14 @@ def test_who_stands_inside_the_person_does_so_in_any_unit(unit: float) -> None:
     camera = Camera.look_at(eye, eye + person.facing, person.up, 0.7, (16, 9))
     seen = Features((16, 9), depth=torch.full((1, 9, 16), 3.0 * person.height), camera=camera, person=person)
     assert bool(Guard(person.height).reasons(seen)["the camera stands inside the person"])
+
+
+@pytest.mark.parametrize("end", ["over the head", "under the feet"])
+@pytest.mark.parametrize(("off", "within"), [(0.11, True), (0.13, False)])
+def test_beyond_the_head_and_the_feet_there_is_no_more_body_to_stand_in(end: str, off: float, within: bool) -> None:
+    person = sample_subject()
+    last, before = person.key_joints[[0, 1] if end == "over the head" else [-1, -2], :3]
+    eye = last + off * person.height * torch.nn.functional.normalize(last - before, dim=0)
+    camera = Camera.look_at(eye[None], eye[None] + person.facing, person.up, 0.7, (W, H))
+    seen = Features((W, H), depth=torch.full((1, H, W), 9.0), camera=camera, person=person)
+    assert bool(Guard(person.height).reasons(seen)["the camera stands inside the person"]) == within
