@@ -86,3 +86,14 @@ def test_an_ear_that_was_not_found_does_not_count_to_the_head_top(lost: tuple[fl
     neither = from_coco(keypoints)
     assert bool(neither[:, top, :2].isnan().all())
     torch.testing.assert_close(neither[:, :top], found[:, :top])
+
+
+@pytest.mark.parametrize(("convert", "count", "shoulders"), [(from_coco, 17, 5), (from_blazepose, 33, 11)])
+def test_the_neck_is_amid_the_shoulders_and_as_sure_as_the_less_sure_one(convert, count: int, shoulders: int) -> None:
+    keypoints = torch.rand(2, count, 3, generator=torch.Generator().manual_seed(0))
+    keypoints[0, shoulders] = torch.tensor([10.0, 20.0, 0.3])
+    keypoints[0, shoulders + 1] = torch.tensor([16.0, 24.0, 0.8])
+    keypoints[1] = keypoints[0]
+    keypoints[1, shoulders : shoulders + 2, 2] = torch.tensor([0.8, 0.3])
+    neck = convert(keypoints)[:, JOINTS.index("neck")]
+    torch.testing.assert_close(neck, torch.tensor([[13.0, 22.0, 0.3]]).expand(2, 3))
