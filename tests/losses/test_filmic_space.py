@@ -110,12 +110,13 @@ def test_options_out_of_range_are_refused() -> None:
         FilmicSpace(min_area=2)
 
 
-def test_a_layer_of_which_less_than_the_least_area_has_a_depth_is_empty() -> None:
+@pytest.mark.parametrize("none", [torch.nan, torch.inf, 0.0])
+def test_a_layer_of_which_less_than_the_least_area_has_a_depth_is_empty(none: float) -> None:
     """A mask is no depth: one pixel of the person that has one would tell how far away they are."""
     features = sample_features(0, 1)
     depth, mask = features.require("depth").clone(), features.require("layers")[0, 1]
     y, x = mask.nonzero()[0].tolist()
-    depth[0, mask] = torch.nan
+    depth[0, mask] = none
     depth[0, y, x] = 9.0
     assert bool(FilmicSpace()(features, replace(features, depth=depth)).isnan())
     assert bool(FilmicSpace(mode="faithful")(features, replace(features, depth=depth)).isfinite())

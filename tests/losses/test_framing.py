@@ -68,6 +68,15 @@ def test_a_reference_without_a_person_is_undefined_though_a_mask_is_there() -> N
         assert Framing()(nobody, rendered).isnan().all()
 
 
+def test_a_render_without_a_person_is_undefined_though_a_mask_is_there() -> None:
+    """A reference that shows no joint is compared by masks; one of nobody is of something else."""
+    reference = sample_features(0, 1)
+    reference.keypoints[..., 2] = 0
+    assert Framing()(reference, reference).isfinite().all()
+    nobody = replace(reference, keypoints=torch.full_like(reference.keypoints, torch.nan))
+    assert Framing()(reference, nobody).isnan().all()
+
+
 def test_joint_the_scene_does_not_know_is_left_out_row_4() -> None:
     reference, rendered = sample_features(1, 2), sample_features(2, 2)
     rendered.keypoints[:, 12] = torch.nan

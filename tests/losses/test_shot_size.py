@@ -83,6 +83,14 @@ def test_a_reference_without_a_person_is_undefined_though_a_mask_is_there() -> N
         assert ShotSize()(nobody, rendered).isnan().all()
 
 
+def test_a_render_without_a_person_is_undefined_though_a_mask_is_there() -> None:
+    """A reference that shows no joint is compared by masks; one of nobody is of something else."""
+    reference = hide(sample_features(0, 1), *all_but())
+    assert ShotSize()(reference, reference).isfinite().all()
+    nobody = replace(reference, keypoints=torch.full_like(reference.keypoints, torch.nan))
+    assert ShotSize()(reference, nobody).isnan().all()
+
+
 def test_extent_of_a_mask_counts_its_first_and_last_pixel() -> None:
     mask = torch.zeros(1, 10, 20, dtype=torch.bool)
     mask[:, 2, 3], mask[:, 6, 12] = True, True
