@@ -2,22 +2,28 @@
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 import torch
+from torch import Tensor
 
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
-from cltransfer.driver.closed_form import DISTANCES, closed_form
-from cltransfer.driver.lookups import COARSE, STEP, cheapest_along
+from cltransfer.driver.closed_form import DISTANCES, GAINS, SIDES, closed_form
+from cltransfer.driver.lookups import COARSE, POOR, STEP, cheapest_along
 from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.features import Features
+from cltransfer.orientation import wrap
+from cltransfer.pipeline.components import Components
+from cltransfer.pipeline.objective import Objective
 from cltransfer.progress import silent
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.scenes.load import load_scene
+from cltransfer.search.subject_orbit import SCALE
 from cltransfer.shots import shot
 from cltransfer.trajectory import Trajectory
 
@@ -191,3 +197,48 @@ def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
 def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
     job, _ = prepared("static", "search={subject_orbit: null, paper_box: {}}")
     assert job.starts.guide is None
+
+
+@dataclass(frozen=True)
+class FromAside:
+    """What costs less from aside by azimuth and elevation [rad]; one that is ``blind`` sees nothing from any side."""
+
+    by: tuple[float, float]
+    straight: float
+    gain: float
+    blind: bool = False
+    weight: float = 1.0
+
+    requires: ClassVar[tuple[str, ...]] = ("orientation",)
+    unit: ClassVar[str] = "1"
+    penalty: ClassVar[float] = 100.0
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        turned = wrap(rendered.require("orientation") - reference.require("orientation"))[:, :2]
+        there = ((turned - torch.tensor(self.by)).abs() < 0.1).all(1)
+        straight = (turned.abs() < 0.1).all(1)
+        cost = torch.where(there, self.straight - self.gain, self.straight)
+        return cost.masked_fill(~straight, torch.nan) if self.blind else cost
+
+
+@pytest.mark.parametrize(
+    ("by", "straight", "gain", "blind", "goes"),
+    [
+        *((by, POOR + 1, GAINS + 0.05, False, True) for by in SIDES),
+        (SIDES[0], POOR + 1, GAINS - 0.05, False, False),
+        (SIDES[1], POOR - 0.05, GAINS + 0.05, False, False),  # good enough where it was read
+        (SIDES[2], POOR + 1, GAINS + 0.05, True, False),
+    ],
+)
+def test_a_path_that_is_poor_is_taken_from_the_side_that_gains_enough(
+    prepared: Any, by: tuple[float, float], straight: float, gain: float, blind: bool, goes: bool
+) -> None:
+    job, _ = prepared("static")
+    parts = replace(Components.build(load_config()), losses={"aside": FromAside(by, straight, gain, blind)})
+    stage = replace(job.stage, plan=parts.plan("scene"), objective=Objective(parts.losses), guard=None)
+    guide = closed_form(WholeClip(stage, job.search, job.wanted, job.starts.homes[0]), True, 1)
+    assert guide is not None
+    moved = torch.tensor(by if goes else (0.0, 0.0), dtype=torch.float64).expand(FRAMES, 2)
+    read = job.wanted.require("orientation").double()
+    torch.testing.assert_close(guide.x[:, :2] * SCALE[:2] - read[:, :2], moved, atol=1e-6, rtol=0)
+    torch.testing.assert_close(guide.pitch - read[:, 1], moved[:, 1], atol=1e-6, rtol=0)
