@@ -13,6 +13,7 @@ from torch import Tensor
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.closed_form import DISTANCES, GAINS, SIDES, closed_form
+from cltransfer.driver.guard import Guard
 from cltransfer.driver.lookups import COARSE, POOR, STEP, cheapest_along
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
@@ -192,6 +193,12 @@ def test_there_is_none_where_nothing_was_read(prepared: Any, name: str) -> None:
     job, _ = prepared("static")
     assert found(job, **{name: None}) is None
     assert found(job, **{name: torch.full_like(job.wanted.require(name), torch.nan)}) is None
+
+
+def test_there_is_none_where_no_camera_shows_anything(prepared: Any) -> None:
+    """All of them stand right before the wall, by the size of a giant."""
+    job, _ = prepared("static")
+    assert found(replace(job, stage=replace(job.stage, guard=Guard(1e9)))) is None
 
 
 def test_there_is_none_for_a_search_of_other_parameters(prepared: Any) -> None:
