@@ -184,6 +184,20 @@ def test_the_apparent_size_alone_is_a_zoom_and_the_distance_alone_a_dolly_zoom()
     torch.testing.assert_close(ratio[0], ratio[1])
 
 
+@pytest.mark.parametrize(
+    ("asked", "given"), [(0.3, 0.35), (0.34, 0.35), (0.36, 0.36), (19.9, 19.9), (20.1, 20.0), (40.0, 20.0)]
+)
+def test_the_orbit_has_no_wider_and_no_longer_lens_than_it_says(asked: float, given: float) -> None:
+    """Focal lengths in frame heights, of a camera three heights away."""
+    subject, search = person(), SubjectOrbit()
+    p = torch.tensor([[0.2, 0.1, 0.0, math.log(3), 0.0, 0.0, math.log(asked / 3)]], dtype=torch.float64)
+    camera = search.cameras(p / SCALE, home(subject), subject)
+    assert float(camera.focal) / SIZE[1] == pytest.approx(given)
+    assert float((camera.center - subject.anchor).norm()) == pytest.approx(3 * subject.height)
+    assert search.limited(p / SCALE).tolist() == [asked != given]
+    assert search.limited((p / SCALE)[:, :6]).tolist() == [False]  # it has the lens that is given
+
+
 def test_the_orbit_says_that_it_needs_a_subject() -> None:
     search = SEARCHES.build("subject_orbit")
     with pytest.raises(ValueError, match="needs a lifted subject"):
