@@ -101,6 +101,34 @@ def test_joint_that_passes_the_camera_stays_on_its_side_row_4() -> None:
     assert max(heads) < 0
 
 
+@pytest.mark.parametrize(("away", "seen"), [(0.04, False), (0.06, True)])
+def test_a_joint_right_before_the_lens_is_unseen_and_stays_as_far_aside(away: float, seen: bool) -> None:
+    """Nearer than a twentieth of the person's height, whatever else of them is farther."""
+    person = sample_subject()
+    eye = person.joints[HEAD_TOP] + away * person.height * person.facing
+    person.joints[:] = eye - person.height * person.facing
+    person.joints[HEAD_TOP] = eye - away * person.height * person.facing
+    person.joints[0] = person.joints[HEAD_TOP] - 0.01 * person.height * person.up
+    camera = Camera.look_at(eye[None], eye - person.facing, person.up, 0.7, (64, 36))
+    got = SceneJoints()(replace(frame(camera), person=person), None).require("keypoints")[0]
+    assert [bool(got[joint, 2] > 0) for joint in (HEAD_TOP, 0, 1)] == [seen, seen, True]
+    below = float(got[0, 1] - got[HEAD_TOP, 1]) / float(camera.focal)
+    assert below == pytest.approx(0.01 / max(away, 0.05))
+
+
+def test_a_pixel_that_is_mostly_the_body_hides_nothing_and_one_that_is_mostly_not_does_row_20() -> None:
+    features = frame(sample_cameras(1, 1))
+    at = features.require("camera").project(sample_subject().joints)[0][0].long()
+    features.require("depth")[:] = 1.0
+    others = [joint for joint in range(14) if not torch.equal(at[joint], at[HEAD_TOP])]
+    for share, hidden in ((0.6, False), (0.4, True)):
+        features.require("label")[:, at[HEAD_TOP, 1], at[HEAD_TOP, 0]] = share
+        found = confidence(features)[0]
+        assert bool(found[HEAD_TOP] == 0) == hidden
+        assert len(others) > 8
+        assert bool((found[others] == 0).all())
+
+
 def test_maps_may_have_fewer_pixels_than_the_size() -> None:
     features = sample_features(1, 2)
     half = replace(features, depth=features.depth[:, ::2, ::2], label=features.label[:, ::2, ::2])
