@@ -145,6 +145,12 @@ def test_one_angle_that_is_read_elsewhere_is_left_out() -> None:
     assert float(got.abs().max()) < 0.02
 
 
+def test_shoulders_half_as_far_apart_as_the_head_is_high_are_sure_and_narrower_ones_in_proportion() -> None:
+    apart = torch.tensor([1.0, 0.6, 0.5, 0.25, 0.1, -0.1, -0.25, -0.5, -1], dtype=torch.float64)
+    told = facing(shown((apart * 19 / 24).acos()))  # they are 24 apart where the body faces the camera, the head 19
+    torch.testing.assert_close(told, (2 * apart).clamp(-1, 1))
+
+
 def test_which_side_faces_the_camera_is_told_alike_of_a_body_that_leans() -> None:
     yaw = torch.tensor([0.2, 1.2, 1.5, 2.0, 3.0], dtype=torch.float64)
     upright = facing(shown(yaw))
