@@ -66,7 +66,7 @@ def test_the_residual_beyond_leads_and_a_toll_that_falls_to_nothing_a_margin_bey
     torch.testing.assert_close(there.jacobian[0, :, 0], torch.tensor([1.0, 5.0, 0.0]).double())
     assert there.groups.tolist() == [0, 1, 2]
     assert there.paired.tolist() == [False, True, False]
-    ahead = Across(RESIDUALS, ACROSS.beyond, ACROSS.far - 0.5)
+    ahead = Across(RESIDUALS, ACROSS.beyond, ACROSS.far - 0.7)
     torch.testing.assert_close(
         jumps().local(measured(2.0, jumps().values(ahead))).residuals[1, 2], torch.tensor(0.0).double()
     )
