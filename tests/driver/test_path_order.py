@@ -204,6 +204,28 @@ def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(m
     assert not path.refined
 
 
+def test_a_spline_that_refining_makes_too_dear_stays_as_it_was_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltransfer.driver.spline.STIFFNESS", 1e7)  # straightens whatever moves
+    clip, x = waving(period=12, frames=12)
+    x[:, 3] += 0.1
+    path = least_path(clip, x, None, 0.0, Effort(1, 1))
+    assert path.name == "4 knots, focal length kept"
+    assert path.total <= path.free + path.floor
+
+
+@pytest.mark.parametrize("shown", [2, 4])
+@pytest.mark.parametrize(("beside", "measured"), [(0.02, False), (0.05, True)])
+def test_whether_frames_fit_well_is_told_by_those_that_show_somebody(beside: float, measured: bool, shown: int) -> None:
+    clip, x = waving(period=8, frames=4)
+    gone = {name: clip.reference.require(name).clone() for name in ("keypoints", "subject", "layers", "orientation")}
+    for value in gone.values():
+        value[shown:] = False if value.dtype == torch.bool else torch.nan
+    clip = replace(clip, reference=replace(clip.reference, **gone))
+    x[:, 3] += beside  # too far away
+    path = least_path(clip, x, None, 0.0, Effort(1, 1))
+    assert (path.local is not None) == measured
+
+
 @pytest.mark.parametrize(("noise", "knots"), [(0.2, 2), (0.05, 4)])
 def test_no_spline_leaves_the_bounds_that_its_frames_stand_at(noise: float, knots: int) -> None:
     clip, _ = waving(period=8)
