@@ -13,7 +13,7 @@ from torch import Tensor
 from cltransfer.bench.stress.case import Case
 from cltransfer.bench.stress.scenery import occluder
 from cltransfer.config import load_config
-from cltransfer.driver.aside import BESIDE, FEW, MANY, as_a_whole, go_aside, steadiest
+from cltransfer.driver.aside import BESIDE, FEW, MANY, _lost, as_a_whole, go_aside, steadiest
 from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip, views
 from cltransfer.features import Features
@@ -63,6 +63,15 @@ def test_more_tries_cost_more_and_lead_no_worse(behind: tuple[WholeClip, Tensor]
     hidden = clip.totals(residuals) > 1.0
     few, many = (clip.mean_total(go_aside(clip, true, residuals, hidden, tries=tries)[1]) for tries in (FEW, MANY))
     assert many < few < clip.mean_total(residuals)
+
+
+def test_no_way_gains_by_what_the_motion_of_the_path_costs(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    residuals = clip.residuals(true)
+    of_motion = clip.totals(residuals * clip.stage.objective.paired)
+    assert float(of_motion[HIDDEN]) > 0.1
+    here = _lost(clip, true[HIDDEN : HIDDEN + 1], residuals[HIDDEN], HIDDEN)
+    np.testing.assert_allclose(here, 0.0, atol=1e-9)
 
 
 def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:
