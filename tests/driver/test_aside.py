@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -21,7 +21,7 @@ from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.scenes.load import load_scene
 from cltransfer.search.paper_box import PaperBox
-from cltransfer.search.subject_orbit import SubjectOrbit
+from cltransfer.search.subject_orbit import DISTANCE, SCALE, SIZE, SubjectOrbit
 from cltransfer.shots import shot
 
 FRAMES, HIDDEN = 16, 8
@@ -84,6 +84,38 @@ def test_a_lens_that_is_kept_stays(behind: tuple[WholeClip, Tensor]) -> None:
     assert free is not None
     assert kept is not None
     assert (len(free), len(kept)) == (10, 8)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_path_with_another_lens_changes_it_where_that_saves_unless_it_is_kept(
+    kept: bool, behind: tuple[WholeClip, Tensor]
+) -> None:
+    clip, true = behind
+    other = true.clone()
+    other[:, DISTANCE] += 0.13 / SCALE[DISTANCE]  # farther away at the same size
+    x, _ = go_aside(clip, other, clip.residuals(other), torch.arange(FRAMES) < HIDDEN - BESIDE, lens_kept=kept)
+    assert torch.allclose(clip.cameras(x).K, clip.cameras(other).K) == kept
+
+
+@dataclass(frozen=True)
+class Coming(SubjectOrbit):
+    """A search whose only way aside comes nearer by a tenth, with the same lens."""
+
+    @property
+    def aside(self) -> Tensor:
+        way = torch.zeros(1, 7, dtype=torch.float64)
+        way[0, DISTANCE], way[0, SIZE] = -0.1 / SCALE[DISTANCE], 0.1 / SCALE[SIZE]
+        return way
+
+
+def test_a_lens_that_is_kept_stays_where_the_camera_may_come_no_nearer(behind: tuple[WholeClip, Tensor]) -> None:
+    clip, true = behind
+    far = true - Coming().aside
+    nearest = float((true[:, DISTANCE] * SCALE[DISTANCE]).mean().exp()) * 1.05  # it comes half of the way
+    clip = replace(clip, search=Coming(nearest=nearest))
+    x, _ = go_aside(clip, far, clip.residuals(far), torch.arange(FRAMES) < HIDDEN - BESIDE, lens_kept=True)
+    assert x is not far
+    torch.testing.assert_close(clip.cameras(x).K, clip.cameras(far).K)
 
 
 def test_a_camera_that_stands_is_tried_nearby_too_and_with_another_lens(behind: tuple[WholeClip, Tensor]) -> None:
