@@ -73,25 +73,31 @@ def fit(
     set_threads(thread_count(), tensors=thread_count())
     try:
         with alone(out, "fits a scene"):
-            levels, notes = _fit_into(out, fitter, posed, as_json, quiet)
+            levels, notes, up = _fit_into(out, fitter, posed, as_json, quiet)
     except STOPS as stop:
         begun = representation in OURS and (out / STATE).is_file()
         stopped(stop, f"the same command {OURS[representation][2]}: {out}" if begun else "")
-    values = {"folder": str(out), "levels": [asdict(level) for level in levels], "notes": notes}
+    values = {"folder": str(out), "levels": [asdict(level) for level in levels], "notes": notes, "up": up}
     lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
-    show(values, "\n".join([*lines, f"{out}{_command(out, representation)}"]), as_json)
+    show(values, "\n".join([*lines, f"{out}{_command(out, representation, up)}"]), as_json)
 
 
-def _command(out: Path, representation: str) -> str:
+def _command(out: Path, representation: str, up: tuple[float, float, float] | None) -> str:
     """What stands behind the folder of a scene of ours: the command that transfers into it."""
     if representation not in OURS:
         return ""
+    from ..scenes.load import usual_up
+
     file, drawn, _ = OURS[representation]
-    return "; " + shlex.join(["cltransfer", "transfer", str(out / file), "CLIP", *drawn])
+    said = [] if up is None or up == usual_up(out / file) else ["--up", ",".join(f"{value:g}" for value in up)]
+    return "; " + shlex.join(["cltransfer", "transfer", str(out / file), "CLIP", *said, *drawn])
 
 
-def _fit_into(out: Path, fitter: Fitter, posed: Path, as_json: bool, quiet: bool) -> tuple[list[Level], list[str]]:
-    """Fit a scene to a set, and return what each level reached and what was done without."""
+def _fit_into(
+    out: Path, fitter: Fitter, posed: Path, as_json: bool, quiet: bool
+) -> tuple[list[Level], list[str], tuple[float, float, float] | None]:
+    """Fit a scene to a set, and return what each level reached, what was done without, and up by its cameras."""
+    from ..fit._upward import upward
     from ..fit._views import left_out, views_of
     from ..progress import progress
     from ..scenes.posed import read_posed
@@ -101,4 +107,4 @@ def _fit_into(out: Path, fitter: Fitter, posed: Path, as_json: bool, quiet: bool
     tell(notes, as_json)
     views = views_of(images, fitter.side)
     with progress(quiet) as report:
-        return fitter.fit(views, out, report), notes
+        return fitter.fit(views, out, report), notes, upward(views.camera)

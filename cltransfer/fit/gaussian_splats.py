@@ -15,10 +15,12 @@ from ..computer.cuda import require_gsplat
 from ..progress import Progress
 from ..registry import FITTERS
 from ..renderers.gaussian_splats import GaussianSplats
+from ..scenes.load import Z_UP
 from ..scenes.ply import write_splats
 from ..scenes.splats import Splats
 from ._curve import Level, write_curve
 from ._folder import begun, write_state
+from ._upward import upward
 from ._views import Views, mean_over, psnr
 
 SCENE = "splats.ply"
@@ -100,7 +102,7 @@ class GaussianSplatsFit:
         count, seconds = len(splats), time.perf_counter() - since
         levels = [Level(count, count, score, self.steps, seconds, True)]
         write_curve(folder, levels, "Gaussians")
-        write_splats(folder / SCENE, splats)
+        write_splats(folder / SCENE, splats, z_up=upward(views.camera) == Z_UP)
         write_state(folder, key, levels)  # last: by it the fit is done
         return levels
 

@@ -71,16 +71,20 @@ def load_scene(path: str | Path, up: tuple[float, float, float] | None = None) -
         return _mesh_scene(path, moment, up)
     geometry = _geometry(path)
     check_steps(path, geometry.means)
-    upward = _unit(up or (_told_up(path) if suffix == ".ply" else SPLAT_UP))
+    upward = _unit(up or _told_up(path))
     return Scene(geometry, None, upward, path.stem, content_hash(path), reader_code(path))
 
 
+def usual_up(path: Path) -> tuple[float, float, float]:
+    """Upwards in splats or a grid of which nobody says it otherwise, by what a splat's header says."""
+    return Z_UP if path.suffix.lower() == ".ply" and is_z_up(path) else SPLAT_UP
+
+
 def _told_up(path: Path) -> tuple[float, float, float]:
-    """Upwards in a splat by what its header says."""
-    if not is_z_up(path):
-        return SPLAT_UP
-    _log.warning("%s: up is taken as 0,0,1, since its header says that z is vertical (otherwise: --up X,Y,Z)", path)
-    return Z_UP
+    """What is usual, told where it is not that of most."""
+    if (up := usual_up(path)) == Z_UP:
+        _log.warning("%s: up is taken as 0,0,1, since its header says that z is vertical (otherwise: --up X,Y,Z)", path)
+    return up
 
 
 def _mesh_scene(path: Path, moment: Moment | None, up: tuple[float, float, float] | None) -> Scene:

@@ -11,11 +11,13 @@ import time
 
 import cv2
 import pytest
+import torch
 import typer
 from typer.testing import CliRunner
 
 from cltransfer.cli.app import app
-from cltransfer.cli.fit import OURS
+from cltransfer.cli.fit import OURS, _command
+from cltransfer.cli.shared import up_of
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ResourceError, UsageError
 from cltransfer.fit._folder import STATE
@@ -23,6 +25,8 @@ from cltransfer.fit.gaussian_splats import SCENE
 from cltransfer.registry import FITTERS
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.nerf_grid import NerfGrid
+from cltransfer.scenes.ply import write_splats
+from cltransfer.scenes.splats import Splats
 from cltransfer.storage.alone import alone
 
 
@@ -48,6 +52,7 @@ def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
     assert got.exit_code == 0, got.output
     told = json.loads(got.stdout)
     assert told["notes"] == []
+    assert told["up"] == [0, 0, 1]
     (level,) = told["levels"]
     assert level["steps"] == 40
     assert level["psnr"] > 12
@@ -78,7 +83,25 @@ def test_the_command_that_a_fit_prints_transfers_into_its_scene(posed, tmp_path)
     given = typer.main.get_command(app).commands[verb].make_context(verb, words).params
     assert (given["reference"], list(given["more"])) == ("CLIP", ["renderer.nerf_grid={}"])
     assert [load_scene(given["scene"]).geometry.renderer] == list(load_config(overrides=given["more"]).renderer)
+    assert given["up"] == "0,0,1"  # by the photographs, where nothing in a grid tells it
     assert OURS["gaussian_splats"][:2] == (SCENE, [])
+
+
+def test_up_is_said_to_a_transfer_where_a_scene_is_not_taken_so_by_itself(tmp_path):
+    splats = Splats(*(torch.ones(2, *shape) for shape in ((3,), (3,), (4,), (), (1, 3), ())))
+    for up, z_up, said in (
+        ((0.0, 0.0, 1.0), True, False),
+        ((0.0, 0.0, 1.0), False, True),
+        ((0.0, -1.0, 0.0), False, False),
+        ((0.0, -1.0, 0.0), True, True),
+        (None, False, False),
+    ):
+        write_splats(tmp_path / SCENE, splats, z_up)
+        words = shlex.split(_command(tmp_path, "gaussian_splats", up))
+        assert ("--up" in words) == said
+        scene = load_scene(tmp_path / SCENE, up_of(words[words.index("--up") + 1]) if said else None)
+        assert scene.up.tolist() == list(up or (0.0, -1.0, 0.0))
+    assert "--up 0,-0.6,-0.8" in _command(tmp_path, "nerf_grid", (0.0, -0.6, -0.8))
 
 
 @pytest.fixture

@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.fit.gaussian_splats import RATES, GaussianSplatsFit, difference
+from cltransfer.fit.gaussian_splats import RATES, SCENE, GaussianSplatsFit, difference
 from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.ply import read_splats
 from cltransfer.scenes.splats import Splats
 
@@ -59,6 +60,15 @@ def test_a_folder_is_one_fits(quick, views, tmp_path):
     assert quick.fit(views, tmp_path / "out", lambda *step: None) == levels
     with pytest.raises(UsageError, match="holds a fit with other options or views"):
         replace(quick, seed=1).fit(views, tmp_path / "out", lambda *step: None)
+
+
+def test_splats_of_a_set_whose_z_is_up_say_so(quick, views, tmp_path):
+    quick.fit(views, tmp_path / "z", lambda *step: None)
+    assert load_scene(tmp_path / "z" / SCENE).up.tolist() == [0, 0, 1]
+    y_up = torch.tensor([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]).double()  # z to -y
+    lying = replace(views, camera=replace(views.camera, w2c=views.camera.w2c @ y_up.T))
+    quick.fit(lying, tmp_path / "y", lambda *step: None)
+    assert load_scene(tmp_path / "y" / SCENE).up.tolist() == [0, -1, 0]
 
 
 def test_a_fit_is_not_done_before_its_curve_is_there(quick, views, tmp_path, monkeypatch):
