@@ -73,18 +73,20 @@ def given_views(sources: Sequence[str], side: int) -> Camera:
     """
     if not sources:
         raise UsageError("", "--view", "expected at least one", "a trajectory.json, SET:INDEX, or SET")
-    cameras = [_views(source) for source in sources]
+    cameras = [camera for source in sources for camera in _views(source)]
     return in_one_frame(cameras, [fitted_size(camera.size, side) for camera in cameras])
 
 
-def _views(source: str) -> Camera:
+def _views(source: str) -> list[Camera]:
+    """What one source names, those of a set each at its own size."""
     camera = named_camera(source, "--view")
     if camera is not None:
-        return camera
+        return [camera]
     path = Path(source)
     if _is_trajectory(path) or is_run(path):  # of a run's folder the error tells which file
-        return Trajectory.load(path).camera
-    return read_posed(path).camera
+        return [Trajectory.load(path).camera]
+    posed = read_posed(path)
+    return [posed.whole(index) for index in range(len(posed))]
 
 
 def _is_trajectory(path: Path) -> bool:

@@ -156,6 +156,21 @@ def test_no_view_is_cut_to_the_shape_of_another(tmp_path: Path, order: tuple[str
     assert left(*order) >= left("wide")
 
 
+@pytest.mark.parametrize("view", [":3", ""])
+def test_an_image_of_a_set_is_not_cut_to_the_shape_of_the_others(tmp_path: Path, view: str) -> None:
+    eyes = torch.tensor([[1.0, 0, -4], [2, 0, -4], [3, 0, -4], [0, 0, -4]])
+    cameras = Camera.look_at(eyes, eyes + torch.tensor([0, 0, 1.0]), torch.tensor([0.0, -1, 0]), 0.8, (4, 4))
+    frames = [{"file_path": f"{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(cameras.to_opengl())]
+    frames[3] = {**frames[3], "w": 480, "h": 640}
+    (tmp_path / "transforms.json").write_text(json.dumps({"w": 640, "h": 480, "fl_x": 600, "frames": frames}))
+    places = torch.tensor([[0.0, 0, 0], [0, 4 * (580 - 320) / 600, 0]])  # in the middle, and below, of the upright one
+    two = replace(subset(synthetic_room(2), torch.arange(2)), means=places, scales=torch.full((2, 3), 0.02))
+    write_splats(tmp_path / "two.ply", replace(two, opacity=torch.full((2,), 0.9)))
+    options = Simplification(k=0, prune=0.01)
+    found = simplify_file(str(tmp_path / "two.ply"), tmp_path / "few.ply", [f"{tmp_path}{view}"], options)
+    assert found["after"] == 2
+
+
 @pytest.mark.parametrize("unit", [2.0**-7, 2.0**7])
 def test_what_is_pruned_does_not_depend_on_the_unit(tmp_path: Path, unit: float) -> None:
     room, cameras = synthetic_room(5_000), room_cameras(2, (160, 90))

@@ -75,6 +75,11 @@ class PosedImages:
         """Index of every image that is there."""
         return [index for index, file in enumerate(self.files) if file is not None]
 
+    def whole(self, index: int) -> Camera:
+        """Camera of one image, (1), of all that is seen of it once it is straightened, at its lens's own size."""
+        lens = self.lenses[index]
+        return Camera(self.camera.w2c[[index]], torch.from_numpy(lens.straight_matrix())[None], lens.size)
+
     def images(self, index: Sequence[int], side: int) -> tuple[Camera, Tensor]:
         """Cameras (B) and straightened images (B, 3, H, W) uint8 RGB over black, the longer side at most ``side`` [px].
 
@@ -172,7 +177,9 @@ def read_posed(path: str | Path) -> PosedImages:
 
 
 def named_camera(source: str, option: str) -> Camera | None:
-    """The camera ``SET:INDEX`` of a posed image set, (1), counted from 0; None where ``source`` ends in no index.
+    """The camera ``SET:INDEX`` of a posed image set, (1), counted from 0, see :meth:`PosedImages.whole`.
+
+    None where ``source`` ends in no index.
 
     Raises:
         InputError: the set cannot be read.
@@ -186,4 +193,4 @@ def named_camera(source: str, option: str) -> Camera | None:
     posed = read_posed(name)
     if int(index) >= len(posed):
         raise UsageError(name, option, f"expected 0 to {len(posed) - 1}, got {index}")
-    return posed.camera[int(index)]
+    return posed.whole(int(index))

@@ -13,7 +13,8 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 
 from cltransfer.camera import Camera
 from cltransfer.fit._views import views_of
-from cltransfer.scenes.posed import PosedImages, read_posed
+from cltransfer.scenes.posed import PosedImages, named_camera, read_posed
+from cltransfer.scenes.posed.lens import Lens
 
 SIZES = ((640, 480), (640, 480), (320, 240), (480, 640), (900, 300))  # most, half of it, upright, a panorama
 FOCALS = (500.0, 500.0, 260.0, 520.0, 480.0)
@@ -101,6 +102,17 @@ def test_images_of_the_common_size_are_not_touched(tmp_path):
     torch.testing.assert_close(posed.camera.K[:2], torch.cat([shot.K for shot in shots[:2]]))
     half = shots[2].K[0] * torch.tensor([2.0, 2, 1]).double()[:, None]
     torch.testing.assert_close(posed.camera.K[2], half)  # the same shape at half the size: nothing is cut off
+
+
+@pytest.mark.parametrize("bend", [0.0, -0.1])
+def test_a_camera_that_is_named_sees_all_of_its_image_at_its_own_size(tmp_path, bend):
+    write_model(tmp_path, bend)
+    for i, shot in enumerate(truth()):
+        camera = named_camera(f"{tmp_path}:{i}", "--init")
+        assert camera.size == shot.size
+        torch.testing.assert_close(camera.w2c, shot.w2c)
+        lens = Lens(shot.size, tuple(shot.K[0].diag()[:2].tolist()), tuple(shot.K[0, :2, 2].tolist()), (bend, 0, 0, 0))
+        torch.testing.assert_close(camera.K[0], torch.from_numpy(lens.straight_matrix()))
 
 
 def test_a_fit_takes_them_all(tmp_path):
