@@ -15,6 +15,7 @@ from ..camera import Camera, concatenate
 from ..errors import InputError, UsageError
 from ..features import Features
 from ..placement import frame_joints, shows_person, visible_joints
+from ..reading.odd_lenses import ASIDE, tell_beside, tell_oblong
 from ..scenes.posed import named_camera, read_posed
 from ..scenes.posed.formats import SET_FILES
 from ..search.subject_orbit import SCALE, SubjectOrbit
@@ -32,7 +33,6 @@ ALIKE = 1e-3  # by which two vectors differ at most that are one view
 BATCH = 16  # views rendered together
 KEPT = 4  # views that the first frame may start from
 APART = 0.35  # of the distance to the subject, between two of them
-ASIDE = 0.01  # of the frame, by how much a principal point may lie beside the middle, or of fy fx, without a word
 
 _log = logging.getLogger("cltransfer")
 
@@ -52,16 +52,8 @@ def given_view(source: str) -> Camera:
     """
     camera = named_camera(source, "--init")
     camera = _first_camera(Path(source)) if camera is None else camera
-    aside = (camera.K[0, :2, 2] / torch.tensor(camera.size) - 0.5).tolist()
-    if max(map(abs, aside)) > ASIDE:
-        expected = (
-            f"expected it in the middle, got {aside[0]:+.1%} of the width and {aside[1]:+.1%} of the height beside"
-        )
-        _log.warning("--init %s: principal point: %s; the search begins as if it were there", source, expected)
-    horizontal, vertical = camera.K[0, [0, 1], [0, 1]].tolist()
-    if abs(horizontal / vertical - 1) > ASIDE:
-        expected = f"expected fx as fy, got {horizontal:.6g} and {vertical:.6g}"
-        _log.warning("--init %s: focal length: %s; the search begins with fy alone", source, expected)
+    tell_beside(f"--init {source}", camera, "the search begins as if it were there")
+    tell_oblong(f"--init {source}", camera, "the search begins with fy alone")
     return camera
 
 

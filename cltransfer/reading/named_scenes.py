@@ -14,6 +14,7 @@ from ..scenes.person.lifted import load_person
 from ..storage.files import cache_dir, into_cache, read_json, write_json
 from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
 from ..trajectory import Trajectory
+from .odd_lenses import tell_beside, tell_oblong
 from .scene_source import split_scene
 
 REFERENCE_ASPECT = (16, 9)
@@ -45,7 +46,8 @@ def load_reference_scene(source: str, frames: int | None, side: int) -> tuple[Sc
     scene = load_scene(scene_name)
     if scene.subject is None and path.with_name(SUBJECT).is_file():
         scene = load_person(scene, path.with_name(SUBJECT))
-    return scene, _thinned(trajectory, frames, side)
+    tell_beside(path, trajectory.camera, "every search has it there")
+    return scene, _thinned(_square(path, trajectory), frames, side)
 
 
 def lift_command(source: str, scene: Scene) -> str:
@@ -57,6 +59,16 @@ def lift_command(source: str, scene: Scene) -> str:
     if is_run(folder):  # into which no lift goes
         return f"copy {shlex.quote(path)} into a FOLDER of its own, and run: {command} FOLDER"
     return f"run: {command} {shlex.quote(str(folder))}"
+
+
+def _square(path: Path, trajectory: Trajectory) -> Trajectory:
+    """The trajectory in a frame of square pixels, as wide as makes those of its first camera square, as of a clip."""
+    camera = trajectory.camera
+    width = max(1, round(float(camera.size[0] * camera.K[0, 1, 1] / camera.K[0, 0, 0])))
+    then = f"its frame is taken as {width}x{camera.size[1]}, of square pixels"
+    if not tell_oblong(path, camera, then):
+        return trajectory
+    return Trajectory(camera.at_size((width, camera.size[1])), trajectory.times)
 
 
 def _thinned(trajectory: Trajectory, frames: int | None, side: int) -> Trajectory:

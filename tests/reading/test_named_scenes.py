@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,40 @@ def test_a_path_is_thinned_by_its_times_as_a_clip_is(tmp_path: Path) -> None:
     _, thinned = load_reference_scene(f"builtin:plaza@{tmp_path / 'trajectory.json'}", 3, 160)
     assert thinned.times.tolist() == pytest.approx([0.0, 1.0, 2.0])
     torch.testing.assert_close(thinned.camera.w2c, cameras[[0, 8, 9]].w2c)
+
+
+def test_a_path_whose_pixels_are_not_square_is_taken_in_a_frame_of_square_ones(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    plaza, path = load_scene("builtin:plaza"), tmp_path / "trajectory.json"
+    assert plaza.subject is not None
+    wide = shot("static", plaza.subject, (320, 90), 2)
+    squeezed = wide.camera.at_size((160, 90))
+    Trajectory(squeezed, wide.times).save(path)
+    _, taken = load_reference_scene(f"builtin:plaza@{path}", None, 320)
+    assert taken.camera.size == (320, 90)
+    torch.testing.assert_close(taken.camera.K, wide.camera.K)
+    fx, fy = squeezed.K[0, [0, 1], [0, 1]].tolist()
+    got = f"expected fx as fy, got {fx:.6g} and {fy:.6g}; its frame is taken as 320x90, of square pixels"
+    assert caplog.messages == [f"{path}: focal length: {got}"]
+
+
+def test_a_path_whose_principal_point_is_aside_anywhere_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    plaza, path = load_scene("builtin:plaza"), tmp_path / "trajectory.json"
+    assert plaza.subject is not None
+    straight = shot("static", plaza.subject, (160, 90), 3)
+    straight.save(path)
+    load_reference_scene(f"builtin:plaza@{path}", None, 160)
+    assert caplog.messages == []
+    K = straight.camera.K.clone()
+    K[1, 0, 2] -= 40
+    Trajectory(replace(straight.camera, K=K), straight.times).save(path)
+    _, taken = load_reference_scene(f"builtin:plaza@{path}", None, 160)
+    torch.testing.assert_close(taken.camera.K, K)
+    got = "expected it in the middle, got -25.0% of the width and +0.0% of the height beside; every search has it there"
+    assert caplog.messages == [f"{path}: principal point: {got}"]
 
 
 def test_a_scene_that_teaches_without_a_person_names_the_lift_that_helps(tmp_path: Path) -> None:
