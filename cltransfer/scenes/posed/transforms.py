@@ -20,6 +20,7 @@ from .points_ply import read_points
 _log = logging.getLogger("cltransfer")
 MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+FOCAL_X, FOCAL_Y = ("fl_x", "camera_angle_x"), ("fl_y", "camera_angle_y")
 POINTS = "points3D.ply"  # beside the file, where it names no other
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # x right, y up, z backward, to x right, y down, z forward
 
@@ -50,7 +51,14 @@ def _view(path: Path, data: Mapping[str, Any], frame: Any, index: int) -> View:
     file = find_image(path.parent, name, path)
     pose = numbers(path, f"{where}.transform_matrix", frame.get("transform_matrix"), (4, 4))
     c2w = rigid(path, f"{where}.transform_matrix", pose[:3, :3], pose[:3, 3]) @ OPENGL
-    return View(name, file, inverse(c2w), _lens(path, {**data, **frame}, where, file), _mask(path, frame, where))
+    return View(name, file, inverse(c2w), _lens(path, _stated(data, frame), where, file), _mask(path, frame, where))
+
+
+def _stated(data: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
+    """What holds for a frame; beside a focal length of its own there is none of the file's that says otherwise."""
+    own_x, own_y = (any(key in frame for key in keys) for keys in (FOCAL_X, FOCAL_Y))
+    dropped = (*FOCAL_X, *FOCAL_Y) if own_x else FOCAL_Y if own_y else ()
+    return {**{key: value for key, value in data.items() if key not in dropped}, **frame}
 
 
 def _mask(path: Path, frame: Mapping[str, Any], where: str) -> Path | None:
