@@ -82,15 +82,18 @@ def _lens(path: Path, values: Mapping[str, Any], where: str, file: Path | None) 
         return float(numbers(path, f"{where}.{key}", value, ()))
 
     size = (number("w"), number("h")) if "w" in values else size_of_image(path, str(values["file_path"]), file)
-    if "fl_x" in values:
-        fx = number("fl_x")
-    else:
-        angle = number("camera_angle_x")
+
+    def focal(axis: str, side: float) -> float:
+        if f"fl_{axis}" in values:
+            return number(f"fl_{axis}")
+        angle = number(f"camera_angle_{axis}")
         slope = math.tan(angle / 2) if 0 < angle < math.pi else 0.0
         if not slope > 0:
             reason = f"expected an angle above 0 and below pi, got {angle:g}"
-            raise InputError(path, f"{where}.camera_angle_x", reason, "give it in radians")
-        fx = size[0] / (2 * slope)
-    fy = number("fl_y", fx)
+            raise InputError(path, f"{where}.camera_angle_{axis}", reason, "give it in radians")
+        return side / (2 * slope)
+
+    fx = focal("x", size[0])
+    fy = focal("y", size[1]) if any(key in values for key in FOCAL_Y) else fx
     center = (number("cx", size[0] / 2), number("cy", size[1] / 2))
     return lens_of(path, where, size, (fx, fy, *center), [number(key, 0.0) for key in DISTORTION])

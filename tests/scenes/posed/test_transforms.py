@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import torch
 
+from cltransfer.errors import InputError
 from cltransfer.scenes.posed import read_posed
 
 
@@ -42,3 +43,24 @@ def test_a_focal_length_of_a_frame_goes_before_any_of_the_file(
     tmp_path: Path, once: dict[str, Any], frame: dict[str, Any], expected: tuple[float, float]
 ) -> None:
     assert focal(tmp_path, once, frame) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("once", "frame", "expected"),
+    [
+        ({"camera_angle_x": angle(80, 50), "camera_angle_y": angle(60, 70)}, {}, (50, 70)),
+        ({"fl_x": 50, "camera_angle_y": angle(60, 70)}, {}, (50, 70)),
+        ({"fl_x": 50, "fl_y": 60, "camera_angle_y": angle(60, 70)}, {}, (50, 60)),
+        ({"fl_x": 50, "fl_y": 60}, {"camera_angle_y": angle(60, 70)}, (50, 70)),
+    ],
+)
+def test_a_focal_length_is_told_by_an_angle_on_either_axis(
+    tmp_path: Path, once: dict[str, Any], frame: dict[str, Any], expected: tuple[float, float]
+) -> None:
+    assert focal(tmp_path, once, frame) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("value", [0, -1, 180, 3.1415927])
+def test_a_vertical_angle_that_no_lens_has_is_refused(tmp_path: Path, value: float) -> None:
+    with pytest.raises(InputError, match=r"frames\[0\].camera_angle_y: expected an angle above 0 and below pi, got"):
+        focal(tmp_path, {"fl_x": 50, "camera_angle_y": value}, {})
