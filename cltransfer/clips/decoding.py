@@ -31,6 +31,7 @@ from .png_chunks import PNG, drawn_chunks
 
 PIXEL_LIMIT = 4096 * 2160  # of a video's frame: what cinemas and many cameras call 4K
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
+WIDENED = 4  # times as many that a video's frame is shown with at most: lenses of films squeeze by two
 UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
 HDR = {16: "PQ", 18: "HLG"}  # transfer functions, as FFmpeg counts them
 HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
@@ -219,8 +220,8 @@ def _pixel_limit(path: Path) -> int:
     return STILL_LIMIT if _is_image(path) else PIXEL_LIMIT
 
 
-def _check_size(path: Path, field: str, size: tuple[int, int]) -> None:
-    most = _pixel_limit(path)
+def _check_size(path: Path, field: str, size: tuple[int, int], times: int = 1) -> None:
+    most = times * _pixel_limit(path)
     if size[0] * size[1] > most:
         limit = f"expected at most {most} pixels a frame, got {size[0]}x{size[1]}"
         raise InputError(path, field, limit, "make it smaller")
@@ -237,7 +238,8 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, ex
     turns, mirrored = _upright(path, field, raw, exif)
     size = (max(1, round(raw.width * _aspect(path, stream))), raw.height)
     upright = size if turns % 2 == 0 else size[::-1]
-    _check_size(path, field, upright)
+    _check_size(path, field, (raw.width, raw.height))
+    _check_size(path, field, upright, 1 if _is_image(path) else WIDENED)
     return Frame(raw, upright, raw.time, turns, mirrored, tuple(_notes(raw, stream)))
 
 

@@ -390,6 +390,24 @@ def test_pixels_that_are_not_square_are_made_square(tmp_path):
     assert clip.size == (128, 48)
 
 
+@pytest.mark.parametrize(("aspect", "shown"), [(Fraction(4, 3), (320, 135)), (2, (320, 90))])
+def test_a_large_frame_whose_pixels_are_not_square_is_held_to_those_that_are_decoded(tmp_path, aspect, shown):
+    def anamorphic(stream):
+        stream.codec_context.sample_aspect_ratio = aspect
+
+    grey = torch.full((1, 3, 2160, 3840), 128, dtype=torch.uint8)
+    path = encode(tmp_path / "a.mp4", grey, "mpeg4", "yuv420p", change=anamorphic)
+    assert read_clip(path, max_side=320).size == shown
+
+
+def test_a_frame_is_not_widened_without_end(tmp_path):
+    def absurd(stream):
+        stream.codec_context.sample_aspect_ratio = 200
+
+    path = encode(tmp_path / "a.mp4", torch.zeros(1, 3, 480, 640, dtype=torch.uint8), "mpeg4", "yuv420p", change=absurd)
+    refused(path, "frame 0", "expected at most 35389440 pixels a frame, got 128000x480")
+
+
 @pytest.mark.parametrize("name", ["0.jpg", "0.png"])
 def test_a_resolution_of_print_is_no_shape_of_pixels(tmp_path, name):
     Image.fromarray(smooth(1)[0].permute(1, 2, 0).numpy()).save(tmp_path / name, dpi=(300, 72))
