@@ -77,9 +77,12 @@ def merged(splats: Splats, cameras: Camera, k: float) -> Splats:
 
 
 def pixel_width(points: Tensor, cameras: Camera) -> Tensor:
-    """How wide a pixel of the camera that sees a point finest is there, (N,), scene units, of points (N, 3)."""
+    """How wide a pixel of the camera that sees a point finest is there, (N,), scene units, of points (N, 3).
+
+    Of a pixel that is not square it is the shorter side.
+    """
     widths = torch.full((len(points),), torch.inf, dtype=torch.float64)
-    for center, focal in zip(cameras.center, cameras.focal):  # 4 ms each for 500k points
+    for center, focal in zip(cameras.center, cameras.K[:, [0, 1], [0, 1]].amax(1)):  # 4 ms each for 500k points
         widths = torch.minimum(widths, (points.double() - center).norm(dim=1) / focal)
     return widths
 

@@ -57,6 +57,16 @@ def test_a_pixel_widens_with_distance_and_the_nearest_camera_counts() -> None:
     torch.testing.assert_close(pixel_width(points, both), torch.tensor([0.05, 0.15], dtype=torch.float64))
 
 
+@pytest.mark.parametrize(("fx", "fy"), [(200.0, 100.0), (100.0, 200.0)])
+def test_of_a_pixel_that_is_not_square_the_shorter_side_counts(fx: float, fy: float) -> None:
+    K = camera().K.clone()
+    K[:, 0, 0], K[:, 1, 1] = fx, fy
+    oblong = replace(camera(), K=K)
+    torch.testing.assert_close(pixel_width(torch.zeros(1, 3), oblong), torch.tensor([0.05], dtype=torch.float64))
+    pair = splats([[0.1, 0.02, 0.01], [0.1, 0.1, 0.01]])  # in one voxel of 0.125, in two of 0.0625
+    assert [len(merged(pair, one, 2)) for one in (camera(), oblong)] == [1, 2]
+
+
 def test_two_in_a_voxel_become_one_with_their_mean_and_covariance() -> None:
     pair = splats([[0.01, 0.02, 0.01], [0.03, 0.02, 0.01]])
     one = merged(pair, camera(), 2)
