@@ -41,13 +41,16 @@ def test_the_page_tells_the_load_that_its_rows_were_measured_under(tmp_path, mon
     assert "load average 3.7 while measured;" in (tmp_path / "table1.md").read_text()
 
 
-def test_frames_that_failed_by_either_method_are_left_out_of_both():
-    rows = [_row("old", 2.0, failed=[2]), _row("new", 1.0)]
+@pytest.mark.parametrize("fails", ["old", "new"])
+def test_frames_that_failed_by_either_method_are_left_out_of_both(fails):
+    failed = {fails: [2]}  # a frame of a clip that has not
+    rows = [_row(name, v, failed.get(name, ()), failed_clip=False) for name, v in (("old", 2.0), ("new", 1.0))]
     found = duel(rows, "old", "new", "cross")
     assert found.all_frames[0].baseline.mean == pytest.approx(10 / 3)
     assert found.all_frames[0].ours.mean == pytest.approx(5 / 3)
-    assert found.sound_frames[0].baseline.mean == pytest.approx(2.0)
-    assert found.sound_frames[0].ours.mean == pytest.approx(1.0)
+    for sound in (found.sound_frames, found.sound_clips):
+        assert sound[0].baseline.mean == pytest.approx(2.0)
+        assert sound[0].ours.mean == pytest.approx(1.0)
 
 
 def test_a_clip_of_failed_frames_alone_is_left_out_and_counted():
