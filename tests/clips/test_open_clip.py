@@ -262,6 +262,13 @@ def test_bars_that_compression_has_lit_beside_the_picture_are_bars() -> None:
     assert find_letterbox(frames) == (0, 0, 160, 100)
 
 
+def test_a_dark_line_at_the_edge_is_no_bar() -> None:
+    for rows, bars in ((1, (0, 0, 160, 200)), (2, (0, 2, 160, 198))):
+        frames = torch.full((3, 3, 200, 160), 120, dtype=torch.uint8)
+        frames[:, :, :rows] = frames[:, :, 200 - rows :] = 16
+        assert find_letterbox(frames) == bars
+
+
 def test_an_upright_picture_in_a_wide_frame_has_bars() -> None:
     frames = torch.zeros(3, 3, 540, 960, dtype=torch.uint8)
     frames[..., 328:632] = 200
