@@ -125,3 +125,24 @@ def test_a_scored_reference_is_advised_as_it_was_asked_for(tmp_path: Path, bars:
     with pytest.raises(InputError, match="a cut at") as told:
         open_pairs(ClipSource.parse(f"{clip}{asked}"), ClipSource.parse(str(clip)), None)
     assert ("letterbox=keep" in str(told.value)) == keeps
+
+
+def test_a_camera_so_fast_that_no_frame_shows_what_another_does_is_no_cut() -> None:
+    fast = [drawn(seed, 1) for seed in range(1, 11)]
+    assert cuts_of(np.concatenate(fast)) == []
+    assert cuts_of(np.concatenate([drawn(0, 40), *fast, drawn(11, 40)])) == []  # however long it stood before
+
+
+@pytest.mark.parametrize("first", [4, 10])
+def test_shots_of_two_frames_hide_no_cut_beside_them(first: int) -> None:
+    shots = [drawn(0, first), *(drawn(seed, 2) for seed in (1, 2, 3)), drawn(4, 10)]
+    assert cuts_of(np.concatenate(shots)) == [first, first + 2, first + 4, first + 6]
+
+
+def test_a_picture_of_one_colour_shows_nothing_and_one_that_a_single_colour_draws_is_shown() -> None:
+    random = np.random.default_rng(0)
+    red = (np.array([200, 30, 30]) + random.integers(0, 2, (3, 18, 32, 3))).astype(np.uint8)
+    assert find_shots(np.concatenate([drawn(0, 6), red, drawn(1, 6)])) == [(0, 5), (9, 14)]
+    blue = np.full((4, 18, 32, 3), 128, np.uint8)
+    blue[..., 2] += random.integers(0, 13, (18, 32)).astype(np.uint8)
+    assert find_shots(blue) == [(0, 3)]

@@ -179,6 +179,40 @@ def test_a_short_whip_pan_between_still_pictures_is_no_cut(seed: int, steps: int
     assert cuts_of(repeated(still, times)) == []
 
 
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("tilts", [False, True])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_short_whip_is_no_cut_whichever_way_it_goes(seed: int, tilts: bool, back: bool) -> None:
+    wall = scenery(seed, 3, 16, SIZE[::-1]).transpose(2, 3) if tilts else scenery(seed, 3, 16)
+    wall = wall.flip(0) if back else wall
+    assert cuts_of(small(torch.cat([wall[:1].expand(12, -1, -1, -1), wall, wall[-1:].expand(12, -1, -1, -1)]))) == []
+
+
+@pytest.mark.parametrize("still", [0, 12])
+def test_frames_of_a_fast_camera_that_are_about_the_mean_of_those_beside_are_no_blend(still: int) -> None:
+    wall = scenery(0, 8, 5)
+    frames = torch.cat([wall[:1].expand(still, -1, -1, -1), wall, wall[-1:].expand(still, -1, -1, -1)])
+    assert cuts_of(small(frames)) == []
+
+
+def test_a_cut_stands_out_of_a_fast_pan_on_both_sides() -> None:
+    for seed in (0, 1):
+        assert cuts_of(small(torch.cat([scenery(seed, 10, 6), scenery(seed + 3, 10, 6)]))) == [10]
+
+
+@pytest.mark.parametrize(("drift", "seed"), [(2, 0), (2, 1), (3, 1), (3, 2), (4, 0)])
+def test_a_mix_of_two_shots_that_move_on_does_not_hide_the_cut_and_no_other_frame_is_one(drift: int, seed: int) -> None:
+    before, after = scenery(seed, 11, drift), scenery(seed + 3, 11, drift)
+    mixed = ((before[-1:].float() + after[:1].float()) / 2).round().byte()
+    assert find_shots(small(torch.cat([before[:10], mixed, after[1:]]))) == [(0, 9), (11, 20)]
+
+
+def test_a_mix_behind_a_few_still_frames_does_not_hide_the_cut_into_a_moving_shot() -> None:
+    before, after = scenery(1, 4, 0), scenery(4, 10, 4)
+    mixed = ((before[-1:].float() + after[:1].float()) / 2).round().byte()
+    assert find_shots(small(torch.cat([before, mixed, after]))) == [(0, 3), (5, 14)]
+
+
 @pytest.mark.parametrize("steps", [2, 3])
 @pytest.mark.parametrize("seeds", [(0, 3), (1, 5), (4, 2)])
 def test_a_cut_into_a_short_whip_pan_is_found(seeds: tuple[int, int], steps: int) -> None:
