@@ -1,9 +1,13 @@
 """Frames of two clips go together by their times."""
 
+from pathlib import Path
+
 import pytest
 import torch
 
-from cltransfer.clips.pairs import pair_by_time, pairs
+from cltransfer.clips.clip import write_video
+from cltransfer.clips.pairs import open_pairs, pair_by_time, pairs
+from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError
 
 
@@ -31,3 +35,34 @@ def test_clips_of_hours_are_paired_without_the_distances_between_all():
 
 def test_of_several_frames_of_a_render_the_nearest_is_kept() -> None:
     assert pairs(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0.3, 0.5, 0.7, 1.0]))[1].tolist() == [1, 3]
+
+
+@pytest.mark.parametrize(
+    ("shown", "kept"),
+    [([-0.4, 0.3], [0, 1]), ([-0.5, 0.3], [1]), ([0.3, 2.4], [0, 1]), ([0.3, 2.5], [0])],
+)
+def test_a_frame_a_whole_step_before_the_reference_or_behind_it_has_no_partner(
+    shown: list[float], kept: list[int]
+) -> None:
+    """Of the first step before it, and of the last behind it."""
+    assert pairs(torch.tensor([0.0, 0.5, 1.5]), torch.tensor(shown))[1].tolist() == kept
+
+
+def test_frames_before_and_behind_the_reference_alone_are_none_of_it() -> None:
+    with pytest.raises(InputError, match="all frames of one lie before or after the other"):
+        pairs(torch.tensor([0.0, 0.5]), torch.tensor([-0.6, 1.1]))
+
+
+@pytest.mark.parametrize(("long", "ends"), [(12, False), (13, False), (20, True)])
+def test_a_render_of_half_the_frames_ends_early_if_more_than_a_frame_of_its_own_is_missing(
+    tmp_path: Path, long: int, ends: bool
+) -> None:
+    clips = []
+    for name, frames, rate in (("reference", long, 10), ("render", 6, 5)):
+        black = torch.zeros(frames, 3, 16, 16, dtype=torch.uint8)
+        write_video(tmp_path / f"{name}.mkv", black, torch.arange(frames).double() / rate, lossless=True)
+        clips.append(ClipSource(tmp_path / f"{name}.mkv"))
+    notes = open_pairs(clips[0], clips[1], None)[2]
+    told = f"ends at 1.00 s, the reference at {(long - 1) / 10:.2f} s: what comes after is not scored"
+    assert (told in notes) == ends
+    assert any(f"6 of {long} frames of the reference are paired" in note for note in notes)
