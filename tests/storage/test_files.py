@@ -18,6 +18,7 @@ from cltransfer.errors import UsageError
 from cltransfer.storage.files import (
     atomic,
     check_out,
+    content_hash,
     csv_text,
     same_file,
     told_from_here,
@@ -144,3 +145,21 @@ def test_a_table_is_read_back_as_it_was_written() -> None:
     lines = [["name", "value"], ["a;b", "c\td"], ['"q", r', ""], ["", "x\ny"], ["é", "True"]]
     assert list(csv.reader(io.StringIO(csv_text(lines), newline=""))) == lines
     assert csv_text([[None, True, 3, 0.1, 1e-20]]) == ",True,3,0.1,1e-20\n"
+
+
+@pytest.mark.parametrize("blank", ["\t", "\n", "\r", "\r\n"])
+def test_what_is_behind_a_tab_or_a_new_line_at_the_beginning_is_no_formula(blank: str) -> None:
+    """A spreadsheet may leave out such a blank, and works out the rest."""
+    ((cell,),) = csv.reader(io.StringIO(csv_text([[f"{blank}=1+1"]]), newline=""))
+    assert cell.startswith("'")
+
+
+def test_files_of_a_folder_are_told_apart_from_one_that_holds_the_names_of_the_others(tmp_path: Path) -> None:
+    folders = {"one": {"a": b"1b\x002"}, "two": {"a": b"1", "b": b"2"}, "other": {"a": b"1", "c": b"2"}}
+    for folder, files in folders.items():
+        (tmp_path / folder).mkdir()
+        for name, held in files.items():
+            (tmp_path / folder / name).write_bytes(held)
+    assert len({content_hash(tmp_path / folder) for folder in folders}) == 3
+    listed = [tmp_path / "two" / name for name in "ba"]
+    assert content_hash(tmp_path / "two", listed) == content_hash(tmp_path / "two", listed[::-1])
