@@ -180,3 +180,13 @@ def test_a_result_lasts_where_neither_side_may_be_told_better_by_another_run(lat
     read = Reference(sides[0], torch.arange(2.0), None, "clip", "", "image", {})
     objective = Objective(load_config().build("losses"))
     assert _judged(objective, read, sides[1], math.nan).lasts is (late == "")
+
+
+def test_both_sides_are_drawn_by_the_renderer_of_the_metrics_whatever_a_row_searched_by(
+    sweep_file: Callable[..., Path],
+) -> None:
+    """Here by one that draws nothing that is as near as the person."""
+    (trial,) = trials(read_sweep(str(sweep_file("{blind: {renderer: {gaussian_splats: {near: 99}}}}"))), {})
+    outcome = run_trial(trial, Job())
+    assert outcome.metrics is not None, outcome.failed
+    assert (outcome.metrics["filmic_space"].defined, outcome.metrics["camera_movement"].defined) == (2, 1)
