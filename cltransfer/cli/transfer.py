@@ -214,8 +214,8 @@ def export(
         list[str] | None,
         typer.Argument(
             metavar="KEY=VALUE",
-            help="output_side=1920: longer side of the picture [px], by default that of RUN's. Width and height are "
-            "made even, as H.264 has to have them.",
+            help="output_side=1920: longer side of the picture [px], by default that of RUN's. A column or row is "
+            "added where they are odd, as H.264 has to have it; not for COLMAP.",
         ),
     ] = None,
     fps: Annotated[

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..camera import Camera, fitted_size, resized
+from ..camera import Camera, fitted_size
 from ..errors import InputError
 from ..trajectory import Trajectory
 
@@ -49,25 +49,37 @@ def millimetres(camera: Camera) -> Tensor:
     return camera.focal * FULL_FRAME / camera.size[0]
 
 
-def filmable(trajectory: Trajectory, side: int | None = None) -> Trajectory:
-    """The same cameras on pixels even in width and height, as H.264 has to have them.
+def at_side(trajectory: Trajectory, side: int) -> Trajectory:
+    """The same cameras on a picture of the same shape whose longer side is ``side`` [px], as ``render`` draws them.
 
     The vertical field of view is kept, and pixels that are not square and a principal point beside the middle too.
+    """
+    camera = trajectory.camera
+    size = fitted_size(camera.size, side)
+    if size == camera.size:
+        return trajectory
+    scale, K = size[1] / camera.size[1], camera.K.clone()
+    K[:, :2] *= scale
+    K[:, :2, 2] += (K.new_tensor(size) - scale * K.new_tensor(camera.size)) / 2
+    return Trajectory(Camera(camera.w2c, K, size), trajectory.times)
+
+
+def filmable(trajectory: Trajectory, centred: bool = False) -> Trajectory:
+    """The same pixels, and a column and a row more where theirs are odd in number, as H.264 has to have them.
 
     Args:
         trajectory: the cameras.
-        side: longer side [px], before it is made even; None: theirs.
+        centred: half of them on either side, by which the middle stays one; else on the right and below, as a run's
+            own videos have them.
     """
     camera = trajectory.camera
-    width, height = camera.size if side is None else fitted_size(camera.size, side)
-    size = max(2, width - width % 2), max(2, height - height % 2)
-    if size == camera.size:
+    more = [side % 2 for side in camera.size]
+    if not any(more):
         return trajectory
-    square, scale = resized(camera, size), size[1] / camera.size[1]
-    K = square.K.clone()
-    K[:, 0, 0] *= camera.K[:, 0, 0] / camera.K[:, 1, 1]
-    K[:, :2, 2] += scale * (camera.K[:, :2, 2] - K.new_tensor(camera.size) / 2)
-    return Trajectory(Camera(camera.w2c, K, size), trajectory.times)
+    K = camera.K.clone()
+    if centred:
+        K[:, :2, 2] += K.new_tensor(more) / 2
+    return Trajectory(Camera(camera.w2c, K, (camera.size[0] + more[0], camera.size[1] + more[1])), trajectory.times)
 
 
 def rate_of(trajectory: Trajectory) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import InputError, UsageError
 from ..export.blender import write_blender
 from ..export.colmap import check_model, write_colmap
-from ..export.lens import filmable, rate_of
+from ..export.lens import at_side, filmable, rate_of
 from ..export.nerfstudio import write_camera_path
 from ..export.usd import write_usd
 from ..storage.files import check_out_file, read_json, same_file
@@ -36,7 +36,8 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None, s
         fps: frames a second, the camera led smoothly through those that the path has; None: only those.
         y_up: whether other programs turn the scene's file, as they do glTF and OBJ; None: where that of the run is of
             :data:`TURNED`, and not of a trajectory alone. Of :data:`WORLDS` only.
-        side: longer side of the picture [px]; None: that of the path. Width and height are even in any case.
+        side: longer side of the picture [px]; None: that of the path. Files, of films, have a column and a row more
+            where these are odd.
 
     Raises:
         UsageError: ``out`` has another ending, or is what a run, another program or a person has written; ``fps`` is
@@ -54,7 +55,10 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None, s
             reason = "is no run's" if (source / MANIFEST).is_file() else "no such file"
             raise InputError(source, MANIFEST, reason, "expected the folder of a run, or a trajectory.json")
         require_done(source)
-    trajectory = filmable(at_rate(Trajectory.load(source / TRAJECTORY if run else source), fps, FRAMES), side)
+    trajectory = at_rate(Trajectory.load(source / TRAJECTORY if run else source), fps, FRAMES)
+    trajectory = trajectory if side is None else at_side(trajectory, side)
+    if kind:  # images of a model are those of the run, whatever their size
+        trajectory = filmable(trajectory, centred=kind == ".json")
     turned = _turned(source) if run and y_up is None and kind in WORLDS else bool(y_up)
     rate = fps or rate_of(trajectory)
     if kind == ".usda":

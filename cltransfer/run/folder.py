@@ -87,7 +87,7 @@ def write_run(
     write_text(folder / CONFIG, to_yaml(_settled(config, result)))
     trajectory, reference = result.trajectory, result.reference
     trajectory.save(folder / TRAJECTORY)
-    write_camera_path(folder / CAMERA_PATH, filmable(trajectory))
+    write_camera_path(folder / CAMERA_PATH, filmable(trajectory, centred=True))
     write_video(folder / FRAMES, result.image, trajectory.times, lossless=True)
     write_video(folder / VIDEO, result.image, trajectory.times)
     if reference.image is not None:

@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 import torch
 
-from cltransfer.camera import resized
+from cltransfer.camera import intrinsics, resized
+from cltransfer.clips.clip import write_video
+from cltransfer.clips.decoding import decode
 from cltransfer.errors import InputError, UsageError
 from cltransfer.run.export import export_path
 from cltransfer.run.frame_rate import at_rate
@@ -43,12 +45,12 @@ def test_what_a_run_writes_for_nerfstudio_itself_is_the_same(tiny_run: Path, tmp
     assert (tmp_path / "shot.json").read_bytes() == (tiny_run / CAMERA_PATH).read_bytes()
 
 
-def test_a_picture_is_as_large_as_is_asked_for_and_always_even(
+def test_a_picture_is_as_large_as_is_asked_for_and_a_films_always_even(
     command: Callable[..., Any], tiny_run: Path, tmp_path: Path
 ) -> None:
     own = Trajectory.load(tiny_run / TRAJECTORY)
     Trajectory(resized(own.camera, (720, 405)), own.times).save(tmp_path / "odd.json")
-    for source, asked, size in (("odd.json", [], (720, 404)), (tiny_run, ["output_side=1920"], (1920, 1080))):
+    for source, asked, size in (("odd.json", [], (720, 406)), (tiny_run, ["output_side=1920"], (1920, 1080))):
         said = command("export", tmp_path / source, *asked, "--out", tmp_path / "shot.py")
         assert (said.code, said.err) == (0, "")
         assert f" cameras of {size[0]}x{size[1]} over " in said.out
@@ -60,6 +62,23 @@ def test_a_picture_is_as_large_as_is_asked_for_and_always_even(
     for override, line in refused.items():
         said = command("export", tiny_run, override, "--out", tmp_path / "shot.py")
         assert (said.code, line in said.err) == (2, True), said.err
+
+
+def test_a_picture_fits_the_videos_of_the_run(tiny_run: Path, tmp_path: Path) -> None:
+    """In the video the odd row is there twice; images of a model are the lossless frames; nerfstudio knows no shift."""
+    own = Trajectory.load(tiny_run / TRAJECTORY)
+    odd = Trajectory(resized(own.camera, (48, 27)), own.times)
+    odd.save(tmp_path / "odd.json")
+    frames = torch.zeros(len(own), 3, 27, 48, dtype=torch.uint8)
+    for name, lossless in (("shot.mp4", False), ("frames.mkv", True)):
+        write_video(tmp_path / name, frames, own.times, lossless)
+    for out, video in (("shot.py", "shot.mp4"), ("shot.usda", "shot.mp4"), ("colmap", "frames.mkv")):
+        written = export_path(tmp_path / "odd.json", tmp_path / out, None, None).camera
+        assert written.size == next(decode(tmp_path / video)).size
+        assert torch.equal(written.K, odd.camera.K)
+    assert "PINHOLE 48 27 " in (tmp_path / "colmap" / "cameras.txt").read_text()
+    centred = export_path(tmp_path / "odd.json", tmp_path / "shot.json", None, None).camera
+    torch.testing.assert_close(centred.K, intrinsics(odd.camera.focal, (48, 28)))
 
 
 def test_frames_between_those_of_the_run(tiny_run: Path, tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_the_camera_that_a_run_leaves_for_nerfstudio_is_the_one_that_it_exports(
     inputs = Inputs("builtin:plaza", "builtin:static")
     config = load_config(overrides=["preset=fast", "frames=1", "search_side=32", "output_side=49", "path=exact"])
     write_run(tmp_path / "run", transfer(inputs, config), inputs, config)
-    assert export_path(tmp_path / "run", tmp_path / "shot.json", None, None).camera.size == (48, 28)
+    assert export_path(tmp_path / "run", tmp_path / "shot.json", None, None).camera.size == (50, 28)
     assert (tmp_path / "run" / CAMERA_PATH).read_bytes() == (tmp_path / "shot.json").read_bytes()
 
 
