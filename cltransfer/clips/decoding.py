@@ -28,6 +28,7 @@ from .alpha import over_black as laid_over_black
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 from .png_chunks import PNG, drawn_chunks
+from .streams import STREAM_LIMIT, streams_to_open
 
 PIXEL_LIMIT = 4096 * 2160  # of a video's frame: what cinemas and many cameras call 4K
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
@@ -35,7 +36,6 @@ WIDENED = 4  # times as many that a video's frame is shown with at most: lenses 
 UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
 HDR = {16: "PQ", 18: "HLG"}  # transfer functions, as FFmpeg counts them
 HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
-STREAM_LIMIT = 32  # of a file, sound and fonts among them: frames of each video are decoded to open it, 40 MB of UHD
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
 CODED = 64  # rows and columns that a coded frame may have beyond those that are shown
@@ -52,7 +52,6 @@ _OPTIONS = {
     "protocol_whitelist": "file",
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,png_pipe,jpeg_pipe",
     "err_detect": "explode",
-    "max_streams": str(STREAM_LIMIT + 1),  # at which some kinds end the file, and others go on without the rest
 }
 _PROBED = ",".join(sorted(name for name in av.codecs_available if "png" not in name))
 """Codecs of which frames are decoded to open a video; those of PNGs have all their chunks yet."""
@@ -137,7 +136,7 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     try:
         limited = {**_OPTIONS, "max_pixels": str(_pixel_limit(path))}  # of what is decoded to open it
         if demuxer is None:
-            limited["codec_whitelist"] = _PROBED
+            limited |= {"codec_whitelist": _PROBED, "max_streams": str(streams_to_open(path, _OPTIONS))}
         # titles may be of any code page
         with av.open(source, "r", format=demuxer, options=limited, metadata_errors="replace") as container:
             yield container, _video_stream(path, container)
@@ -189,9 +188,6 @@ def _drawn_packet(packet: av.Packet, stream: VideoStream) -> av.Packet:
 
 
 def _video_stream(path: Path, container: InputContainer) -> VideoStream:
-    if len(container.streams) > STREAM_LIMIT:
-        hint = "keep the video alone, as by ffmpeg -map 0:v:0 -c copy"
-        raise InputError(path, "streams", f"expected at most {STREAM_LIMIT}, got more", hint)
     streams = [s for s in container.streams.video if not s.disposition & Disposition.attached_pic]
     if not streams:
         raise InputError(path, "video", "no video stream")

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from fractions import Fraction
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from av.video.reformatter import Colorspace
 from PIL import Image
 
 from cltransfer.clips.clip import read_clip
-from cltransfer.clips.decoding import STREAM_LIMIT
 from cltransfer.clips.image_folder import clip_hash
 from cltransfer.clips.open_clip import open_clip
 from cltransfer.clips.pairs import open_pairs
@@ -71,24 +69,6 @@ def test_a_song_with_a_cover_is_no_clip(tmp_path: Path) -> None:
         container.mux(song.encode(silence) + song.encode())
     with pytest.raises(InputError, match=r"song\.mp4: video: no video stream"):
         read_clip(tmp_path / "song.mp4")
-
-
-@pytest.mark.parametrize("kind", ["mkv", "mov", "ts"])
-def test_a_file_of_very_many_streams_is_not_opened(tmp_path: Path, kind: str) -> None:
-    """A few bytes a stream took 40 MB each, which no limit counts."""
-    for count in (STREAM_LIMIT, STREAM_LIMIT + 1, STREAM_LIMIT + 2):
-        with av.open(str(tmp_path / f"{count}.{kind}"), "w") as container:
-            streams = [container.add_stream("mpeg4", rate=24) for _ in range(count)]
-            for stream in streams:
-                stream.width, stream.height, stream.pix_fmt = 16, 16, "yuv420p"
-            for i, stream in product(range(2), streams):
-                frame = av.VideoFrame.from_ndarray(noise(1, 16, 16)[0])
-                frame.pts = i
-                container.mux(stream.encode(frame))
-    assert len(read_clip(tmp_path / f"{STREAM_LIMIT}.{kind}")) == 2
-    for count in (STREAM_LIMIT + 1, STREAM_LIMIT + 2):
-        with pytest.raises(InputError, match="at most 32"):
-            read_clip(tmp_path / f"{count}.{kind}")
 
 
 def test_a_title_of_another_code_page_is_no_fault(tmp_path: Path) -> None:
