@@ -36,6 +36,15 @@ def test_rows_are_held_against_the_memory(tmp_path, monkeypatch):
         read_rows(tmp_path)
 
 
+def test_rows_of_many_trials_are_read_in_the_memory_that_they_take(tmp_path, monkeypatch):
+    """12 MB, which would take 570 MB if they were the worst that so many bytes of JSON can be."""
+    row = {"key": "a", "terms": {"framing": [0.123456789] * 600}}
+    lines = [json.dumps({**row, "key": f"{number}"}) for number in range(1500)]
+    (tmp_path / FILE).write_text("\n".join(lines) + "\n")
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**26)
+    assert len(read_rows(tmp_path)) == 1500
+
+
 def test_a_bench_goes_on_where_it_was_stopped(tmp_path):
     heard: list[str] = []
     first = run_trials(TRIALS[:1], tmp_path, told=heard.append)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cltransfer.errors import InputError, ResourceError
-from cltransfer.storage.kept_lines import LONGEST, keep, read_kept
+from cltransfer.storage.kept_lines import LONGEST, STRIDE, keep, read_kept
 
 LIMIT = 100  # bytes
 
@@ -68,7 +68,7 @@ def test_a_line_that_nothing_here_has_written_is_refused_before_it_is_read(tmp_p
         tracemalloc.stop()
 
 
-def test_no_line_is_read_where_there_is_no_memory_for_all_of_them(tmp_path: Path) -> None:
+def test_no_line_is_read_where_there_is_no_memory_for_it(tmp_path: Path) -> None:
     path, asked = tmp_path / "names.jsonl", list[Any]()
 
     def afford(size: int, path: Path) -> None:
@@ -79,6 +79,26 @@ def test_no_line_is_read_where_there_is_no_memory_for_all_of_them(tmp_path: Path
     with pytest.raises(ResourceError, match="none is free"):
         read_kept(path, LIMIT, pytest.fail, "name", afford)
     assert asked == [(path.stat().st_size, path)]
+
+
+def test_memory_is_asked_for_as_a_file_is_read_and_for_no_more_than_is_read_next(tmp_path: Path) -> None:
+    path, left, asked = tmp_path / "names.jsonl", 0, list[int]()
+    lengths = [10_000] * 300 + [3 * STRIDE] + [10_000] * 20
+    path.write_text("".join(f'"{"a" * (length - 3)}"\n' for length in lengths))
+
+    def afford(size: int, path: Path) -> None:
+        nonlocal left
+        left = size
+        asked.append(size)
+
+    def parse(name: str) -> int:
+        nonlocal left
+        left -= len(name) + 3
+        assert left >= 0
+        return len(name) + 3
+
+    assert read_kept(path, 8 * STRIDE, parse, "name", afford) == lengths
+    assert asked == [STRIDE, STRIDE, STRIDE, 3 * STRIDE, 200_000]
 
 
 def test_a_value_without_json_is_not_written(tmp_path: Path) -> None:
