@@ -274,7 +274,7 @@ def _run(trial: Trial, job: Job) -> Outcome:
     return Outcome(
         trial.key, trial.row, trial.case, "", metrics, len(scores.totals), result.spent.evaluations,
         result.spent.network_passes, directions=ways, note="; ".join(said),
-        lasts=found.lasts and result.reference.features.lasts,
+        lasts=found.lasts and result.lasts,
     )  # fmt: skip
 
 

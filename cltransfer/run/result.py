@@ -69,6 +69,12 @@ class Result:
         return self.attempts[self.best]
 
     @property
+    def lasts(self) -> bool:
+        """Whether another run tells no more of either side: what one round had to do without led those after it."""
+        sides = (self.reference.features, *(attempt.shown.features for attempt in self.attempts))
+        return all(side.lasts for side in sides)
+
+    @property
     def verified(self) -> Scores:
         """The score of the rendered frames as they are kept; it is what the run reports."""
         return self.kept.shown.scores

@@ -6,9 +6,10 @@ import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
+import torch
 
 from cltransfer.ablate import run
 from cltransfer.ablate.drawn import draw_references
@@ -20,12 +21,14 @@ from cltransfer.ablate.sources import check_sources
 from cltransfer.ablate.sweep import EngineConfig, Sweep
 from cltransfer.ablate.tables import failure_lines
 from cltransfer.ablate.trial import Job, Trial, run_trial, trials
+from cltransfer.clips.clip import write_video
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.features import Features
+from cltransfer.features import Features, OfThisRun
 from cltransfer.models.content import read_by
 from cltransfer.plugins import allow
 from cltransfer.registry import EXTRACTORS, LOSSES
 from cltransfer.registry.plugin_code import own_code
+from cltransfer.shots import builtin_reference
 from cltransfer.storage.files import content_hash
 from cltransfer.storage.run_files import SUBJECT
 
@@ -434,3 +437,44 @@ def test_tables_of_the_sweep_before_are_gone_when_another_is_killed(
 def test_names_and_reasons_below_a_table_stay_text() -> None:
     (line,) = failure_lines([Outcome("k", "<b>x", Case("s", "r", 0), failed="ValueError: a\n\n# b")])
     assert line == "- &lt;b>x, r in s, seed 0: ValueError: a  # b"
+
+
+@dataclass(frozen=True)
+class Late:
+    """Flow of whole clips; in the turn of ``late`` its time runs out."""
+
+    late: ClassVar[list[int]] = []
+    turns: ClassVar[list[int]] = []
+
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("flow",)
+    family: ClassVar[str] = "image"
+    whole_clip: ClassVar[bool] = True
+
+    def read_clip(self, found: Features, load: Callable[[int, int], Features]) -> Features:
+        self.turns.append(len(self.turns))
+        if self.turns[-1] in self.late:
+            return replace(found, reasons={"flow": OfThisRun("time ran out")})
+        image = load(0, len(found)).require("image")
+        return replace(found, flow=image[:, :2] - image[:, 1:])
+
+
+@pytest.mark.parametrize(("seed", "late"), enumerate([[], [1], [3]]))  # of the transfer's render, of the measured one
+def test_a_trial_lasts_where_time_ran_out_of_none_of_its_renders(
+    mean_flow: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, late: list[int]
+) -> None:
+    """Each clip is another, which no test before has left in the cache."""
+    monkeypatch.setitem(EXTRACTORS._classes, "late", Late)
+    monkeypatch.setattr(Late, "late", late)
+    monkeypatch.setattr(Late, "turns", [])
+    image = torch.randint(256, (2, 3, 27, 48), generator=torch.Generator().manual_seed(seed), dtype=torch.uint8)
+    write_video(tmp_path / "a.mkv", image, torch.arange(2).double() / 8, lossless=True)
+    builtin_reference("static", (48, 27), 1)[1].save(tmp_path / "view.json")
+    scenes = f"[{{scene: 'builtin:plaza', init: '{tmp_path}/view.json'}}]"
+    (tmp_path / "sweep.yaml").write_text(f"references: [{tmp_path}/a.mkv]\nscenes: {scenes}\nrows: {{full: {{}}}}\n")
+    small = ("preset=fast", "frames=2", "search_side=48", "output_side=48", "steps=1")
+    told = (*mean_flow, *small, "extractors.flow_dis=null", "extractors.late={}")
+    (trial,) = trials(read_sweep(str(tmp_path / "sweep.yaml"), told), {})
+    outcome = run_trial(trial, Job())
+    assert (outcome.failed, Late.turns) == ("", [0, 1, 2, 3])  # the reference once, a view that is held too
+    assert outcome.lasts is (not late)
