@@ -370,6 +370,26 @@ def test_a_result_is_read_back_by_the_rule_by_which_clips_are_scored(
     assert read_held(stage, parts, with_its_own, room_cameras(10, (64, 48))) is None
 
 
+def test_what_one_round_had_to_do_without_helps_to_read_no_later_one(
+    tmp_path: Path, with_depth: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first of a bright clip is dark, which has no depth; the second and third are the clip itself."""
+    dark = pan().float().mul(0.4).byte()
+    bright = 255 - dark
+    write_video(tmp_path / "bright.mkv", bright, torch.arange(10).double() / 24, lossless=True)
+    parts = replace(Components.build(with_depth), renderer=Film(torch.cat([dark, bright, bright])))
+    reference = read_reference(str(tmp_path / "bright.mkv"), parts, Reading())
+    scene: Any = SimpleNamespace(subject=None)
+    stage = Stage(scene, parts.renderer, parts.plan("image"), parts.objective, (64, 48))
+    cameras, means = room_cameras(10, (64, 48)), []
+    for _ in range(3):
+        shown = read_back(stage, parts, reference, cameras, by_networks=True)
+        reference = shown.reference
+        means.append(shown.scores.term("camera_movement").mean)  # type: ignore[union-attr]
+    assert means[0] > 0.0
+    assert means[1:] == [0.0, 0.0]
+
+
 def test_two_clips_of_which_nothing_can_be_measured_have_no_total(tmp_path: Path, with_depth: RunConfig) -> None:
     alone = replace(with_depth, losses={"filmic_space": with_depth.losses["filmic_space"]})
     for name, seed in (("a", 0.3), ("b", 0.4)):

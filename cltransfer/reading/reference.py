@@ -52,6 +52,7 @@ class Reference:
         missing: features it cannot have, with the reason.
         flags: what was done to it and what is doubtful in it, for reports.
         zoom: its longest focal length over its shortest, >= 1, where its cameras are known; None where they are not.
+        without: features by which nothing else is read on either side, since a render had to do without them.
     """
 
     features: Features
@@ -63,6 +64,7 @@ class Reference:
     missing: Mapping[str, str]
     flags: tuple[str, ...] = ()
     zoom: float | None = None
+    without: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -112,14 +114,14 @@ def read_reference(source: str, parts: Components, reading: Reading, progress: P
 def beside(rendered: Features, reference: Reference, parts: Components, progress: Progress = silent) -> Reference:
     """The ``reference`` by the rule by which networks could read what was ``rendered`` (:func:`read_alike`).
 
-    A feature file, which has no frames, stays as it is.
+    What one render had to do without no later one is read by. A feature file, which has no frames, stays as it is.
     """
     if reference.image is None:
         return reference
-    return replace(
-        reference,
-        features=read_alike(reference.features, reference.image, parts.plan("image"), rendered, progress),
-    )
+    plan = parts.plan("image").hiding(reference.without)
+    features = read_alike(reference.features, reference.image, plan, rendered, progress)
+    without = reference.without | (rendered.reasons.keys() - reference.features.reasons.keys())
+    return replace(reference, features=features, without=without)
 
 
 def as_read(parts: Components, reference: Reference) -> Components:

@@ -112,7 +112,7 @@ def read_back(
         features = read_path(replace(stage, size=cameras.size), cameras)
         scores = score(stage.objective, reference.features, features, reference.missing)
         return Readback(image, Read.of(features, scores), reference)
-    plan = parts.plan("image", reference.features.names())
+    plan = parts.plan("image", reference.features.names()).hiding(reference.without)
     alike: Reference | None = None
 
     def read() -> Read:
@@ -139,7 +139,7 @@ def read_held(stage: Stage, parts: Components, shown: Readback, cameras: Camera)
     if "camera" in shown.read.names:
         seen = read_path(replace(stage, size=cameras.size), twice)
     else:
-        plan = parts.plan("image", reference.features.names())
+        plan = parts.plan("image", reference.features.names()).hiding(reference.without)
         seen = render_features(shown.image[[0] * len(twice)], twice, stage.scene.subject, plan)
         stage.spent.network_passes += len(twice) * plan.clip_passes
     asked = {name for loss in stage.objective.losses.values() for name in loss.requires} | seen.reasons.keys()
