@@ -14,7 +14,7 @@ from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.driver.guard import Guard
 from cltransfer.driver.journal import Journal
-from cltransfer.driver.recent import MOST, Context, Recent
+from cltransfer.driver.recent import MOST, PIXELS, Context, Recent
 from cltransfer.driver.stage import AHEAD, Spent, Stage, read_path
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
@@ -237,4 +237,14 @@ def test_a_path_too_long_for_the_least_room_is_rendered_once_however_often_it_is
         read_path(walked, cameras)
         read_path(walked, cameras)
         assert walked.spent.renders == FRAMES + again
-    assert Recent.of(10**6, SIZE).pixels == MOST  # however long a clip is
+
+
+def test_there_is_room_for_a_path_or_for_no_more_than_for_a_short_one() -> None:
+    """What is not enough for a path helps no walk along it."""
+    size = (160, 90)
+    frames = range(1, 1001)
+    rooms = [Recent.of(count, size).pixels for count in frames]
+    whole = [count for count, room in zip(frames, rooms) if room > PIXELS]
+    assert (whole[0], whole[-1]) == (84, 444)
+    assert all(1.25 * count * 160 * 90 <= rooms[count - 1] <= MOST for count in whole)
+    assert {room for count, room in zip(frames, rooms) if count not in whole} == {PIXELS}
