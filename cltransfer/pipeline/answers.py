@@ -68,7 +68,7 @@ def check_sum(loss: Any, name: str, value: Tensor, norms: Tensor) -> bool:
     Args:
         loss: with residuals.
         name: of it.
-        value: what it says of B views, (B,); one that is not finite tells nothing.
+        value: what it says of B views, (B,); one that is not finite tells nothing, if the norms are not either.
         norms: what the norms of the groups of its residuals come to, (B,), without the weight too.
 
     Returns:
@@ -79,10 +79,13 @@ def check_sum(loss: Any, name: str, value: Tensor, norms: Tensor) -> bool:
     """
     larger, known = torch.maximum(value, norms), value.isfinite() & norms.isfinite()
     tells = known & (larger > LITTLE * loss.penalty)
-    apart = tells & ((value - norms).abs() > APART * larger)
+    torn = value.isfinite() != norms.isfinite()
+    apart = torn | tells & ((value - norms).abs() > APART * larger)
     if bool(apart.any()):
         i = int(apart.nonzero()[0, 0])
         reason = f"its residuals come to {float(norms[i]):.4g}, its value is {float(value[i]):.4g}"
         hint = f"the value is the sum of the norms of groups = {tuple(loss.groups)} of its residuals, all unweighted"
+        if bool(torn[i]):
+            hint = "a term is NaN in both or in neither"
         raise ModelError("", f"loss {name!r}", reason, hint)
     return bool(tells.any())

@@ -132,6 +132,18 @@ class LossCase(ComponentCase):
         norms = [values[:, groups == group].norm(dim=1) for group in groups.unique()]
         _same(self.component(reference, rendered), torch.stack(norms).sum(0))
 
+    def test_residuals_are_undefined_where_it_is(self) -> None:
+        """Else a search by residuals, which compares one frame with many views, loses the person for nothing."""
+        reference, seen = self._sample(1, 1), self._sample(2, 3)
+        residuals = getattr(self.component, "residuals", None)
+        if residuals is None:
+            return
+        for rendered in (seen, Features.concatenate([seen[:1], without_person(seen)[1:]])):
+            values, shape = residuals(reference, rendered), (3, len(self.component.groups))
+            assert values.shape == shape, f"expected {shape} of one reference and three views, got {values.shape}"
+            numbers = values.isfinite().all(1), self.component(reference, rendered).isfinite()
+            assert torch.equal(*numbers), "a term is NaN in both or in neither, its value and its residuals"
+
     def test_tells_residuals_beyond_its_jumps(self) -> None:
         """What they are beyond one, and how far it is from there: as they are where that is 0 or less."""
         reference, rendered = self._sample(1, 3), self._sample(2, 3)

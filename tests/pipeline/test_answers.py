@@ -59,6 +59,17 @@ def test_residuals_of_another_value_are_refused_at_the_first_view_that_tells() -
     scored(Aside(share=1.005), boxes(2.0))  # rounded off
 
 
+def test_a_view_of_nobody_whose_residuals_are_numbers_is_refused() -> None:
+    @dataclass(frozen=True)
+    class Free(Aside):
+        def residuals(self, reference: Features, rendered: Features) -> Tensor:
+            return super().residuals(reference, rendered).nan_to_num(0.0)
+
+    for views in (boxes(2.0, float("nan")), boxes(float("nan"), 1.0)):
+        with pytest.raises(ModelError, match=r"come to 0, its value is nan \(a term is NaN in both or in neither\)$"):
+            scored(Free(), views)
+
+
 def test_nothing_is_held_against_what_is_undefined_the_same_or_weighs_nothing() -> None:
     scored(Aside(share=0.5), boxes(1.0, float("nan")), boxes(1.0))
     scored(Aside(share=0.5, weight=0.0), boxes(2.0))

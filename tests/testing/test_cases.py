@@ -76,6 +76,41 @@ def test_a_careless_loss_is_found_out(test: str) -> None:
 
 
 @dataclass(frozen=True)
+class Aside:
+    """How far the box is from where it should be; its residuals are the careless thing that ``how`` says."""
+
+    how: str = ""
+    weight: float = 1.0
+    requires: ClassVar[tuple[str, ...]] = ("box",)
+    unit: ClassVar[str] = "frame"
+    penalty: ClassVar[float] = 1.0
+    groups: ClassVar[tuple[int, ...]] = (0,)
+
+    def residuals(self, reference: Features, rendered: Features) -> Tensor:
+        wanted, found = (side.require("box")[:, 0] / side.size[0] for side in (reference, rendered))
+        rows = len(wanted) if self.how == "of the reference" else len(found)
+        apart = (found - wanted)[:rows, None]
+        return apart.nan_to_num(0.0) if self.how == "of nobody" else apart
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        return replace(self, how="").residuals(reference, rendered)[:, 0].abs()
+
+
+@pytest.mark.parametrize(
+    ("how", "told"), [("of nobody", "NaN in both or in neither"), ("of the reference", r"expected \(3, 1\) of one ref")]
+)
+def test_residuals_that_a_search_finds_nobody_by_are_found_out(how: str, told: str) -> None:
+    class OfAside(LossCase):
+        component: ClassVar[Any] = Aside(how)
+
+    OfAside().test_residuals_add_up_to_the_loss()
+    with pytest.raises(AssertionError, match=told):
+        OfAside().test_residuals_are_undefined_where_it_is()
+    OfAside.component = Aside()
+    OfAside().test_residuals_are_undefined_where_it_is()
+
+
+@dataclass(frozen=True)
 class Sure(GazeMatch):
     """Counts for less where nobody is sure."""
 
