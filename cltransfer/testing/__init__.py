@@ -8,9 +8,10 @@ A test class names its component, and pytest runs the contract::
 
 from __future__ import annotations
 
-from .cases import ComponentCase, ExtractorCase, LossCase
+from .cases import ComponentCase, ExtractorCase
+from .loss import LossCase
 from .renderer import RendererCase
-from .samples import sample_cameras, sample_features, sample_subject, without_person
+from .samples import sample_cameras, sample_features, sample_subject, twice_as_large, without_person
 
 __all__ = [
     "ComponentCase",
@@ -20,5 +21,6 @@ __all__ = [
     "sample_cameras",
     "sample_features",
     "sample_subject",
+    "twice_as_large",
     "without_person",
 ]

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..camera import Camera
+from ..feature_shapes import SHAPES
 from ..features import Features
 from ..subject import Subject
 
@@ -87,6 +88,23 @@ def without_person(features: Features) -> Features:
     layers[:, 2] |= layers[:, 1]
     layers[:, 1] = False
     return dataclasses.replace(features, **gone, layers=layers)
+
+
+def twice_as_large(features: Features) -> Features:
+    """The same frames of twice the width and height, maps too; all that is in pixels is doubled, extras stay."""
+    width, height = (2 * side for side in features.size)
+    changed: dict[str, Any] = {}
+    for name in features.names() & {name for name, shape in SHAPES.items() if shape[-2:] == (None, None)}:
+        changed[name] = features.require(name).repeat_interleave(2, -1).repeat_interleave(2, -2)
+    for name, columns in (("keypoints", 2), ("box", 4)):
+        if features.has(name):
+            values = features.require(name)
+            changed[name] = torch.cat([2 * values[..., :columns], values[..., columns:]], dim=-1)
+    if "flow" in changed:
+        changed["flow"] = 2 * changed["flow"]
+    if features.camera is not None:
+        changed["camera"] = features.camera.at_size((width, height))
+    return dataclasses.replace(features, size=(width, height), **changed)
 
 
 def pixel_centres(size: tuple[int, int]) -> tuple[Tensor, Tensor]:

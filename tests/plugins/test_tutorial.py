@@ -76,7 +76,7 @@ def test_tutorial_test_passes_the_contract(folder: Path) -> None:
         command, cwd=folder, env={**os.environ, "PYTHONPATH": home}, capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stdout
-    assert re.search(r"\b14 passed", done.stdout)
+    assert re.search(r"\b15 passed", done.stdout)
 
 
 def test_tutorial_fits_on_a_page() -> None:

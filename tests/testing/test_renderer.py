@@ -1,0 +1,109 @@
+"""A renderer that draws what is not there, or not what is, does not keep to the contract."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import pytest
+import torch
+
+from cltransfer.camera import Camera
+from cltransfer.drawing import drawn_by
+from cltransfer.errors import ModelError
+from cltransfer.features import Features
+from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.scenes import Scene
+from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.testing import RendererCase
+
+
+@dataclass(frozen=True)
+class Alone:
+    """Draws nothing, and does not say whom."""
+
+    provides: ClassVar[frozenset[str]] = frozenset({"alpha"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        return Features(cameras.size, alpha=torch.zeros(len(cameras), *cameras.size[::-1]), camera=cameras)
+
+
+class Forgetful(RendererCase):
+    component: ClassVar[Any] = Alone()
+    scene, points = builtin_scene("plaza"), torch.zeros(1, 3)
+
+
+def test_a_renderer_that_the_program_refuses_does_not_keep_to_the_contract() -> None:
+    with pytest.raises(ModelError, match="expected camera and person beside the buffers, got no person"):
+        drawn_by(Alone(), Forgetful.scene, Forgetful().cameras(1), Alone.provides)
+    with pytest.raises(AssertionError, match=r"return Features\(\.\.\., camera=cameras, person=scene\.subject\)"):
+        Forgetful().test_renders_the_buffers_asked_for_and_no_more()
+
+
+class Bare(RendererCase):
+    component: ClassVar[Any] = GaussianSplats()
+
+
+@pytest.mark.parametrize("test", [name for name in vars(RendererCase) if name.startswith("test_")])
+def test_a_renderer_s_case_without_a_scene_says_what_to_set(test: str) -> None:
+    line = r"^the case has no scene and no points: set scene, as builtin_scene\('plaza'\), and points, world points"
+    with pytest.raises(AssertionError, match=line):
+        getattr(Bare(), test)()
+
+
+def test_a_renderer_s_case_without_points_says_so() -> None:
+    class Pointless(Bare):
+        scene = Forgetful.scene
+
+    with pytest.raises(AssertionError, match=r"^the case has no points: set scene"):
+        Pointless().test_depth_is_where_the_scene_is()
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Draws splats, and tells of a few buffers in a tuple."""
+
+    provides: ClassVar[tuple[str, ...]] = ("alpha", "image")
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        return GaussianSplats().render(scene, cameras, buffers & {"alpha", "image"})
+
+
+class InATuple(RendererCase):
+    component: ClassVar[Any] = Splats()
+    scene, points = Forgetful.scene, Forgetful.points
+
+
+@pytest.mark.parametrize(
+    "test",
+    [name for name in dir(RendererCase) if name.startswith("test_")],
+)
+def test_a_renderer_may_tell_what_it_draws_in_a_tuple(test: str) -> None:
+    getattr(InATuple(), test)()
+
+
+@dataclass(frozen=True)
+class Cornered:
+    """Draws splats' depth, and ``nothing`` in a corner, where nothing is."""
+
+    nothing: float
+    provides: ClassVar[frozenset[str]] = frozenset({"expected_depth"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        drawn = GaussianSplats().render(scene, cameras, buffers)
+        depth = drawn.require("expected_depth").clone()
+        depth[:, 0, 0] = self.nothing
+        return replace(drawn, expected_depth=depth)
+
+
+@pytest.mark.parametrize("nothing", [0.0, -1.0, torch.inf])
+def test_a_depth_that_every_run_refuses_does_not_keep_to_the_contract(nothing: float) -> None:
+    class Deep(InATuple):
+        component: ClassVar[Any] = Cornered(nothing)
+
+    with pytest.raises(ModelError, match="expected expected_depth above 0, and NaN where nothing is"):
+        drawn_by(Cornered(nothing), Deep.scene, Deep().cameras(2), Cornered.provides)
+    with pytest.raises(AssertionError, match="expected expected_depth above 0 and finite, and NaN where nothing is"):
+        Deep().test_depth_is_above_zero_or_nan()
+    Deep.component = Cornered(torch.nan)
+    Deep().test_depth_is_above_zero_or_nan()
