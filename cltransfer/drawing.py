@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import torch
 from torch import Tensor
 
 from .camera import Camera
@@ -42,6 +43,8 @@ def check_renderer(renderer: Any, scene: Scene) -> None:
 def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
     """What ``renderer``, which may be anybody's, draws of ``scene`` into ``buffers``, with who looks and who is there.
 
+    No gradient goes back through it: views are remembered, and each would hold all that it was made of.
+
     Raises:
         UsageError: it says what it draws, and that is another kind of scene.
         ModelError: it raised something of its own, or did not give that; the line names it.
@@ -53,7 +56,7 @@ def drawn_by(renderer: Any, scene: Scene, cameras: Camera, buffers: frozenset[st
         check_kind(name, scene, (name, *renderer.draws))
     who = f"renderer {name}"
     expected = f"expected {', '.join(sorted(buffers)) or 'features'}"
-    with named(who, expected):
+    with named(who, expected), torch.no_grad():
         drawn = renderer.render(scene, cameras, buffers)
     if not isinstance(drawn, Features):
         raise ModelError("", who, f"{expected}, got {type(drawn).__name__}", "return Features from render")

@@ -87,6 +87,16 @@ def test_a_buffer_that_was_asked_for_and_is_not_given_is_named() -> None:
         drawn_by(odd, builtin_scene("courtyard"), path.camera, frozenset({"image", "depth"}))
 
 
+def test_what_a_renderer_has_learnt_is_drawn_without_a_gradient() -> None:
+    """A view that is remembered would hold all that it was made of."""
+    learnt = torch.nn.Parameter(torch.tensor(2.0))
+    odd = Odd(lambda cameras: Features(SIZE, depth=learnt * torch.ones(1, 18, 32), camera=cameras))
+    cameras, scene = builtin_reference("static", SIZE, 1)[1].camera, replace(builtin_scene("courtyard"), subject=None)
+    drawn = drawn_by(odd, scene, cameras, frozenset({"depth"})).require("depth")
+    assert (float(drawn.mean()), drawn.requires_grad) == (2.0, False)
+    assert odd.render(scene, cameras, frozenset({"depth"})).require("depth").requires_grad  # for who wants it
+
+
 def test_who_looks_and_who_is_there_are_asked_for_by_name() -> None:
     scene, path = builtin_scene("courtyard"), builtin_reference("static", SIZE, 1)[1]
     image = Features(SIZE, image=torch.zeros(1, 3, 18, 32))

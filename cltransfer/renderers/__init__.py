@@ -31,6 +31,8 @@ class Renderer(Protocol):
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         """Features of B cameras at ``cameras.size`` with ``buffers`` and no more, plus camera and person.
 
+        A run asks under ``torch.no_grad()``.
+
         They are on the CPU, where cameras and scenes are, whatever device has drawn them. Image, alpha and label are
         in [0, 1], 0 where nothing is; depth and expected_depth are above 0 and finite, NaN where nothing is.
 

@@ -45,7 +45,12 @@ class RendererCase(ComponentCase):
     def render(self, batch: int, buffers: frozenset[str]) -> Features:
         """``batch`` frames of the scene."""
         self._check_set()
-        features: Features = self.component.render(self.scene, self.cameras(batch), buffers)
+        return self._drawn(self.scene, self.cameras(batch), buffers)
+
+    def _drawn(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        """What the renderer draws where nobody asks for a gradient, as in a run."""
+        with torch.no_grad():
+            features: Features = self.component.render(scene, cameras, buffers)
         return features
 
     def test_renders_the_buffers_asked_for_and_no_more(self) -> None:
@@ -62,11 +67,12 @@ class RendererCase(ComponentCase):
         for buffer in self.component.provides:
             assert features.require(buffer).shape == ((2, 3, 27, 48) if buffer == "image" else (2, 27, 48))
             assert features.require(buffer).device.type == "cpu", f"return {buffer}.cpu()"
+            assert not features.require(buffer).requires_grad, f"return {buffer}.detach()"
 
     def test_batch_equals_single(self) -> None:
         together = self.render(3, frozenset(self.component.provides))
         for i in range(3):
-            alone = self.component.render(self.scene, self.cameras(3)[i], frozenset(self.component.provides))
+            alone = self._drawn(self.scene, self.cameras(3)[i], frozenset(self.component.provides))
             for buffer in self.component.provides:
                 torch.testing.assert_close(
                     together[i].require(buffer), alone.require(buffer), atol=1e-4, rtol=1e-4, equal_nan=True

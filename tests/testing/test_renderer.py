@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import pytest
@@ -80,6 +80,38 @@ class InATuple(RendererCase):
 )
 def test_a_renderer_may_tell_what_it_draws_in_a_tuple(test: str) -> None:
     getattr(InATuple(), test)()
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """Draws splats, each as far as it has learnt to; ``kept`` draws what somebody else goes back through."""
+
+    kept: bool = False
+    share: torch.nn.Parameter = field(default_factory=lambda: torch.nn.Parameter(torch.tensor(1.0)))
+    provides: ClassVar[frozenset[str]] = frozenset({"depth"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        drawn = GaussianSplats().render(scene, cameras, buffers)
+        with torch.set_grad_enabled(self.kept or torch.is_grad_enabled()):
+            return replace(drawn, depth=self.share * drawn.require("depth"))
+
+
+class OfLearnt(RendererCase):
+    component: ClassVar[Any] = Learnt()
+    scene, points = Forgetful.scene, Forgetful.scene.geometry.means
+
+
+@pytest.mark.parametrize("test", [name for name in dir(RendererCase) if name.startswith("test_")])
+def test_a_renderer_may_draw_by_what_it_has_learnt(test: str) -> None:
+    getattr(OfLearnt(), test)()
+
+
+def test_a_renderer_that_keeps_what_it_draws_by_is_told_to_leave_it() -> None:
+    class Kept(OfLearnt):
+        component: ClassVar[Any] = Learnt(kept=True)
+
+    with pytest.raises(AssertionError, match=r"^return depth\.detach\(\)"):
+        Kept().test_shapes_follow_the_cameras()
 
 
 @dataclass(frozen=True)
