@@ -37,7 +37,7 @@ class Extractor(Protocol):
     #     without pixels, ``load(start, stop)`` gives the pixels of a few
 
     def __call__(self, now: Features, before: Features | None) -> Features:
-        """``now`` (B frames) with the provided features added; nothing is changed in place.
+        """``now`` (B frames) with the provided features added; all else stays what it is, nothing is changed in place.
 
         ``before`` holds the frame before each, as B frames or one that all share.
         """

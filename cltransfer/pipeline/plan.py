@@ -16,10 +16,11 @@ from typing import Any, Literal
 import torch
 
 from ..drawing import MAPS
-from ..errors import ModelError, UsageError, named
+from ..errors import UsageError, named
 from ..features import Features
 from ..models.onnx import Network
 from ..registry import EXTRACTORS
+from .given import checked
 
 Family = Literal["image", "scene"]
 CLIP_SOURCE = frozenset({"image"})
@@ -53,22 +54,9 @@ class Step:
         """``got``, which the extractor has made of ``count`` frames of which it was ``given`` something, or nothing.
 
         Raises:
-            ModelError: it is nothing that an extractor gives, or of other frames than it was given.
+            ModelError: see :func:`~cltransfer.pipeline.given.checked`.
         """
-        who = f"extractor {self.name}"
-        if not isinstance(got, Features):
-            reason = f"expected {', '.join(self.extractor.provides)}, got {type(got).__name__}"
-            raise ModelError("", who, reason, "return Features")
-        lost = sorted(given.names() - got.names())
-        if got.names() and len(got) != count:
-            reason = f"expected the {count} frames that it was given, got {len(got)}"
-        elif got.size != given.size:
-            reason = f"expected frames of {_by(given.size)} px as it was given, got {_by(got.size)}"
-        elif lost:
-            reason = f"expected what it was given and its own, {lost[0]!r} is gone"
-        else:
-            return got
-        raise ModelError("", who, reason, "return features.having(NAME, VALUE)")
+        return checked(got, given, count, self.name, self.extractor.provides)
 
     @property
     def named(self) -> AbstractContextManager[None]:
@@ -94,10 +82,6 @@ class Step:
     def whole_clip(self) -> bool:
         """Whether it reads whole clips only."""
         return bool(getattr(self.extractor, "whole_clip", False))
-
-
-def _by(size: tuple[int, int]) -> str:
-    return f"{size[0]} x {size[1]}"
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..features import Features
+from ..pipeline.given import replaced
 from .samples import sample_features
 
 
@@ -86,6 +87,12 @@ class ExtractorCase(ComponentCase):
         for features, copied in zip((now, before), kept):
             if features is not None and copied is not None:
                 unchanged(features, copied)
+
+    def test_leaves_what_it_was_given(self) -> None:
+        """Whatever is read after it would read another image, or another person."""
+        now = self.blank(self._sample(1, 2))
+        other = replaced(self.run(now, self.before(now)), now, self.component.provides)
+        assert not other, f"{', '.join(other)} is another: give it a name of its own, or name it in provides"
 
     def test_batch_equals_single(self) -> None:
         if getattr(self.component, "whole_clip", False):

@@ -55,6 +55,32 @@ class TestAnExtractorOfWholeClips(ExtractorCase):
 
 
 @dataclass(frozen=True)
+class Deep:
+    """What a network sees in an image made as it was trained, which it leaves behind for all that is read later."""
+
+    leaves: str = "image"
+    family: ClassVar[str] = "image"
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("deep",)
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        seen = (now.require("image") - 0.45) / 0.22
+        return now.having(self.leaves, seen).having("deep", seen.flatten(1).mean(1))
+
+
+def test_an_extractor_that_leaves_another_image_behind_is_found_out() -> None:
+    class OfDeep(ExtractorCase):
+        component: ClassVar[Any] = Deep()
+
+    OfDeep().test_changes_nothing_in_place()
+    OfDeep().test_provides_what_it_says()
+    with pytest.raises(AssertionError, match=r"^image is another: give it a name of its own, or name it in provides"):
+        OfDeep().test_leaves_what_it_was_given()
+    OfDeep.component = Deep(leaves="deep")
+    OfDeep().test_leaves_what_it_was_given()
+
+
+@dataclass(frozen=True)
 class Flicker:
     """How much brighter a frame is than the one before, which has to be one for each."""
 
