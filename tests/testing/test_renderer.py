@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import pytest
 import torch
+import trimesh
 
 from cltransfer.camera import Camera
 from cltransfer.drawing import drawn_by
 from cltransfer.errors import ModelError
 from cltransfer.features import Features
 from cltransfer.renderers.gaussian_splats import GaussianSplats
+from cltransfer.renderers.mesh import MeshRenderer
 from cltransfer.scenes import Scene
 from cltransfer.scenes.builtin import builtin_scene
+from cltransfer.scenes.meshes.mesh import Mesh
 from cltransfer.testing import RendererCase
+from cltransfer.testing.samples import pixel_centres
 
 
 @dataclass(frozen=True)
@@ -139,3 +144,92 @@ def test_a_depth_that_every_run_refuses_does_not_keep_to_the_contract(nothing: f
         Deep().test_depth_is_above_zero_or_nan()
     Deep.component = Cornered(torch.nan)
     Deep().test_depth_is_above_zero_or_nan()
+
+
+@dataclass(frozen=True)
+class Spoilt:
+    """Draws splats, and spoils what it has drawn; a ``stale`` one draws the scene it was given first."""
+
+    spoil: Callable[[Features], Features] = lambda drawn: drawn
+    stale: bool = False
+    first: list[Scene] = field(default_factory=list)
+    provides: ClassVar[frozenset[str]] = GaussianSplats.provides
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        self.first.append(scene)
+        drawn = GaussianSplats().render(self.first[0] if self.stale else scene, cameras, buffers | {"depth"})
+        return self.spoil(drawn).only(buffers | {"camera", "person"})
+
+
+def mirrored(name: str, along: int = -1) -> Callable[[Features], Features]:
+    return lambda drawn: drawn.having(name, drawn.require(name).flip(along)) if drawn.has(name) else drawn
+
+
+def nobody_s(drawn: Features) -> Features:
+    return drawn if drawn.label is None else replace(drawn, label=torch.zeros_like(drawn.label))
+
+
+def hollow(drawn: Features) -> Features:
+    """Without a depth in the left half, where it has drawn something."""
+    depth = drawn.require("depth").clone()
+    depth[..., :24] = torch.nan
+    return replace(drawn, depth=depth)
+
+
+def along_the_ray(drawn: Features) -> Features:
+    x, y = pixel_centres(drawn.size)
+    camera = drawn.require("camera")
+    pixels = torch.stack([x, y, torch.ones_like(x)], dim=-1).double()
+    rays = (pixels.reshape(1, -1, 3) @ camera.K.inverse().mT).norm(dim=-1)  # for 1 along the axis
+    return replace(drawn, depth=drawn.require("depth") * rays.reshape(drawn.require("depth").shape).float())
+
+
+@pytest.mark.parametrize(
+    ("component", "test"),
+    [
+        (Spoilt(mirrored("image")), "test_each_buffer_is_drawn_where_the_cameras_look"),
+        (Spoilt(mirrored("image", -2)), "test_each_buffer_is_drawn_where_the_cameras_look"),
+        (Spoilt(mirrored("label")), "test_each_buffer_is_drawn_where_the_cameras_look"),
+        (Spoilt(mirrored("alpha")), "test_each_buffer_is_drawn_where_the_cameras_look"),
+        (Spoilt(hollow), "test_something_is_where_depth_is"),
+        (Spoilt(nobody_s), "test_label_is_that_of_the_scene"),
+        (Spoilt(nobody_s), "test_label_is_where_the_person_is"),
+        (Spoilt(stale=True), "test_label_is_that_of_the_scene"),
+        (Spoilt(mirrored("label", -2)), "test_label_is_where_the_person_is"),
+        (Spoilt(along_the_ray), "test_depth_is_where_the_scene_is"),
+    ],
+)
+def test_a_renderer_whose_buffers_do_not_tell_of_one_scene_is_found_out(component: Spoilt, test: str) -> None:
+    class OfSpoilt(OfLearnt):
+        pass
+
+    OfSpoilt.component = replace(component, first=[])
+    with pytest.raises(AssertionError):
+        getattr(OfSpoilt(), test)()
+    OfSpoilt.component = Spoilt()
+    getattr(OfSpoilt(), test)()
+
+
+@dataclass(frozen=True)
+class Straight(Spoilt):
+    """Draws meshes, and what is along the ray for the depth."""
+
+    provides: ClassVar[frozenset[str]] = frozenset({"depth"})
+
+    def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
+        return self.spoil(MeshRenderer().render(scene, cameras, buffers))
+
+
+@pytest.mark.parametrize("reach", [0.01, 0.7, 50.0])
+def test_depth_along_the_ray_is_found_out_in_a_scene_of_any_size_without_a_person(reach: float) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=reach)
+
+    class OfBall(RendererCase):
+        component: ClassVar[Any] = Straight(along_the_ray)
+        points = torch.tensor(ball.vertices)
+        scene = Scene(Mesh.plain(points, torch.tensor(ball.faces)), None, torch.tensor([0.0, 1, 0]), "ball", "")
+
+    with pytest.raises(AssertionError, match="depth is along the optical axis, and no distance along the ray"):
+        OfBall().test_depth_is_where_the_scene_is()
+    OfBall.component = Straight()
+    OfBall().test_depth_is_where_the_scene_is()
