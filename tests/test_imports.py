@@ -126,7 +126,17 @@ def test_values_import_no_component_and_nothing_that_drives() -> None:
 
 def test_whatever_reads_a_picture_imports_what_its_readings_are_known_by_or_what_cannot_change_them() -> None:
     known = tuple(part.replace("/", ".") for part in READERS)
-    beside = ("computer", "config", "drawing", "errors", "near_plane", "progress", "registry", "storage")
+    beside = (
+        "computer",
+        "config",
+        "drawing",
+        "errors",
+        "feature_values",
+        "near_plane",
+        "progress",
+        "registry",
+        "storage",
+    )
     readers = (*(part for part in known if part != "reading"), "reading.frames")  # the others read scenes
     modules = {module_of(path) for path in SOURCES} - {"cltransfer.scenes"}
     found = {one for path in SOURCES if inside(module_of(path), readers) for one in imports(path)}

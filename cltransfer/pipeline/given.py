@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..errors import ModelError
+from ..feature_values import odd_values
 from ..features import Features
 from ..subject import Subject
 
@@ -37,6 +38,16 @@ def checked(got: Any, given: Features, count: int, name: str, provides: Collecti
     else:
         return got
     raise ModelError("", who, reason, hint)
+
+
+def check_values(found: Features, name: str, provides: Collection[str]) -> None:
+    """Refuse what extractor ``name`` has read of a clip if it has values that the feature cannot have.
+
+    Raises:
+        ModelError: it has.
+    """
+    if odd := odd_values(found, provides):
+        raise ModelError("", f"extractor {name}", f"{odd[0]}: {odd[1]}", odd[2])
 
 
 def replaced(got: Features, given: Features, provides: Collection[str]) -> list[str]:

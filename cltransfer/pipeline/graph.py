@@ -12,6 +12,7 @@ from torch import Tensor
 from ..errors import ModelError, UsageError
 from ..features import Features
 from ..progress import Progress, silent
+from .given import check_values
 from .plan import CLIP_SOURCE, Plan, Step
 
 CHUNK = 8  # frames of a clip extracted together: 8 frames of 960x540 take 50 MB as float
@@ -58,6 +59,9 @@ def run_clip(
 
     ``progress`` is told of ``task`` the frames done and in all, each as often as the clip is gone through, and of each
     step that reads the whole clip when it begins.
+
+    Raises:
+        ModelError: what is read has values that the feature cannot have, or a step fails.
     """
     keep = plan.wanted | {"camera", "person"}
     between = keep if not plan.reads_whole_clip else keep | plan.passed_on - CLIP_SOURCE
@@ -78,6 +82,8 @@ def run_clip(
             dear = frozenset(whole.extractor.provides)
             keep, between = keep | dear, between | dear
     assert found is not None  # there is at least one stage
+    for step in plan.steps:
+        check_values(found, step.name, step.extractor.provides)
     return found.only(keep)
 
 

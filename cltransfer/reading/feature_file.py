@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..computer.memory import require_free
 from ..errors import InputError
+from ..feature_values import odd_values
 from ..features import NAMES, SHAPES, Features
 from ..registry.typed import nearest
 from ..storage.tensor_file import HEADER_LIMIT, check_tensor_file, save_tensors
@@ -72,8 +73,8 @@ class FeatureFile:
         """Read the file; a tensor of a name that no feature has is left out, and told.
 
         Raises:
-            InputError: it is missing, too large, of another format, or its tensors are of a wrong type or do not
-                fit together.
+            InputError: it is missing, too large, of another format, or its tensors are of a wrong type, do not fit
+                together or have values that the feature cannot have.
             ResourceError: there is not memory enough for it.
         """
         from safetensors import SafetensorError, safe_open
@@ -133,7 +134,10 @@ def _features(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> F
         raise InputError(path, f"{EXTRAS}{name}", "is a feature of its own, not an extra", hint)
     reasons = _reasons(path, meta)
     _check_known(path, [*own, *extras], sorted(tensors.keys() - given.keys()))
-    return replace(Features(size), **own, extras=extras, reasons=reasons)
+    features = replace(Features(size), **own, extras=extras, reasons=reasons)
+    if odd := odd_values(features, own):
+        raise InputError(path, *odd)
+    return features
 
 
 def _check_known(path: Path, known: list[str], unknown: list[str]) -> None:

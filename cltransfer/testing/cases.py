@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from ..feature_values import odd_values
 from ..features import Features
 from ..pipeline.given import replaced
 from .samples import sample_features
@@ -87,6 +88,12 @@ class ExtractorCase(ComponentCase):
         for features, copied in zip((now, before), kept):
             if features is not None and copied is not None:
                 unchanged(features, copied)
+
+    def test_values_are_of_the_features_units(self) -> None:
+        """Pixels, radians and confidence in [0, 1], as any reading of a clip asks for."""
+        now = self.blank(self._sample(1, 3))
+        odd = odd_values(self.run(now, self.before(now)), self.component.provides)
+        assert odd is None, f"{odd[0]}: {odd[1]} ({odd[2]})"
 
     def test_leaves_what_it_was_given(self) -> None:
         """Whatever is read after it would read another image, or another person."""

@@ -92,3 +92,14 @@ def test_a_copy_of_what_was_given_is_the_same() -> None:
         return replace(now, **more, **{n: now.require(n).clone() for n in ("image", "keypoints", "subject")})
 
     assert Step("mine", Deep(copied))(given, None).has("deep")
+
+
+def test_a_clip_that_is_read_in_another_unit_is_refused_with_who_read_it() -> None:
+    def in_degrees(now: Features) -> Features:
+        return replace(now, orientation=torch.rad2deg(now.require("orientation")))
+
+    given, provides = sample_features(1, 2), ("deep", "orientation")
+    step = Step("mine", Deep(in_degrees, provides=provides))
+    plan = Plan((step,), frozenset({"orientation"}), frozenset({"deep"}), {})
+    with pytest.raises(ModelError, match=r"^extractor mine: orientation: expected radians, .* \(torch\.deg2rad makes"):
+        run_clip(replace(plan, wanted=frozenset(provides)), lambda a, b: given[a:b], len(given))

@@ -227,3 +227,11 @@ def test_a_feature_file_of_endless_brackets_is_refused_by_field(tmp_path: Path, 
     with pytest.raises(InputError) as caught:
         FeatureFile.load(tmp_path / "clip.safetensors")
     assert caught.value.field == field
+
+
+def test_values_of_another_unit_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "features.safetensors"
+    degrees = torch.tensor([[90.0, 0.0, 0.0], [100.0, 5.0, 0.0]])
+    FeatureFile(Features((64, 36), orientation=degrees), torch.tensor([0.0, 1.0]), "mine").save(path)
+    with pytest.raises(InputError, match=r"orientation: expected radians, .* got 100 \(torch\.deg2rad makes them"):
+        FeatureFile.load(path)

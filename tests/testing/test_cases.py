@@ -81,6 +81,33 @@ def test_an_extractor_that_leaves_another_image_behind_is_found_out() -> None:
 
 
 @dataclass(frozen=True)
+class Tracker:
+    """Joints as parts of the frame, as trackers give them, or as pixels."""
+
+    per: tuple[int, int] = (1, 1)
+    family: ClassVar[str] = "image"
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    provides: ClassVar[tuple[str, ...]] = ("keypoints",)
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        joints = (
+            torch.linspace(0.2, 0.8, 14)[None, :, None] + now.require("image").flatten(1).mean(1)[:, None, None] / 9
+        )
+        return now.having("keypoints", joints * torch.tensor([*self.per, 1.0]))
+
+
+def test_an_extractor_of_another_unit_is_found_out() -> None:
+    class OfTracker(ExtractorCase):
+        component: ClassVar[Any] = Tracker()
+
+    OfTracker().test_provides_what_it_says()
+    with pytest.raises(AssertionError, match=r"^keypoints: expected pixels of a frame of 64 x 36, got .*\(multiply x"):
+        OfTracker().test_values_are_of_the_features_units()
+    OfTracker.component = Tracker(per=(64, 36))
+    OfTracker().test_values_are_of_the_features_units()
+
+
+@dataclass(frozen=True)
 class Flicker:
     """How much brighter a frame is than the one before, which has to be one for each."""
 

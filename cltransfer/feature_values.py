@@ -1,0 +1,87 @@
+"""What values features may have: those of another unit would be compared as if they were of ours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from torch import Tensor
+
+if TYPE_CHECKING:
+    from .features import Features
+
+BESIDE = 1e-3  # that rounding may leave values beside their range
+CROWDED = 8  # px of a frame's longer side, from which on nobody stands in one pixel throughout
+
+
+def odd_values(features: Features, names: Iterable[str]) -> tuple[str, str, str] | None:
+    """What of ``names`` has values that the feature cannot have, what they are, and what to do; None where nothing has.
+
+    NaN is undefined, and so is a depth of 0: whoever reads one leaves it out.
+    """
+    for name in sorted(names):
+        rule = _RULES.get(name)
+        if rule is not None and features.has(name) and (told := rule(name, features.require(name), features.size)):
+            return name, *told
+    return None
+
+
+_Told = tuple[str, str] | None  # what was expected and what came, and what to do
+
+
+def _keypoints(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
+    return _crowded(value[..., :2], size) or _share("confidence", value[..., 2], size)
+
+
+def _box(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
+    return _crowded(value[..., :4], size)
+
+
+def _crowded(places: Tensor, size: tuple[int, int]) -> _Told:
+    """Places [px] that all lie in the first pixel are parts of the frame."""
+    low, high = _ends(places)
+    if max(size) <= CROWDED or low < 0 or high > 1 or low == high:
+        return None
+    reason = f"expected pixels of a frame of {size[0]} x {size[1]}, got {low:.3g} to {high:.3g} throughout"
+    return reason, "multiply x by the width and y by the height"
+
+
+def _share(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
+    low, high = _ends(value)
+    if low >= -BESIDE and high <= 1 + BESIDE:
+        return None
+    what = "" if name == "flow_confidence" else f"{name} "
+    return f"expected {what}in [0, 1], got {low:.3g} to {high:.3g}", "divide it by what is the most"
+
+
+def _angles(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
+    low, high = _ends(value)
+    most = max(-low, high)
+    if most <= 2 * math.pi + BESIDE:
+        return None
+    return f"expected radians, of a whole turn at most, got {most:.4g}", "torch.deg2rad makes them of degrees"
+
+
+def _depth(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
+    least = _ends(value)[0]
+    return (f"expected depths above 0, got {least:.3g}", "NaN where none is known") if least < 0 else None
+
+
+def _ends(value: Tensor) -> tuple[float, float]:
+    """Least and greatest of what is known; 0 and 0 where nothing is."""
+    least, most = math.inf, -math.inf
+    for frame in value if value.numel() else ():  # one by one: maps of a clip take as much again together
+        least = min(least, float(frame.nan_to_num(math.inf, math.inf, -math.inf).amin()))
+        most = max(most, float(frame.nan_to_num(-math.inf, math.inf, -math.inf).amax()))
+    return (least, most) if least <= most else (0.0, 0.0)
+
+
+_RULES = {
+    "keypoints": _keypoints,
+    "box": _box,
+    "flow_confidence": _share,
+    "orientation": _angles,
+    "depth": _depth,
+    "expected_depth": _depth,
+}

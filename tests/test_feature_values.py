@@ -1,0 +1,58 @@
+"""Values of another unit are told apart from ours, and what is undefined is none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from cltransfer.feature_values import odd_values
+from cltransfer.features import Features
+from cltransfer.testing import sample_features, without_person
+
+SAMPLE = sample_features(1, 2)
+SIZE = torch.tensor([64.0, 36.0])
+
+
+def having(name: str, columns: slice, factor: torch.Tensor | float) -> Features:
+    value = SAMPLE.require(name).clone()
+    value[..., columns] *= factor
+    return SAMPLE.having(name, value)
+
+
+@pytest.mark.parametrize(
+    ("features", "name", "reason"),
+    [
+        (having("keypoints", slice(2), 1 / SIZE), "keypoints", "expected pixels of a frame of 64 x 36, got 0."),
+        (having("keypoints", slice(2, 3), 100), "keypoints", "expected confidence in [0, 1], got 6"),
+        (having("box", slice(4), 1 / SIZE.repeat(2)), "box", "expected pixels of a frame of 64 x 36"),
+        (having("orientation", slice(3), 180 / math.pi), "orientation", "expected radians, of a whole turn at most"),
+        (having("depth", slice(None), -1), "depth", "expected depths above 0, got -"),
+        (
+            SAMPLE.having("flow_confidence", torch.full((2, 36, 64), 2.0)),
+            "flow_confidence",
+            "expected in [0, 1], got 2",
+        ),
+    ],
+)
+def test_values_of_another_unit_are_told(features: Features, name: str, reason: str) -> None:
+    odd = odd_values(features, features.names())
+    assert odd is not None
+    assert odd[0] == name
+    assert odd[1].startswith(reason)
+    assert odd_values(features, features.names() - {name}) is None
+
+
+def test_what_is_undefined_or_at_an_end_is_not_told() -> None:
+    nobody, names = without_person(SAMPLE), SAMPLE.names()
+    assert odd_values(SAMPLE, [*names, "gaze"]) is None
+    assert odd_values(nobody, names) is None
+    lost = SAMPLE.require("depth").clone()
+    lost[:, 0], lost[:, 1] = 0.0, torch.nan
+    assert odd_values(replace(SAMPLE, depth=lost), names) is None
+    whole = having("orientation", slice(3), 0.0).require("orientation") + 2 * math.pi
+    assert odd_values(replace(SAMPLE, orientation=whole), names) is None
+    corner = replace(SAMPLE, size=(8, 5), keypoints=having("keypoints", slice(2), 1 / SIZE).keypoints)
+    assert odd_values(corner, ["keypoints"]) is None
