@@ -21,7 +21,8 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
-from .features import Features, check_pair
+from .clips.pairs import other_shape
+from .features import Features, check_pair, nobody
 from .losses.camera_movement import weight_note
 from .pipeline.answers import values
 from .pipeline.objective import Objective
@@ -157,8 +158,9 @@ class TotalMetric(FrameMetric):
             ValueError: as of :meth:`LossMetric.values`.
         """
         reference, rendered = _checked(reference, rendered)
-        if note := weight_note(self.objective.losses, reference.size[0]):
-            warnings.warn(note, stacklevel=2)
+        for note in (weight_note(self.objective.losses, reference.size[0]), *_pair_notes(reference, rendered)):
+            if note:
+                warnings.warn(note, stacklevel=2)
         return frame_totals(
             self.objective, self._terms(reference, rendered), self._terms(reference, reference).isfinite()
         )
@@ -174,6 +176,15 @@ def _checked(reference: Features, rendered: Features | None) -> tuple[Features, 
         raise ValueError("expected features of both sides, or a tensor of values")
     check_pair(reference, rendered)
     return reference, rendered
+
+
+def _pair_notes(reference: Features, rendered: Features) -> list[str]:
+    """What `evaluate` refuses or notes of two clips; only told here, since frames may be a part of a clip."""
+    notes = [f"render: {note}" for note in other_shape(reference.size, rendered.size)]
+    if len(reference) and bool(nobody(reference).all()):
+        told = f"reference: no person in any of {len(reference)} frames, so the total is of what is left and is small"
+        notes.append(f"{told}: leave such a clip out, as `evaluate` refuses it")
+    return notes
 
 
 def _values(loss: Any, reference: Features, rendered: Features) -> Tensor:

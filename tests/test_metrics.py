@@ -276,3 +276,26 @@ def test_a_movement_in_pixels_weighed_as_if_in_frame_widths_is_told() -> None:
         warnings.simplefilter("error")
         TotalMetric({"camera_movement": {**faithful, "weight": 40 / 64}}).update(REFERENCE, RENDERED)
         camera_language_metrics().update(REFERENCE, RENDERED)
+
+
+def test_a_reference_that_shows_nobody_is_told() -> None:
+    """What is left of its total is small: such a clip makes a mean better."""
+    told = r"^reference: no person in any of 6 frames, .*leave such a clip out"
+    with pytest.warns(UserWarning, match=told):
+        camera_language_metrics().update(reference=without_person(REFERENCE), rendered=RENDERED)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for reference, rendered in ((lost(REFERENCE, 3), RENDERED), (REFERENCE, without_person(RENDERED))):
+            camera_language_metrics().update(reference=reference, rendered=rendered)
+        TotalMetric({"framing": {}}).update(REFERENCE[:0], RENDERED[:0])
+        TotalMetric({"filmic_space": {}}).update(replace(REFERENCE, keypoints=None), RENDERED)  # nobody was looked for
+
+
+def test_frames_of_two_shapes_are_told() -> None:
+    width, height = REFERENCE.size
+    wider = replace(RENDERED, size=(2 * width, height))
+    with pytest.warns(UserWarning, match=rf"^render: its frames .*{2 * width}x{height} and {width}x{height}, are not"):
+        camera_language_metrics().update(reference=REFERENCE, rendered=wider)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        TotalMetric({"framing": {}}).update(REFERENCE, replace(RENDERED, size=(2 * width, 2 * height)))

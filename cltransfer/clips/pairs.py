@@ -71,7 +71,7 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
             drawn = (*bars, *drawn)
         elif found.letterbox is None and find_letterbox(render.image) != (0, 0, *render.size):
             drawn = (*drawn, OWN_BARS)
-    notes = (*notes, *_other_shape(reference, render))
+    notes = (*notes, *other_shape(reference.size, render.size))
     return ClipPairs(reference, render, starts[0][first], starts[1][second]), (*gaps, *flags), (*drawn, *notes)
 
 
@@ -85,12 +85,11 @@ def _same_bars(clip: Clip, other: Clip) -> bool:
     return bool(((parts[0] - parts[1]).abs() <= ALIKE).all())
 
 
-def _other_shape(reference: Clip, render: Clip) -> Notes:
-    """A note where frames are wider or higher than those of the reference."""
-    aspects = [clip.size[0] / clip.size[1] for clip in (reference, render)]
-    if abs(math.log(aspects[0] / aspects[1])) <= ALIKE:
+def other_shape(reference: tuple[int, int], render: tuple[int, int]) -> Notes:
+    """A note where frames of a render are wider or higher than those of the reference; sizes (W, H) [px]."""
+    if abs(math.log(reference[0] / reference[1]) - math.log(render[0] / render[1])) <= ALIKE:
         return ()
-    sizes = " and ".join(f"{clip.size[0]}x{clip.size[1]}" for clip in (render, reference))
+    sizes = " and ".join(f"{width}x{height}" for width, height in (render, reference))
     return (
         f"its frames and those of the reference, {sizes}, are not of one shape: what fills one does not fill the other",
     )
