@@ -23,6 +23,7 @@ from ..storage.run_files import DONE
 from .content import Digest, digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
+from .measurable import check_measurable, unmeasured
 from .outcome import Outcome
 from .pool import outcomes
 from .read import DRAWN
@@ -92,7 +93,8 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
         progress: called with a step, trials done, trials in all.
 
     Raises:
-        UsageError: the folder holds something else, a row cannot be built, or there is no such scene or shot.
+        UsageError: the folder holds something else, a row cannot be built, the metrics name a loss that they cannot
+            feed, or there is no such scene or shot.
         InputError: a scene or a reference is missing, the ledger is damaged, or a part of the folder leads elsewhere.
         ResourceError: another process runs one in that folder, or the cluster cannot be reached, or is lost.
         ModelError: a worker has other code, packages, plugins or networks.
@@ -101,15 +103,15 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
     for row in sweep.rows:
         Components.build(row.config)
         row.config.build_one("search")
-    Components.build(sweep.metrics)
+    lacking = check_measurable(sweep)
     digest = digests()
     check_sources(sweep, digest)
     with alone(options.out, "runs an ablation"):
-        return _run(sweep, options, digest, progress)
+        return _run(sweep, options, digest, [*lacking, *unmeasured(sweep)], progress)
 
 
-def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> Ablation:
-    """Run what is missing of a sweep that can be run, in a folder that is held."""
+def _run(sweep: Sweep, options: Options, digest: Digest, notes: Sequence[str], progress: Progress) -> Ablation:
+    """Run what is missing of a sweep that can be run, in a folder that is held; ``notes`` are told before that."""
     asked = trials(sweep, draw_references(sweep, options.out), digest)
     made_by = " ".join(options.command.split()) or "cltransfer.ablate"
     _tell_replaced(options.out, sweep)
@@ -124,6 +126,8 @@ def _run(sweep: Sweep, options: Options, digest: Digest, progress: Progress) -> 
     before = [t.key for t in asked if t.key not in wanting and not known[t.key].failed]
     unkept = sum(not (runs / key / DONE).is_file() for key in before) if options.keep_runs else 0
     old = sum(bool(known[t.key].failed) for t in asked if t.key not in wanting)
+    for note in notes if missing else ():
+        _log.warning("%s", note)
     if missing:  # what lies there is of another sweep, or not of all of this
         for name in TABLES:
             (options.out / name).unlink(missing_ok=True)
@@ -264,10 +268,7 @@ def _notes(ablation: Ablation) -> list[str]:
     for (name, empty, reason), count in lacking.items():
         told = "has no value" if empty else "pays its penalty"
         notes.append(f"{escape(name)} {told}: {escape(reason)} ({count} trials)")
-    for row in ablation.sweep.rows:
-        for name in row.config.losses.keys() - ablation.sweep.metrics.losses.keys():
-            hint = f"`metrics: {{losses: {{{name}: {{}}}}}}` measures it in every row, and adds it to the total"
-            notes.append(f"{escape(row.name)}: {escape(name)} is not measured; {hint}")
+    notes += unmeasured(ablation.sweep, escape)
     if len(frames := {row.config.frames for row in ablation.sweep.rows}) > 1:
         counts = ", ".join(str(count or "all") for count in sorted(frames, key=lambda count: (count is None, count)))
         notes.append(f"rows differ in frames ({counts}): so does what moves from one frame to the next")
