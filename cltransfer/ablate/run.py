@@ -12,6 +12,7 @@ from typing import Any
 from ..computer.revision import commit
 from ..errors import UsageError
 from ..models.content import read_by
+from ..paired import CONFIDENCE, FEWEST, LEVEL
 from ..pipeline.components import Components
 from ..plugins import settle
 from ..progress import Progress, silent
@@ -28,7 +29,7 @@ from .outcome import Outcome
 from .pool import outcomes
 from .read import DRAWN
 from .sources import check_sources
-from .summary import CONFIDENCE, FEWEST, LEVEL, RowSummary, alike, shot_of, summarise
+from .summary import RowSummary, alike, shot_of, summarise
 from .sweep import Sweep
 from .tables import differences_table, directions_table, failure_lines, to_csv, values_table
 from .trial import Job, trials

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..paired import Estimate
 from ..report.metrics import number
 from ..report.tables import Table, escape
 from ..storage.files import csv_text
 from .outcome import Outcome
-from .summary import Estimate, Measure, RowSummary
+from .summary import Measure, RowSummary
 
 COST = ("evaluations a frame", "seconds a trial")
 CSV_HEADER = (

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..ablate.summary import Estimate, change, estimate
+from ..paired import Estimate, change, estimate
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..ablate.summary import FEWEST, LEVEL, Estimate
+from ..paired import FEWEST, LEVEL, Estimate
 from ..registry import LOSSES
 from ..report.metrics import number as written
 from ..report.tables import Table, to_latex, to_markdown

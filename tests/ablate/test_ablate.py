@@ -23,11 +23,12 @@ from cltransfer.ablate.outcome import Metric, Outcome
 from cltransfer.ablate.pool import outcomes
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.run import Ablation, markdown
-from cltransfer.ablate.summary import FEWEST, LEVEL, summarise
+from cltransfer.ablate.summary import summarise
 from cltransfer.ablate.trial import Job, run_trial, trials
 from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.features import Features
+from cltransfer.paired import FEWEST, LEVEL
 from cltransfer.plugins import _forget, _module
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats

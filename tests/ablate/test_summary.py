@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cltransfer.ablate.outcome import Case, Metric, Outcome
-from cltransfer.ablate.summary import alike, estimate, summarise, wilcoxon_p
+from cltransfer.ablate.summary import alike, summarise
 from cltransfer.ablate.tables import differences_table, directions_table, to_csv, values_table
+from cltransfer.paired import wilcoxon_p
 from cltransfer.report.tables import to_latex, to_markdown
 
 
@@ -26,35 +26,7 @@ def failed(row: str, seed: int) -> Outcome:
     return Outcome(f"{row}{seed}", row, Case("courtyard", "drawn:orbit", seed), failed="a & b: no | person_found")
 
 
-def test_the_interval_holds_the_mean_and_does_not_depend_on_the_hour() -> None:
-    values = list(np.random.default_rng(3).normal(5, 1, 40))
-    first, again = estimate(values), estimate(values)
-    assert first == again
-    assert first.low is not None
-    assert first.high is not None
-    assert first.low < np.mean(values) < first.high
-    assert first.high - first.low == pytest.approx(2 * 1.96 * np.std(values) / 40**0.5, rel=0.1)
-
-
-def test_the_interval_covers_the_truth_about_as_often_as_it_says() -> None:
-    rng = np.random.default_rng(4)
-    found = [estimate(list(rng.normal(0, 1, 30))) for _ in range(200)]
-    covered = np.mean([e.low < 0 < e.high for e in found if e.low is not None and e.high is not None])
-    assert 0.89 < covered < 0.99
-
-
-def test_few_values_have_no_interval_and_none_no_mean() -> None:
-    """Percentiles of the means of two values are these two: no 95 % of anything."""
-    assert [estimate([1.0, 5.0, 3.0][:n]).mean for n in (1, 2, 3)] == [1.0, 3.0, 3.0]
-    assert [estimate([1.0, 5.0, 2.0, 3.0, 9.0, 4.0][:n]).low is None for n in range(1, 7)] == [True] * 5 + [False]
-    assert estimate([]).mean is None
-    assert json.loads(json.dumps(asdict(estimate([])), allow_nan=False))["p"] is None  # summary.json has it
-
-
-def test_rounding_is_no_difference_and_breaks_no_tie() -> None:
-    shares = [1 - n / 24 for n in range(25)]
-    pairs = [(3, 5), (7, 9), (1, 3), (11, 12), (9, 7), (13, 15), (20, 22)]  # by 2, 2, 2, 1, -2, 2 and 2 of 24 frames
-    assert wilcoxon_p([shares[b] - shares[a] for a, b in pairs]) == wilcoxon_p([float(b - a) for a, b in pairs])
+def test_rows_that_rounding_alone_tells_apart_do_not_differ() -> None:
     found = [outcome("full", seed, 0.3) for seed in range(6)] + [outcome("less", seed, 0.1 + 0.2) for seed in range(6)]
     difference = summarise(["full", "less"], found)[1].metrics["shot_size"].difference
     assert difference is not None
@@ -71,13 +43,6 @@ def test_differences_pair_the_cases_and_leave_out_what_one_side_lacks() -> None:
     assert difference.count == 2
     assert difference.mean == pytest.approx(0.1)
     assert not difference.certain  # of two
-    assert estimate([0.1] * 6).certain
-    assert not estimate([0.1] * 5).certain
-    few, enough = (estimate([*[-1.0] * n, *[0.0] * (22 - n)]) for n in (5, 6))
-    assert few.high is not None
-    assert few.high < 0  # whatever does not differ says nothing of a sign
-    assert (few.count, few.certain) == (22, False)
-    assert (enough.count, enough.certain) == (22, True)
     assert full.metrics["shot_size"].value.count == 3
     assert (full.metrics["shot_size"].defined, full.metrics["shot_size"].frames) == (12, 16)
     assert (less.trials, less.failed) == (4, 1)

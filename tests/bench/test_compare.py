@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from cltransfer.ablate.summary import estimate, wilcoxon_p
 from cltransfer.bench.compare import compared, holm, together
+from cltransfer.paired import estimate, wilcoxon_p
 
 
 def test_holm_by_its_definition():

@@ -13,9 +13,9 @@ import torch
 
 from cltransfer.ablate.drawn import draw_references
 from cltransfer.ablate.read import read_sweep
-from cltransfer.ablate.summary import FEWEST
 from cltransfer.config import load_config
 from cltransfer.driver.schedule import make_schedule
+from cltransfer.paired import FEWEST
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.plugins import allow
