@@ -9,32 +9,43 @@ from typing import Any
 
 from .evaluate_kept import ClipScore
 from .evaluate_many import CONFIDENCE, FEWEST, RESAMPLES, Interval
+from .evaluate_paired import ALIKE, Difference, Differences
+from .paired import FEWEST as FEWEST_PAIRS
+from .paired import LEVEL
+from .paired import RESAMPLES as PAIRED_RESAMPLES
+from .report.estimates import DIFFERENCE, difference_cells, signed
 from .report.metrics import number
-from .report.tables import Table, to_latex, to_markdown
+from .report.tables import Table, escape, to_latex, to_markdown
 from .storage.files import csv_text, write_json, write_text
 from .storage.run_files import METRICS
 
-ALIKE = 0.01  # by which the time may differ that as many frames are spread over: the nearest to even ones are taken
-
 Summary = Mapping[str, Mapping[str, Interval]]
+NONE: Differences = {}
 
 
-def write_methods(folder: Path, rows: Sequence[ClipScore], summary: Summary, notes: Sequence[str] = ()) -> None:
+def write_methods(
+    folder: Path, rows: Sequence[ClipScore], summary: Summary, against: Differences, notes: Sequence[str] = ()
+) -> None:
     """Write metrics.json, clips.csv, methods.csv, methods.md and methods.tex into ``folder``."""
-    write_json(folder / METRICS, methods_json(rows, summary, notes))
+    write_json(folder / METRICS, methods_json(rows, summary, against, notes))
     write_text(folder / "clips.csv", clips_csv(rows))
-    write_text(folder / "methods.csv", methods_csv(summary))
-    write_text(folder / "methods.md", methods_markdown(summary) + "\n")
-    write_text(folder / "methods.tex", methods_latex(summary))
+    write_text(folder / "methods.csv", methods_csv(summary, against))
+    write_text(folder / "methods.md", methods_markdown(summary, against) + "\n")
+    write_text(folder / "methods.tex", methods_latex(summary, against))
 
 
-def methods_json(rows: Sequence[ClipScore], summary: Summary, notes: Sequence[str] = ()) -> dict[str, Any]:
+def methods_json(
+    rows: Sequence[ClipScore], summary: Summary, against: Differences = NONE, notes: Sequence[str] = ()
+) -> dict[str, Any]:
     """Plain values; what is undefined is null, with a reason; ``notes`` are on what is no row."""
     return {
         "format": "cltransfer.methods",
         "version": 1,
         "interval": f"bootstrap-t over clips, {FEWEST} or more, {RESAMPLES} resamples, {CONFIDENCE:.0%}, from 0 on",
         "methods": {m: {t: asdict(found) for t, found in terms.items()} for m, terms in summary.items()},
+        "difference_interval": f"percentiles of the mean difference to the first method over clips that both have, "
+        f"{FEWEST_PAIRS} or more, {PAIRED_RESAMPLES} resamples, {CONFIDENCE:.0%}; p of the signed-rank test",
+        "differences": {m: {t: _told(found) for t, found in terms.items()} for m, terms in against.items()},
         "clips": [asdict(row) for row in rows],
         "notes": list(notes),
     }
@@ -57,27 +68,48 @@ def clips_csv(rows: Sequence[ClipScore]) -> str:
     return csv_text([head, *body])
 
 
-def methods_csv(summary: Summary) -> str:
-    """One row a method and term: mean, interval, clips; undefined is an empty cell."""
-    head = ["method", "term", "mean", "low", "high", "clips", "of", "frames", "most_frames"]
-    head += ["seconds", "most_seconds", "reason"]
-    return csv_text(
-        [head, *([m, t, *asdict(found).values()] for m, terms in summary.items() for t, found in terms.items())]
-    )
+def _told(difference: Difference) -> dict[str, Any]:
+    return {**asdict(difference.estimate), "alike": difference.alike, "certain": difference.certain}
 
 
-def methods_markdown(summary: Summary) -> str:
+def methods_csv(summary: Summary, against: Differences = NONE) -> str:
+    """One row a method and term: mean, interval, difference to the first method, clips; undefined is an empty cell."""
+    head = ["method", "term", "mean", "low", "high", *DIFFERENCE, "difference_alike", "clips", "of", "frames"]
+    head += ["most_frames", "seconds", "most_seconds", "reason"]
+    lines: list[list[Any]] = [head]
+    for method, terms in summary.items():
+        for term, found in terms.items():
+            mean, low, high, *rest = asdict(found).values()
+            difference = against[method][term] if method in against else None
+            compared = difference_cells(None if difference is None else difference.estimate)
+            alike = "" if difference is None else difference.alike
+            lines.append([method, term, mean, low, high, *compared, alike, *rest])
+    return csv_text(lines)
+
+
+def methods_markdown(summary: Summary, against: Differences = NONE) -> str:
     """A row a method, a column a term: mean [low, high]; the best is bold where all have every clip and the same of it.
 
     Clips that have a value are counted where not all have one, frames and seconds where another method has more; an
-    upper end that is not known is a dash.
+    upper end that is not known is a dash. Below it stands what each method differs by from the first.
     """
-    return "\n".join(to_markdown(_table(summary)))
+    lines = to_markdown(_table(summary))
+    if against:
+        lines += [
+            "",
+            f"Less {escape(_first(summary))}, clip by clip, over the n clips that both have; bold: the interval",
+            f"excludes zero and the signed-rank test has p at most {LEVEL}, of {FEWEST_PAIRS} clips or more that",
+            "differ, and both have the same clips and as many frames of each, equally far apart.",
+            "",
+            *to_markdown(_differences_table(summary, against)),
+        ]
+    return "\n".join(lines)
 
 
-def methods_latex(summary: Summary) -> str:
-    """The same table for LaTeX with booktabs."""
-    return "\n".join([*to_latex(_table(summary)), ""])
+def methods_latex(summary: Summary, against: Differences = NONE) -> str:
+    """The same tables for LaTeX with booktabs."""
+    tables = [_table(summary), *([_differences_table(summary, against)] if against else [])]
+    return "\n\n".join("\n".join(to_latex(table)) for table in tables) + "\n"
 
 
 def _table(summary: Summary) -> Table:
@@ -85,6 +117,18 @@ def _table(summary: Summary) -> Table:
     rows = tuple((method, *(_cell(found[t]) for t in terms)) for method, found in summary.items())
     bold = {(i, j + 1) for i, method in enumerate(summary) for j, term in enumerate(terms) if (method, term) in best}
     return Table(("method", *terms), rows, frozenset(bold))
+
+
+def _differences_table(summary: Summary, against: Differences) -> Table:
+    terms, rows, bold = _terms(summary), [], set()
+    for i, (method, found) in enumerate(against.items()):
+        rows.append((method, *(signed(found[term].estimate) for term in terms)))
+        bold |= {(i, j + 1) for j, term in enumerate(terms) if found[term].certain}
+    return Table((f"difference to {_first(summary)}", *terms), tuple(rows), frozenset(bold))
+
+
+def _first(summary: Summary) -> str:
+    return next(iter(summary))
 
 
 def _terms(summary: Summary) -> list[str]:

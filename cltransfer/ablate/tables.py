@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..paired import Estimate
+from ..report.estimates import DIFFERENCE, difference_cells, interval_text, numbers, signed, with_sign
 from ..report.metrics import number
 from ..report.tables import Table, escape
 from ..storage.files import csv_text
@@ -15,7 +15,7 @@ from .summary import Measure, RowSummary
 COST = ("evaluations a frame", "seconds a trial")
 CSV_HEADER = (
     *("row", "metric", "unit", "mean", "low", "high", "count"),
-    *("difference_mean", "difference_low", "difference_high", "difference_count", "difference_nonzero", "difference_p"),
+    *DIFFERENCE,
     *("defined_frames", "frames", "trials", "failed", "evaluations_per_frame", "seconds_per_trial"),
 )
 
@@ -39,7 +39,7 @@ def differences_table(rows: Sequence[RowSummary]) -> Table:
     for i, row in enumerate(rows[1:]):
         found = [row.metrics[name].difference for name in names]
         bold |= {(i, j + 1) for j, difference in enumerate(found) if difference and difference.certain}
-        cells.append((row.name, *(_signed(difference) for difference in found)))
+        cells.append((row.name, *(signed(difference) for difference in found)))
     return Table((f"difference to {rows[0].name}", *names), tuple(cells), frozenset(bold))
 
 
@@ -48,7 +48,7 @@ def directions_table(rows: Sequence[RowSummary]) -> Table:
     units = {name: measure.unit for row in rows for name, measure in row.directions.items() if measure.unit}
     names = list(rows[0].directions)
     found = [[row.directions[name] for name in names] for row in rows]
-    cells = [(row.name, *(_value(m, _with_sign) for m in measures)) for row, measures in zip(rows, found)]
+    cells = [(row.name, *(_value(m, with_sign) for m in measures)) for row, measures in zip(rows, found)]
     bold = {
         (i, j + 1)
         for i, measures in enumerate(found)
@@ -63,25 +63,9 @@ def _metrics(rows: Sequence[RowSummary]) -> list[str]:
 
 
 def _value(measure: Measure, told: Callable[[float | None], str] = number) -> str:
-    text = _interval(measure.value, told)
+    text = interval_text(measure.value, told)
     whole = measure.defined == measure.frames
     return text if whole else f"{text} ({measure.defined}/{measure.frames})"
-
-
-def _signed(difference: Estimate | None) -> str:
-    if difference is None or difference.mean is None:
-        return "–"
-    return f"{_interval(difference, _with_sign)} n={difference.count}"
-
-
-def _with_sign(value: float | None) -> str:
-    return f"+{number(value)}" if value is not None and value > 0 else number(value)
-
-
-def _interval(estimate: Estimate, write: Callable[[float | None], str]) -> str:
-    if estimate.low is None:
-        return write(estimate.mean)
-    return f"{write(estimate.mean)} [{write(estimate.low)}, {write(estimate.high)}]"
 
 
 def to_csv(rows: Sequence[RowSummary]) -> str:
@@ -94,22 +78,11 @@ def to_csv(rows: Sequence[RowSummary]) -> str:
         cost = [row.trials, row.failed, row.evaluations, row.seconds]
         for name, m in [*row.metrics.items(), *row.directions.items()]:
             lines.append(
-                [row.name, name, m.unit, *_numbers(m.value), *_tested(m.difference), m.defined, m.frames, *cost]
+                [row.name, name, m.unit, *numbers(m.value), *difference_cells(m.difference), m.defined, m.frames, *cost]
             )
         if not row.metrics:
             lines.append([row.name, *[""] * (len(CSV_HEADER) - 1 - len(cost)), *cost])
     return csv_text(lines)
-
-
-def _tested(difference: Estimate | None) -> Sequence[Any]:
-    """A difference with what its test tells of it; empty cells in the first row."""
-    if difference is None:
-        return [""] * sum(name.startswith("difference_") for name in CSV_HEADER)
-    return [*_numbers(difference), difference.nonzero, difference.p]
-
-
-def _numbers(estimate: Estimate) -> list[float | int | None]:
-    return [estimate.mean, estimate.low, estimate.high, estimate.count]
 
 
 def failure_lines(outcomes: Sequence[Outcome]) -> list[str]:

@@ -56,8 +56,9 @@ def evaluate(
     cltransfer evaluate references/ ours=runs/ theirs=clips/ --out table
 
     With --out it leaves metrics.json, metrics.csv and report.html in that folder; of folders metrics.json, clips.csv
-    and methods.csv, .md and .tex with bootstrap intervals over the clips, of six or more. What was scored is kept in
-    scores.jsonl there, so that the same command goes on where it was stopped.
+    and methods.csv, .md and .tex with bootstrap intervals over the clips, of six or more, and what each method differs
+    by from the first, clip by clip. What was scored is kept in scores.jsonl there, so that the same command goes on
+    where it was stopped.
     """
     methods, overrides = methods_of(reference, render, more or [])
     settings = settings_of(config, overrides, allow_plugin)
@@ -219,6 +220,7 @@ def evaluate_folders(
     from ..clips.clip_folder import left_over
     from ..evaluate_kept import KEPT
     from ..evaluate_many import evaluate_many, notes_of, summarise, worst_of
+    from ..evaluate_paired import differences
     from ..evaluate_table import methods_json, methods_markdown, write_methods
     from ..progress import progress
 
@@ -229,12 +231,14 @@ def evaluate_folders(
         kept = out is not None and (out / KEPT).is_file()
         stopped(stop, f"the same command goes on from here: {out}" * kept)
     summary = summarise(rows, settings.seed, worst_of(settings, rows))
+    against = differences(rows)
     unknown = left_over(references, methods)
     if out is not None:
-        write_methods(out, rows, summary, unknown)
+        write_methods(out, rows, summary, against, unknown)
     lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
     notes = [f"note: {note}" for note in [*notes_of(rows), *unknown]]
-    show(methods_json(rows, summary, unknown), "\n".join([methods_markdown(summary), *lacking, *notes]), as_json)
+    lines = [methods_markdown(summary, against), *lacking, *notes]
+    show(methods_json(rows, summary, against, unknown), "\n".join(lines), as_json)
     if not any(row.means for row in rows):
         reason = f"expected one that can be scored, {len(rows)} failed; the first: {rows[0].reason}"
         raise InputError(references, "clips", reason)
