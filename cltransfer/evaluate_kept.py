@@ -36,6 +36,7 @@ class ClipScore:
         notes: what a reader should know of it.
         lacking: why a term has no value, by term.
         seconds: of the reference, from the first of the frames to the last.
+        units: of the means, by term.
         had: terms that the reference has on any frame, whether or not the render has them.
         lasts: whether another run tells no more; see :class:`~cltransfer.features.OfThisRun`.
     """
@@ -49,6 +50,7 @@ class ClipScore:
     notes: tuple[str, ...] = ()
     lacking: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    units: Mapping[str, str] = field(default_factory=dict)
     had: tuple[str, ...] = ()
     lasts: bool = True
 
@@ -106,7 +108,7 @@ def _row_of(line: dict[str, Any]) -> tuple[str, ClipScore]:
     """
     key = line.pop("key")
     row = ClipScore(**{**line, "notes": tuple(line["notes"]), "had": tuple(line.get("had", ()))})
-    texts = [key, row.method, row.clip, row.reason, *row.notes, *row.had, *row.lacking.values()]
+    texts = [key, row.method, row.clip, row.reason, *row.notes, *row.had, *row.lacking.values(), *row.units.values()]
     numbers = [row.seconds, *(mean for mean in row.means.values() if mean is not None)]
     if not (
         all(isinstance(text, str) for text in texts)

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,7 @@ class Interval:
         most: the same where each clip counts those of the method that has most of it.
         seconds, most_seconds: the same of the time that the frames of all clips are spread over.
         reason: why something is None, or clips are missing.
+        unit: of the mean and its ends.
     """
 
     mean: float | None
@@ -51,6 +52,7 @@ class Interval:
     seconds: float = 0.0
     most_seconds: float = 0.0
     reason: str = ""
+    unit: str = ""
 
 
 def evaluate_many(
@@ -118,7 +120,8 @@ def _scored(method: str, name: str, reference: str, render: str | None, config: 
     seconds = round(float(report.times[-1] - report.times[0]), 3)
     had = tuple(term.name for term in report.scores.terms if term.had)
     count, notes = len(report.times), report.notes
-    return ClipScore(method, name, means, defined, count, "", notes, lacking, seconds, had, report.lasts)
+    units = {row.name: row.unit for row in found}
+    return ClipScore(method, name, means, defined, count, "", notes, lacking, seconds, units, had, report.lasts)
 
 
 def notes_of(rows: list[ClipScore]) -> list[str]:
@@ -244,4 +247,5 @@ def _over_clips(
     frames = sum(row.defined.get(term, 0) for row in rows), sum(most[row.clip, term] for row in rows)
     seconds = sum(row.seconds for row in rows), sum(longest[row.clip] for row in rows)
     values, reasons = [row.means.get(term) for row in rows], [row.lacking.get(term, "") for row in rows]
-    return interval(values, seed, (*frames, *seconds), reasons, worst)
+    unit = next((row.units[term] for row in rows if row.units.get(term)), "")
+    return replace(interval(values, seed, (*frames, *seconds), reasons, worst), unit=unit)

@@ -15,7 +15,7 @@ from .paired import LEVEL
 from .paired import RESAMPLES as PAIRED_RESAMPLES
 from .report.estimates import DIFFERENCE, difference_cells, signed
 from .report.metrics import number
-from .report.tables import Table, escape, to_latex, to_markdown
+from .report.tables import Table, escape, headed, to_latex, to_markdown
 from .storage.files import csv_text, write_json, write_text
 from .storage.run_files import METRICS
 
@@ -74,16 +74,16 @@ def _told(difference: Difference) -> dict[str, Any]:
 
 def methods_csv(summary: Summary, against: Differences = NONE) -> str:
     """One row a method and term: mean, interval, difference to the first method, clips; undefined is an empty cell."""
-    head = ["method", "term", "mean", "low", "high", *DIFFERENCE, "difference_alike", "clips", "of", "frames"]
+    head = ["method", "term", "unit", "mean", "low", "high", *DIFFERENCE, "difference_alike", "clips", "of", "frames"]
     head += ["most_frames", "seconds", "most_seconds", "reason"]
     lines: list[list[Any]] = [head]
     for method, terms in summary.items():
         for term, found in terms.items():
-            mean, low, high, *rest = asdict(found).values()
+            mean, low, high, *rest, unit = asdict(found).values()
             difference = against[method][term] if method in against else None
             compared = difference_cells(None if difference is None else difference.estimate)
             alike = "" if difference is None else difference.alike
-            lines.append([method, term, mean, low, high, *compared, alike, *rest])
+            lines.append([method, term, unit, mean, low, high, *compared, alike, *rest])
     return csv_text(lines)
 
 
@@ -116,7 +116,7 @@ def _table(summary: Summary) -> Table:
     terms, best = _terms(summary), _best(summary)
     rows = tuple((method, *(_cell(found[t]) for t in terms)) for method, found in summary.items())
     bold = {(i, j + 1) for i, method in enumerate(summary) for j, term in enumerate(terms) if (method, term) in best}
-    return Table(("method", *terms), rows, frozenset(bold))
+    return Table(("method", *_headers(summary)), rows, frozenset(bold))
 
 
 def _differences_table(summary: Summary, against: Differences) -> Table:
@@ -124,7 +124,11 @@ def _differences_table(summary: Summary, against: Differences) -> Table:
     for i, (method, found) in enumerate(against.items()):
         rows.append((method, *(signed(found[term].estimate) for term in terms)))
         bold |= {(i, j + 1) for j, term in enumerate(terms) if found[term].certain}
-    return Table((f"difference to {_first(summary)}", *terms), tuple(rows), frozenset(bold))
+    return Table((f"difference to {_first(summary)}", *_headers(summary)), tuple(rows), frozenset(bold))
+
+
+def _headers(summary: Summary) -> list[str]:
+    return [headed(t, (found[t].unit for found in summary.values())) for t in _terms(summary)]
 
 
 def _first(summary: Summary) -> str:

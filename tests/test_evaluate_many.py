@@ -269,6 +269,13 @@ def test_latex_escapes_names() -> None:
     assert latex.count(r"\\") == 3
 
 
+def test_heads_have_the_unit_of_their_column() -> None:
+    rows = [replace(row, units={"shot_size": "frame", "filmic_space": ""}) for row in ROWS]
+    summary = summarise([*rows, MISSING])
+    assert methods_latex(summary).splitlines()[2] == r"method & shot\_size [frame] & filmic\_space \\"
+    assert [line["unit"] for line in csv.DictReader(io.StringIO(methods_csv(summary)))] == ["frame", ""] * 2
+
+
 def test_no_name_breaks_a_table() -> None:
     summary = summarise([replace(row, method="a|b^c~d") if row.method == "ours" else row for row in ROWS])
     assert methods_markdown(summary).splitlines()[2].startswith(r"| a\|b^c~d |")

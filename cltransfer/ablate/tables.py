@@ -7,7 +7,7 @@ from typing import Any
 
 from ..report.estimates import DIFFERENCE, difference_cells, interval_text, numbers, signed, with_sign
 from ..report.metrics import number
-from ..report.tables import Table, escape
+from ..report.tables import Table, escape, headed
 from ..storage.files import csv_text
 from .outcome import Outcome
 from .summary import Measure, RowSummary
@@ -23,7 +23,7 @@ CSV_HEADER = (
 def values_table(rows: Sequence[RowSummary]) -> Table:
     """Mean [interval] of every metric, coverage where it is not whole, failures and cost."""
     names = _metrics(rows)
-    header = ("row", "trials", "failed", *names, *COST)
+    header = ("row", "trials", "failed", *_headers(rows), *COST)
     cells = []
     for row in rows:
         values = [_value(row.metrics[name]) for name in names]
@@ -40,12 +40,11 @@ def differences_table(rows: Sequence[RowSummary]) -> Table:
         found = [row.metrics[name].difference for name in names]
         bold |= {(i, j + 1) for j, difference in enumerate(found) if difference and difference.certain}
         cells.append((row.name, *(signed(difference) for difference in found)))
-    return Table((f"difference to {rows[0].name}", *names), tuple(cells), frozenset(bold))
+    return Table((f"difference to {rows[0].name}", *_headers(rows)), tuple(cells), frozenset(bold))
 
 
 def directions_table(rows: Sequence[RowSummary]) -> Table:
     """Which way every row errs: signed means, bold where apart from the first row's, case by case."""
-    units = {name: measure.unit for row in rows for name, measure in row.directions.items() if measure.unit}
     names = list(rows[0].directions)
     found = [[row.directions[name] for name in names] for row in rows]
     cells = [(row.name, *(_value(m, with_sign) for m in measures)) for row, measures in zip(rows, found)]
@@ -55,11 +54,16 @@ def directions_table(rows: Sequence[RowSummary]) -> Table:
         for j, measure in enumerate(measures)
         if measure.difference is not None and measure.difference.certain
     }
-    return Table(("which way", *(f"{name} [{units.get(name, '')}]" for name in names)), tuple(cells), frozenset(bold))
+    header = [headed(name, (row.directions[name].unit for row in rows)) for name in names]
+    return Table(("which way", *header), tuple(cells), frozenset(bold))
 
 
 def _metrics(rows: Sequence[RowSummary]) -> list[str]:
     return list(rows[0].metrics)
+
+
+def _headers(rows: Sequence[RowSummary]) -> list[str]:
+    return [headed(name, (row.metrics[name].unit for row in rows)) for name in _metrics(rows)]
 
 
 def _value(measure: Measure, told: Callable[[float | None], str] = number) -> str:

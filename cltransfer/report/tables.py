@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -14,6 +14,16 @@ class Table:
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     bold: frozenset[tuple[int, int]] = frozenset()
+
+
+def headed(name: str, units: Iterable[str]) -> str:
+    """``name`` of a column, with the unit of its values where they have one.
+
+    >>> headed("camera_angle", ["rad", "", "rad"]), headed("movement", ["px", "rad"]), headed("total", [""])
+    ('camera_angle [rad]', 'movement', 'total')
+    """
+    known = set(units) - {""}
+    return f"{name} [{known.pop()}]" if len(known) == 1 else name
 
 
 def to_markdown(table: Table) -> list[str]:
@@ -42,13 +52,18 @@ def escape(text: str) -> str:
 
 
 def to_latex(table: Table) -> list[str]:
-    """Lines of a tabular with booktabs' rules."""
+    """Lines of a tabular with booktabs' rules; numbers are mathematics, but in the first column, which has names."""
     lines = [rf"\begin{{tabular}}{{l{'r' * (len(table.header) - 1)}}}", r"\toprule"]
     lines += [_line([_tex(c) for c in table.header]), r"\midrule"]
     for i, row in enumerate(table.rows):
-        cells = [rf"\textbf{{{_tex(c)}}}" if (i, j) in table.bold else _tex(c) for j, c in enumerate(row)]
-        lines.append(_line(cells))
+        cells = [_tex(c) if j == 0 else _tex_numbers(c) for j, c in enumerate(row)]
+        lines.append(_line([_bold(c) if (i, j) in table.bold else c for j, c in enumerate(cells)]))
     return [*lines, r"\bottomrule", r"\end{tabular}"]
+
+
+def _bold(cell: str) -> str:
+    """A cell in bold type, with what is mathematics in it."""
+    return rf"\textbf{{\boldmath {cell}}}" if "$" in cell.replace(r"\$", "") else rf"\textbf{{{cell}}}"
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -73,3 +88,20 @@ _JOINED = re.compile(r"(?<=[-`',?!])(?=[-`',])")  # between signs of which TeX m
 
 def _tex(text: str) -> str:
     return "".join(_TEX.get(character, character) for character in _JOINED.sub("\0", text)).replace("\0", "{}")
+
+
+# by itself, an end of an interval, or a part of a count
+_NUMBER = re.compile(r"(?<![^\s\[(])([-+]?\d+(?:\.\d*)?)(?:e([-+]\d+))?(?![^\s\]),/])")
+
+
+def _tex_numbers(text: str) -> str:
+    """``text`` with a true minus and powers of ten: a hyphen is shorter, and an e is no mathematics."""
+    parts, end = [], 0
+    for found in _NUMBER.finditer(text):
+        value, power = found.groups()
+        if power is None and value[0] not in "-+":
+            continue
+        times = "" if power is None else rf"\times10^{{{int(power)}}}"
+        parts += [_tex(text[end : found.start()]), f"${value}{times}$"]
+        end = found.end()
+    return "".join([*parts, _tex(text[end:])])

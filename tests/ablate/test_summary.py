@@ -159,5 +159,14 @@ def test_tables_say_the_same_in_markdown_and_latex_whatever_a_row_is_called() ->
     assert table.bold == {(0, 1)}
     assert to_markdown(table)[2].startswith(r"| 50 % \| a_b & &lt;i> \*x\* | **+1.00 [+1.00, +1.00] n=6** |")
     latex = to_latex(table)
-    assert r"50 \% \textbar{} a\_b \& \textless{}i\textgreater{} *x* & \textbf{+1.00 [+1.00, +1.00] n=6}" in latex[4]
+    assert (
+        r"50 \% \textbar{} a\_b \& \textless{}i\textgreater{} *x* & \textbf{\boldmath $+1.00$ [$+1.00$, $+1.00$] n=6}"
+        in latex[4]
+    )
     assert latex[0] == r"\begin{tabular}{lrr}"
+
+
+def test_heads_have_the_unit_of_their_column() -> None:
+    rows = summarise(["full", "bad"], [outcome("full", 0, 0.1), failed("bad", 0)])
+    assert values_table(rows).header[3:5] == ("shot_size [frame]", "total")
+    assert differences_table(rows).header == ("difference to full", "shot_size [frame]", "total")
