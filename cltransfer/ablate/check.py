@@ -66,13 +66,14 @@ def check_rows(
             wrong type or range.
         ModelError: a plugin's class fails.
     """
+    build = _building_once()
     for i, row in enumerate(rows):
         for other in rows[:i]:
-            if not _same(row, other):
+            if not _same(row, other, build):
                 continue
             apart = list(_differing(file.rows[row.name] or {}, file.rows[other.name] or {}))
             keys = ["scenes"] * ("scene" in apart and origin(origins, "scenes") == COMMAND_LINE)
-            if not _same(bare(row.name), bare(other.name)):
+            if not _same(bare(row.name), bare(other.name), _building_once()):
                 said = [item.partition("=")[0] for item in over]
                 keys = [key for key in said if any(_meet(key, one) for one in apart)] or said
             if keys:
@@ -81,20 +82,35 @@ def check_rows(
             raise UsageError(where, f"rows.{row.name}", f"is the same run as {other.name!r}", "remove one of them")
 
 
-def _same(row: Row, other: Row) -> bool:
+Build = Callable[[Row, str], Any]
+
+
+def _building_once() -> Build:
+    """What builds a section of a row where it is first compared: of many rows there are far more pairs."""
+    built: dict[tuple[str, str], Any] = {}
+
+    def build(row: Row, section: str) -> Any:
+        if (key := (row.name, section)) not in built:
+            built[key] = row.config.build(section)
+        return built[key]
+
+    return build
+
+
+def _same(row: Row, other: Row, build: Build) -> bool:
     """Whether two rows are the same run, whatever of its defaults one of them writes."""
     plain = [f.name for f in fields(RunConfig) if f.name not in SECTIONS]
     if row.scene != other.scene or any(getattr(row.config, key) != getattr(other.config, key) for key in plain):
         return False
-    return all(_built_alike(section, row.config, other.config) for section in SECTIONS)
+    return all(_built_alike(section, row, other, build) for section in SECTIONS)
 
 
-def _built_alike(section: str, one: RunConfig, other: RunConfig) -> bool:
-    """Whether two configs come to the same components; those that are written alike, or called otherwise, load none."""
-    written = getattr(one, section), getattr(other, section)
+def _built_alike(section: str, one: Row, other: Row, build: Build) -> bool:
+    """Whether two rows come to the same components; those that are written alike, or called otherwise, load none."""
+    written = getattr(one.config, section), getattr(other.config, section)
     if written[0] == written[1] or written[0].keys() != written[1].keys():
         return written[0] == written[1]
-    return one.build(section) == other.build(section)
+    return bool(build(one, section) == build(other, section))
 
 
 def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from cltransfer.ablate.read import read_sweep
 from cltransfer.ablate.trial import trials
 from cltransfer.errors import UsageError
+from cltransfer.losses.framing import Framing
+from cltransfer.registry import LOSSES
 
 WEIGHED = "{a: {losses: {framing: {weight: 3}}}, b: {losses: {framing: {weight: 4}}}}"
 HINT = "(leave it out, or one of the rows)"
@@ -71,3 +74,19 @@ def test_a_row_in_the_same_scene_under_another_name_is_the_same_run(tmp_path: Pa
         trials(read_sweep(str(file)), {})
     file.write_text("references: ['builtin:orbit']\nrows: {a: {}, c: {scene: 'builtin:courtyard-1'}}\n")
     assert [trial.row for trial in trials(read_sweep(str(file)), {})] == ["a", "c"]
+
+
+def test_each_row_is_built_once_to_be_told_from_all_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a hundred rows there are five thousand pairs."""
+    built: list[float] = []
+
+    @dataclass(frozen=True)
+    class Counted(Framing):
+        def __post_init__(self) -> None:
+            built.append(self.weight)
+
+    monkeypatch.setitem(LOSSES._classes, "counted", Counted)
+    rows = [f"  row {weight}: {{losses: {{counted: {{weight: {weight}}}}}}}" for weight in range(8)]
+    (tmp_path / "sweep.yaml").write_text("\n".join(["rows:", *rows]))
+    read_sweep(str(tmp_path / "sweep.yaml"))
+    assert sorted(built) == list(range(8))
