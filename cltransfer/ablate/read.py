@@ -17,12 +17,13 @@ from ..config.options import SECTIONS, RunConfig
 from ..errors import UsageError
 from ..reading.scene_source import split_scene
 from ..registry.typed import IN_QUOTES, nearest, shown, typed
+from .axes import AXES, with_axes
 from .check import check_cases, check_rows
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
 NOT_FILES = ("builtin:", DRAWN)
-KEYS = tuple(f.name for f in fields(SweepFile))
+KEYS = (*(f.name for f in fields(SweepFile)), AXES)
 MEASURES = ("preset", "output_side", "extract", "renderer", "extractors", "losses")  # what a result is measured by
 MEASURES_EXTRACT = ("inner", "verify")  # and of extract
 COMMAND_LINE_KEYS = ("scenes", "references", "seeds", "metrics")
@@ -55,6 +56,7 @@ def read_sweep(name: str, overrides: Iterable[str] = ()) -> Sweep:
         if key not in KEYS:
             raise UsageError(path, key, "no such key", nearest(key, KEYS))
     _refuse_cluster(written.get("engine"), path)
+    written = with_axes(written, path)
     overrides = list(overrides)
     below_engine = [item for item in overrides if item.startswith("engine.")]  # beside engine=cma, which is the runs'
     above = parse_overrides((item for item in overrides if item not in below_engine), apart=True)

@@ -55,6 +55,7 @@ class SweepFile:
         base: config below every row.
         rows: overrides by name, in the config's grammar; the first row is what the others are held against. A row's
             ``scene`` stands in for the sweep's one scene; one that names no scene says what is other about that one.
+            What a file says as ``axes`` is rows by now, see :mod:`cltransfer.ablate.axes`.
         metrics: config over the base by which all rows are measured alike, whatever they were searched with: losses,
             extractors, ``extract``, the renderer and the size, ``output_side``.
         engine: what runs the trials; a file says workers, and no cluster.

@@ -36,6 +36,9 @@ def ablate(
 
     cltransfer ablate leave_one_out 'seeds=[0]' 'references=[drawn:orbit]' --out first
 
+    FILE names rows of overrides, rows: {plain: {}, heavy: {losses: {framing: {weight: 20}}}}, or has axes whose every
+    combination is a row, axes: {losses.framing.weight: [5, 10], losses.shot_size.mode: [robust, faithful]}.
+
     Every finished trial is on disk at once; the same command, which stands at the head of ablation.yaml, goes on after
     a kill. Leaves trials.jsonl, table.csv, table.md and table.tex. The exit code is 1 where a trial failed; its reason
     is in the table.
