@@ -147,7 +147,7 @@ def test_a_name_that_no_config_can_write_is_refused(name: str) -> None:
 
 def columns() -> list[str]:
     """Whatever stands beside ``framing`` in the tables that have a column for each loss, and what tells ways to err."""
-    one, zeros = Metric(0.0, "frame", 1, ""), torch.zeros(1, dtype=torch.float64)
+    one, zeros = Metric(0.0, "", 1, ""), torch.zeros(1, dtype=torch.float64)
     outcome = Outcome("key", "full", Case("room", "pan", 0), "", {"framing": one, "total": one}, 1)
     score = ClipScore("ours", "pan", {"framing": 0.0, "total": 0.0}, {"framing": 1, "total": 1}, 1)
     scores = Scores((Term("framing", "frame", 1.0, zeros),), zeros)
