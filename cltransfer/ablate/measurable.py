@@ -11,6 +11,8 @@ from ..pipeline.components import SCENE_SOURCE, Components
 from ..pipeline.plan import CLIP_SOURCE
 from .sweep import Sweep
 
+NAMED = 3  # rows that are named one by one; a grid has hundreds
+
 
 def check_measurable(sweep: Sweep) -> list[str]:
     """Refuse a loss that the metrics name and that no reading of theirs can ever feed.
@@ -54,7 +56,8 @@ def unmeasured(sweep: Sweep, told: Callable[[str], str] = str) -> list[str]:
         requires = next(row.config for row in sweep.rows if row.name == searched[0]).build("losses")[name].requires
         feeding = _feeding(sweep, [feature for feature in requires if feature not in given])
         hint = f"`{_written(losses=[name], extractors=feeding)}` measures it in every row, and adds it to the total"
-        lines.append(f"{told('; '.join(searched))}: {told(name)} is not measured; {hint}")
+        who = "; ".join(searched) if len(searched) <= NAMED else f"{len(searched)} rows, as {searched[0]}"
+        lines.append(f"{told(who)}: {told(name)} is not measured; {hint}")
     return lines
 
 

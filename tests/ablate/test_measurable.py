@@ -102,6 +102,14 @@ def test_a_loss_of_a_row_that_the_metrics_lack_is_told_with_its_extractor(sweep_
     ]
 
 
+@pytest.mark.parametrize(("rows", "who"), [(2, "losses.mood.weight=1; losses.mood"), (4, "4 rows, as losses")])
+def test_a_loss_of_many_rows_is_told_in_one_line(rows: int, who: str, tmp_path: Path) -> None:
+    weights = list(range(1, rows + 1))
+    (tmp_path / "grid.yaml").write_text(f"axes: {{losses.mood.weight: {weights}, extractors.read_mood: [{{}}]}}\n")
+    (line,) = unmeasured(read_sweep(str(tmp_path / "grid.yaml")))
+    assert line.replace(", extractors.read_mood={}", "").startswith(who)
+
+
 def test_what_is_not_measured_is_told_before_the_first_trial_and_not_again(
     sweep_file: SweepFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
