@@ -65,6 +65,7 @@ def evaluate(
     check_keys(overrides, (*SCORING, "seed") if methods else SCORING, "the scores")
     if out is not None:
         refuse_run(out, "metrics and report", "scores")
+        _refuse_other_scores(out, bool(methods))
     from ..computer.threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())
@@ -73,6 +74,17 @@ def evaluate(
     else:
         evaluate_clips(reference, render, settings, out, as_json, quiet)
     tell(unused_plugins(allow_plugin, settings), as_json)
+
+
+def _refuse_other_scores(out: Path, folders: bool) -> None:
+    """Refuse a folder with scores of the other kind: a part of them would be replaced, and the rest stay beside."""
+    of_folders = any((out / name).is_file() for name in ("methods.csv", "scores.jsonl"))
+    if folders and not of_folders and (out / "metrics.csv").is_file():
+        raise UsageError(
+            out, "--out", "holds the scores of one clip, of which a part would stay", "name another folder"
+        )
+    if of_folders and not folders:
+        raise UsageError(out, "--out", "holds the scores of folders, of which a part would stay", "name another folder")
 
 
 def evaluate_clips(reference: str, render: str, settings: Any, out: Path | None, as_json: bool, quiet: bool) -> None:

@@ -132,3 +132,18 @@ def test_that_the_same_command_goes_on_is_told_where_it_is_stopped(
     assert answer.err == "error: terminated (the same command goes on from here: out)\n"
     assert len((clips / "out" / KEPT).read_text().splitlines()) == 1
     assert command(*words, "--out", "elsewhere").err == "error: terminated\n"
+
+
+def test_scores_of_one_clip_and_of_folders_do_not_go_into_one_folder(
+    clips: Path, mean_flow: tuple[str, ...], command: Callable[..., Any]
+) -> None:
+    one, folders = ("evaluate", "refs/a.mkv", "ours/a.mkv"), ("evaluate", "refs", "ours")
+    for first, other, held in ((one, folders, "one clip"), (folders, one, "folders")):
+        out = held.replace(" ", "_")
+        for _ in range(2):
+            assert command(*first, *mean_flow, "--quiet", "--out", out).code == 0
+        found = {file.name: file.read_bytes() for file in (clips / out).iterdir()}
+        answer = command(*other, *mean_flow, "--quiet", "--out", out)
+        told = f"holds the scores of {held}, of which a part would stay (name another folder)"
+        assert (answer.code, answer.err) == (2, f"error: {out}: --out: {told}\n")
+        assert {file.name: file.read_bytes() for file in (clips / out).iterdir()} == found
