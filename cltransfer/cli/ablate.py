@@ -40,8 +40,8 @@ def ablate(
     combination is a row, axes: {losses.framing.weight: [5, 10], losses.shot_size.mode: [robust, faithful]}.
 
     Every finished trial is on disk at once; the same command, which stands at the head of ablation.yaml, goes on after
-    a kill. Leaves trials.jsonl, table.csv, table.md and table.tex. The exit code is 1 where a trial failed; its reason
-    is in the table.
+    a kill. Leaves trials.jsonl, table.csv, table.md, table.tex and summary.json, and references/, the cameras of drawn
+    shots. The exit code is 1 where a trial failed; its reason is in the table.
     """
     from ..ablate.read import read_sweep
     from ..plugins import allow

@@ -73,7 +73,11 @@ def simplify(
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(metavar="KEY=VALUE", help="k=2 (px), prune=0 (of a pixel), side=160 (px), floaters=keep."),
+        typer.Argument(
+            metavar="KEY=VALUE",
+            help="k=2 (px), prune=0 (least part of a pixel that keeps a Gaussian), side=160 (longer side of the frames that "
+            "it will be seen in [px]), floaters=keep.",
+        ),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
