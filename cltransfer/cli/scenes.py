@@ -75,8 +75,8 @@ def simplify(
         list[str] | None,
         typer.Argument(
             metavar="KEY=VALUE",
-            help="k=2 (px), prune=0 (least part of a pixel that keeps a Gaussian), side=160 (longer side of the frames that "
-            "it will be seen in [px]), floaters=keep.",
+            help="k=2 (px), prune=0 (least part of a pixel that keeps a Gaussian), side=160 (longer side of the frames "
+            "that it will be seen in [px]), floaters=keep.",
         ),
     ] = None,
     as_json: Json = False,
