@@ -12,13 +12,14 @@ if TYPE_CHECKING:
     from .features import Features
 
 BESIDE = 1e-3  # that rounding may leave values beside their range
+PEAK, DIP = 2.0, -0.05  # of a confidence: peaks of heatmaps go beyond [0, 1], and percentages and logits further
 CROWDED = 8  # px of a frame's longer side, from which on nobody stands in one pixel throughout
 
 
 def odd_values(features: Features, names: Iterable[str]) -> tuple[str, str, str] | None:
     """What of ``names`` has values that the feature cannot have, what they are, and what to do; None where nothing has.
 
-    NaN is undefined, and so is a depth of 0: whoever reads one leaves it out.
+    NaN is undefined, and so is a depth of 0: whoever reads one leaves it out. A confidence counts as it is up to 2.
     """
     for name in sorted(names):
         rule = _RULES.get(name)
@@ -49,10 +50,10 @@ def _crowded(places: Tensor, size: tuple[int, int]) -> _Told:
 
 def _share(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
     low, high = _ends(value)
-    if low >= -BESIDE and high <= 1 + BESIDE:
+    if low >= DIP and high <= PEAK:
         return None
     what = "" if name == "flow_confidence" else f"{name} "
-    return f"expected {what}in [0, 1], got {low:.3g} to {high:.3g}", "divide it by what is the most"
+    return f"expected {what}in [0, 1], got {low:.3g} to {high:.3g}", "clip to [0, 1], or divide percentages by 100"
 
 
 def _angles(name: str, value: Tensor, size: tuple[int, int]) -> _Told:

@@ -31,9 +31,9 @@ def having(name: str, columns: slice, factor: torch.Tensor | float) -> Features:
         (having("orientation", slice(3), 180 / math.pi), "orientation", "expected radians, of a whole turn at most"),
         (having("depth", slice(None), -1), "depth", "expected depths above 0, got -"),
         (
-            SAMPLE.having("flow_confidence", torch.full((2, 36, 64), 2.0)),
+            SAMPLE.having("flow_confidence", torch.full((2, 36, 64), 200.0)),
             "flow_confidence",
-            "expected in [0, 1], got 2",
+            "expected in [0, 1], got 200",
         ),
     ],
 )
@@ -56,3 +56,16 @@ def test_what_is_undefined_or_at_an_end_is_not_told() -> None:
     assert odd_values(replace(SAMPLE, orientation=whole), names) is None
     corner = replace(SAMPLE, size=(8, 5), keypoints=having("keypoints", slice(2), 1 / SIZE).keypoints)
     assert odd_values(corner, ["keypoints"]) is None
+
+
+def test_a_peak_that_goes_beyond_one_is_a_confidence() -> None:
+    """As peaks of heatmaps do; logits and percentages go further."""
+    peaks = having("keypoints", slice(2, 3), 0.0).require("keypoints")
+    peaks[:, :3, 2] = torch.tensor([1.1, 1.9, -0.04])
+    names = ["keypoints"]
+    assert odd_values(replace(SAMPLE, keypoints=peaks), names) is None
+    for beyond in (2.1, -0.5):
+        peaks[0, 0, 2] = beyond
+        odd = odd_values(replace(SAMPLE, keypoints=peaks), names)
+        assert odd is not None
+        assert odd[2] == "clip to [0, 1], or divide percentages by 100"

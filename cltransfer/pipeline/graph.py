@@ -82,8 +82,6 @@ def run_clip(
             dear = frozenset(whole.extractor.provides)
             keep, between = keep | dear, between | dear
     assert found is not None  # there is at least one stage
-    for step in plan.steps:
-        check_values(found, step.name, step.extractor.provides)
     return found.only(keep)
 
 
@@ -112,6 +110,7 @@ def _read_whole(step: Step, found: Features, load: Load, count: int) -> Features
     for name in step.extractor.provides:
         if not got.has(name) and name not in got.reasons:
             raise UsageError("", f"extractor {step.name}", f"gave neither {name!r} nor a reason")
+    check_values(got, step.name, step.extractor.provides)
     return got
 
 
@@ -170,6 +169,7 @@ def _run_chunk(steps: Sequence[Step], now: Features, last: Features | None) -> F
             for name in step.extractor.provides:
                 value = later.require(name)
                 now = now.having(name, torch.cat([_unknown(value[:1]), value]))
+        check_values(now, step.name, step.extractor.provides)
     return now
 
 

@@ -90,7 +90,7 @@ class ExtractorCase(ComponentCase):
                 unchanged(features, copied)
 
     def test_values_are_of_the_features_units(self) -> None:
-        """Pixels, radians and confidence in [0, 1], as any reading of a clip asks for."""
+        """Pixels, radians and confidence in about [0, 1], as any reading of a clip asks for."""
         now = self.blank(self._sample(1, 3))
         odd = odd_values(self.run(now, self.before(now)), self.component.provides)
         assert odd is None, f"{odd[0]}: {odd[1]} ({odd[2]})"

@@ -94,12 +94,36 @@ def test_a_copy_of_what_was_given_is_the_same() -> None:
     assert Step("mine", Deep(copied))(given, None).has("deep")
 
 
-def test_a_clip_that_is_read_in_another_unit_is_refused_with_who_read_it() -> None:
-    def in_degrees(now: Features) -> Features:
-        return replace(now, orientation=torch.rad2deg(now.require("orientation")))
+def in_degrees(now: Features) -> Features:
+    return replace(now, orientation=torch.rad2deg(now.require("orientation")))
 
+
+def test_a_clip_that_is_read_in_another_unit_is_refused_with_who_read_it() -> None:
     given, provides = sample_features(1, 2), ("deep", "orientation")
     step = Step("mine", Deep(in_degrees, provides=provides))
     plan = Plan((step,), frozenset({"orientation"}), frozenset({"deep"}), {})
     with pytest.raises(ModelError, match=r"^extractor mine: orientation: expected radians, .* \(torch\.deg2rad makes"):
         run_clip(replace(plan, wanted=frozenset(provides)), lambda a, b: given[a:b], len(given))
+
+
+def test_a_clip_in_another_unit_is_refused_before_all_of_it_is_read() -> None:
+    given, loaded = sample_features(1, 20), []
+
+    def load(start: int, stop: int) -> Features:
+        loaded.append((start, stop))
+        return given[start:stop]
+
+    step = Step("mine", Deep(in_degrees, provides=("deep", "orientation")))
+    for wanted in ({"orientation"}, {"deep"}):  # of what is wanted, and of what only another extractor reads
+        loaded.clear()
+        with pytest.raises(ModelError, match=r"^extractor mine: orientation: expected radians"):
+            run_clip(Plan((step,), frozenset({"orientation"}), frozenset(wanted), {}), load, len(given))
+        assert loaded == [(0, 8)]
+
+
+def test_what_an_extractor_of_whole_clips_reads_in_another_unit_is_refused_too() -> None:
+    given = sample_features(1, 2)
+    step = Step("mine", Deep(in_degrees, provides=("deep", "orientation"), whole_clip=True))
+    plan = Plan((step,), frozenset({"orientation"}), frozenset({"orientation", "deep"}), {})
+    with pytest.raises(ModelError, match=r"^extractor mine: orientation: expected radians"):
+        run_clip(plan, lambda a, b: given[a:b], len(given))
