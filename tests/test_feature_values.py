@@ -58,6 +58,25 @@ def test_what_is_undefined_or_at_an_end_is_not_told() -> None:
     assert odd_values(corner, ["keypoints"]) is None
 
 
+def test_parts_of_a_frame_are_told_of_a_person_that_it_cuts_off() -> None:
+    """Trackers guess joints beyond the frame; and write 0 or -1 of those that they did not find."""
+    parts = having("keypoints", slice(2), 1 / SIZE).require("keypoints")
+    parts[0, 10, 1], parts[1, 4, 0] = 1.02, -0.05
+    close = parts.clone()
+    close[:, 6:12, 1] += torch.tensor([0.8, 0.8, 2.0, 2.0, 3.0, 3.0])
+    for joints in (parts, close):
+        odd = odd_values(replace(SAMPLE, keypoints=joints), ["keypoints"])
+        assert odd is not None
+        assert odd[1].startswith("expected pixels of a frame of 64 x 36, got ")
+    pixels = SAMPLE.require("keypoints")
+    for lost in (0.0, -1.0):
+        joints = torch.full((20, 14, 3), lost)
+        joints[..., 2] = 0.0
+        assert odd_values(Features(SAMPLE.size, keypoints=joints), ["keypoints"]) is None
+        joints[0] = pixels[0]
+        assert odd_values(Features(SAMPLE.size, keypoints=joints), ["keypoints"]) is None
+
+
 def test_a_peak_that_goes_beyond_one_is_a_confidence() -> None:
     """As peaks of heatmaps do; logits and percentages go further."""
     peaks = having("keypoints", slice(2, 3), 0.0).require("keypoints")
