@@ -15,6 +15,8 @@ BESIDE = 1e-3  # that rounding may leave values beside their range
 PEAK, DIP = 2.0, -0.05  # of a confidence: peaks of heatmaps go beyond [0, 1], and percentages and logits further
 CROWDED = 8  # px of a frame's longer side, from which on nobody stands in one pixel throughout
 FAR = 8  # frames that no tracker guesses a joint beyond, and px of a corner that nobody stands in throughout
+TURN = 2 * math.pi + BESIDE
+TURNS = 4 * TURN  # that no camera goes about the person in one clip
 
 
 def odd_values(features: Features, names: Iterable[str]) -> tuple[str, str, str] | None:
@@ -63,11 +65,13 @@ def _share(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
 
 
 def _angles(name: str, value: Tensor, size: tuple[int, int]) -> _Told:
-    low, high = _ends(value)
-    most = max(-low, high)
-    if most <= 2 * math.pi + BESIDE:
+    """An orbit of more than a turn has a yaw beyond one, but not throughout; pitch and roll stay within it."""
+    least, yaw = _ends(value[..., :1].abs())
+    other = _ends(value[..., 1:].abs())[1]
+    if least <= TURN and yaw <= TURNS and other <= TURN:
         return None
-    return f"expected radians, of a whole turn at most, got {most:.4g}", "torch.deg2rad makes them of degrees"
+    told = f"a yaw of {yaw:.4g}" if least > TURN or yaw > TURNS else f"a pitch or roll of {other:.4g}"
+    return f"expected radians, got {told}", "wrap it, or torch.deg2rad if these are degrees"
 
 
 def _depth(name: str, value: Tensor, size: tuple[int, int]) -> _Told:

@@ -28,7 +28,7 @@ def having(name: str, columns: slice, factor: torch.Tensor | float) -> Features:
         (having("keypoints", slice(2), 1 / SIZE), "keypoints", "expected pixels of a frame of 64 x 36, got 0."),
         (having("keypoints", slice(2, 3), 100), "keypoints", "expected confidence in [0, 1], got 6"),
         (having("box", slice(4), 1 / SIZE.repeat(2)), "box", "expected pixels of a frame of 64 x 36"),
-        (having("orientation", slice(3), 180 / math.pi), "orientation", "expected radians, of a whole turn at most"),
+        (having("orientation", slice(3), 180 / math.pi), "orientation", "expected radians, got a pitch or roll of 26"),
         (having("depth", slice(None), -1), "depth", "expected depths above 0, got -"),
         (
             SAMPLE.having("flow_confidence", torch.full((2, 36, 64), 200.0)),
@@ -75,6 +75,23 @@ def test_parts_of_a_frame_are_told_of_a_person_that_it_cuts_off() -> None:
         assert odd_values(Features(SAMPLE.size, keypoints=joints), ["keypoints"]) is None
         joints[0] = pixels[0]
         assert odd_values(Features(SAMPLE.size, keypoints=joints), ["keypoints"]) is None
+
+
+def test_an_orbit_of_more_than_a_turn_is_of_radians() -> None:
+    orbit = torch.zeros(40, 3)
+    orbit[:, 0], orbit[:, 1] = torch.linspace(-math.pi, 4 * math.pi, 40), -0.2
+    orbit[3] = torch.nan
+    names = ["orientation"]
+    assert odd_values(Features((64, 36), orientation=orbit), names) is None
+    still, level = torch.tensor([20.0, 4.0, 1.0]), torch.tensor([1.0, 0.0, 0.0])
+    degrees = {  # of an orbit, of a camera that stands, and of one that looks down
+        "a yaw of 720": torch.rad2deg(orbit) * level,
+        "a yaw of 20": still.expand(40, 3),
+        "a pitch or roll of 12": torch.tensor([3.0, -12.0, 0.0]).expand(40, 3),
+    }
+    for came, angles in degrees.items():
+        told = f"expected radians, got {came}", "wrap it, or torch.deg2rad if these are degrees"
+        assert odd_values(Features((64, 36), orientation=angles), names) == ("orientation", *told)
 
 
 def test_a_peak_that_goes_beyond_one_is_a_confidence() -> None:

@@ -102,7 +102,8 @@ def test_a_clip_that_is_read_in_another_unit_is_refused_with_who_read_it() -> No
     given, provides = sample_features(1, 2), ("deep", "orientation")
     step = Step("mine", Deep(in_degrees, provides=provides))
     plan = Plan((step,), frozenset({"orientation"}), frozenset({"deep"}), {})
-    with pytest.raises(ModelError, match=r"^extractor mine: orientation: expected radians, .* \(torch\.deg2rad makes"):
+    line = r"^extractor mine: orientation: expected radians, .* \(wrap it, or torch\.deg2rad if these are degrees\)$"
+    with pytest.raises(ModelError, match=line):
         run_clip(replace(plan, wanted=frozenset(provides)), lambda a, b: given[a:b], len(given))
 
 
