@@ -193,7 +193,7 @@ def persons_in(detector: Step, frames: Features) -> list[np.ndarray]:
     """Boxes (P, 5) of all persons in each of the frames.
 
     Raises:
-        ModelError: a plugin gives something else.
+        ModelError: a plugin gives something else, or no pixels.
     """
     with detector.named, torch.no_grad():
         found = detector.extractor.persons(frames)
@@ -203,4 +203,6 @@ def persons_in(detector: Step, frames: Features) -> list[np.ndarray]:
         kinds = ", ".join(sorted({f"{type(b).__name__} {tuple(getattr(b, 'shape', ()))}" for b in boxes}))
         reason = f"expected an array (P, 5) of persons for each of {len(frames)} frames, got {came}"
         raise ModelError("", f"extractor {detector.name}", reason + f": {kinds}" * bool(kinds))
+    told = torch.from_numpy(np.concatenate(boxes, dtype=np.float64)) if boxes else torch.empty(0, 5)
+    check_values(Features(frames.size, box=told), detector.name, ("box",))
     return boxes

@@ -89,7 +89,7 @@ def clip_features(image: Tensor, plan: Plan, progress: Progress = silent, times:
 
     Raises:
         ValueError: ``image`` or ``times`` is anything else.
-        ModelError: a network that the plan reads by is not there.
+        ModelError: a network that the plan reads by is not there, or what is read has values that it cannot have.
         ResourceError: what is read takes more memory than is free.
     """
     _check_frames(image)
