@@ -18,7 +18,7 @@ class LossCase(ComponentCase):
     """What a loss keeps to: zero on itself, NaN without a person, the same alone as in a batch."""
 
     def larger(self, features: Features) -> Features:
-        """The same frames twice as wide and high; override it for extras in pixels."""
+        """The same frames twice as wide and high, maps of extras too; override it for extras in pixels."""
         return twice_as_large(features)
 
     def test_names_what_it_requires(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 from ..camera import Camera
 from ..feature_shapes import SHAPES
@@ -60,7 +61,7 @@ def sample_features(seed: int, batch: int) -> Features:
     depth = torch.where(subject, near, torch.where(post, near * (0.4 + 0.001 * x), wall)).float()
     return Features(
         camera.size,
-        image=torch.rand(batch, 3, *x.shape, generator=random),
+        image=_smooth(torch.rand(batch, 3, *x.shape, generator=random)),
         alpha=torch.ones_like(depth),
         label=subject.float(),
         depth=depth,
@@ -91,11 +92,15 @@ def without_person(features: Features) -> Features:
 
 
 def twice_as_large(features: Features) -> Features:
-    """The same frames of twice the width and height, maps too; all that is in pixels is doubled, extras stay."""
+    """The same frames of twice the width and height, maps too; all that is in pixels is doubled.
+
+    Extras of a value for each pixel of the frame, (B, ..., H, W), are maps too; others stay as they are.
+    """
     width, height = (2 * side for side in features.size)
-    changed: dict[str, Any] = {}
-    for name in features.names() & {name for name, shape in SHAPES.items() if shape[-2:] == (None, None)}:
-        changed[name] = features.require(name).repeat_interleave(2, -1).repeat_interleave(2, -2)
+    maps = features.names() & {name for name, shape in SHAPES.items() if shape[-2:] == (None, None)}
+    changed: dict[str, Any] = {name: _repeated(features.require(name)) for name in maps}
+    shape = (features.size[1], features.size[0])
+    extras = {n: _repeated(v) if v.shape[1:][-2:] == shape else v for n, v in features.extras.items()}
     for name, columns in (("keypoints", 2), ("box", 4)):
         if features.has(name):
             values = features.require(name)
@@ -104,7 +109,16 @@ def twice_as_large(features: Features) -> Features:
         changed["flow"] = 2 * changed["flow"]
     if features.camera is not None:
         changed["camera"] = features.camera.at_size((width, height))
-    return dataclasses.replace(features, size=(width, height), **changed)
+    return dataclasses.replace(features, size=(width, height), extras=extras, **changed)
+
+
+def _repeated(maps: Tensor) -> Tensor:
+    return maps.repeat_interleave(2, -1).repeat_interleave(2, -2)
+
+
+def _smooth(noise: Tensor) -> Tensor:
+    """Every eighth pixel of ``noise`` (B, 3, H, W) and what lies between: it resizes as a photograph does."""
+    return interpolate(noise[..., ::8, ::8], noise.shape[-2:], mode="bilinear")
 
 
 def pixel_centres(size: tuple[int, int]) -> tuple[Tensor, Tensor]:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import pytest
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 from cltransfer.features import Features
 from cltransfer.testing import LossCase, sample_features, twice_as_large
@@ -145,6 +146,52 @@ class TestALossOnAnExtraInPixels(LossCase):
 
     def larger(self, features: Features) -> Features:
         return twice_as_large(features).having("horizon", 2 * features.require("horizon"))
+
+
+@dataclass(frozen=True)
+class Likeness(GazeMatch):
+    """Difference of the images as a network would see them, at its own size."""
+
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    power: int = 1
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        wanted, found = (
+            interpolate(side.require("image"), (224, 224), mode="bilinear") for side in (reference, rendered)
+        )
+        return (found - wanted).abs().pow(self.power).flatten(1).mean(1)
+
+
+class TestALossAtASizeOfItsOwn(LossCase):
+    component = Likeness()
+
+
+class TestALossOfSquaresAtASizeOfItsOwn(LossCase):
+    component = Likeness(power=2)
+
+
+@dataclass(frozen=True)
+class InFocus(GazeMatch):
+    """How much of the person is in focus, by a map of a plugin's own."""
+
+    requires: ClassVar[tuple[str, ...]] = ("subject", "focus")
+
+    def __call__(self, reference: Features, rendered: Features) -> Tensor:
+        wanted, found = (self.of(side) for side in (reference, rendered))
+        return (found - wanted).abs()
+
+    def of(self, side: Features) -> Tensor:
+        person = side.require("subject")
+        share: Tensor = (side.require("focus")[:, 0] * person).flatten(1).sum(1) / person.flatten(1).sum(1)
+        return share.where(person.flatten(1).any(1), torch.nan)
+
+
+class TestALossOnAMapOfAPluginsOwn(LossCase):
+    component = InFocus()
+
+    def sample(self, seed: int, batch: int) -> Features:
+        focus = torch.rand(batch, 1, 36, 64, generator=torch.Generator().manual_seed(seed))
+        return sample_features(seed, batch).having("focus", focus)
 
 
 @dataclass(frozen=True)
