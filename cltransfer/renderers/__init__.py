@@ -34,7 +34,8 @@ class Renderer(Protocol):
         A run asks under ``torch.no_grad()``.
 
         They are on the CPU, where cameras and scenes are, whatever device has drawn them. Image, alpha and label are
-        in [0, 1], 0 where nothing is; depth and expected_depth are above 0 and finite, NaN where nothing is.
+        in [0, 1], 0 where nothing is; depth and expected_depth are above 0 and finite, NaN where nothing is: for depth
+        that is wherever alpha is below 0.5, and nowhere else.
 
         Raises:
             UsageError: the scene holds a geometry this renderer does not draw.

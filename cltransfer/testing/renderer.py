@@ -120,13 +120,13 @@ class RendererCase(ComponentCase):
         assert share > MOST, f"{share:.0%} of the pixels are within {spacing:.3g} of a surface point: {hint}"
 
     def test_something_is_where_depth_is(self) -> None:
-        """Nine in ten pixels that the scene covers by more than half have a depth, and no others."""
+        """Nine in ten pixels that the scene covers by half or more have a depth, and no others."""
         if not {"alpha", "depth"} <= set(self.component.provides):
             return
         features = self.render(2, frozenset({"alpha", "depth"}))
-        covered, known = features.require("alpha") > 0.5, features.require("depth").isfinite()
+        covered, known = features.require("alpha") >= 0.5, features.require("depth").isfinite()
         assert float((covered & known).sum()) >= MOST * float((covered | known).sum()), (
-            "alpha is above 0.5 elsewhere than depth is known"
+            "alpha is 0.5 or more elsewhere than depth is known"
         )
 
     def test_each_buffer_is_drawn_where_the_cameras_look(self) -> None:

@@ -233,3 +233,18 @@ def test_depth_along_the_ray_is_found_out_in_a_scene_of_any_size_without_a_perso
         OfBall().test_depth_is_where_the_scene_is()
     OfBall.component = Straight()
     OfBall().test_depth_is_where_the_scene_is()
+
+
+def half_seen(drawn: Features) -> Features:
+    """Of every other ray, as edges of a mesh are that is drawn by several a pixel."""
+    return replace(drawn, alpha=(drawn.require("alpha") >= 0.5) * 0.5) if drawn.has("alpha") else drawn
+
+
+def test_what_covers_half_of_a_pixel_has_a_depth() -> None:
+    class OfHalf(OfLearnt):
+        component: ClassVar[Any] = Spoilt(half_seen)
+
+    OfHalf().test_something_is_where_depth_is()
+    OfHalf.component = Spoilt(lambda drawn: replace(half_seen(drawn), depth=torch.full_like(drawn.depth, torch.nan)))
+    with pytest.raises(AssertionError, match=r"^alpha is 0\.5 or more elsewhere than depth is known"):
+        OfHalf().test_something_is_where_depth_is()
