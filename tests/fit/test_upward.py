@@ -36,6 +36,25 @@ def test_up_that_is_near_no_axis_is_told_as_it_is() -> None:
     assert upward(around(up, 0.4, RING)) == pytest.approx(up, abs=1e-3)
 
 
+@pytest.mark.parametrize("degrees", [10.0, 20.0, 29.0])
+def test_up_in_the_world_of_a_first_camera_that_looks_down_is_what_the_horizons_tell(degrees: float) -> None:
+    """COLMAP's world is the frame of the first image that it places."""
+    down = math.radians(degrees)
+    turns = torch.arange(16).double() * math.pi / 8
+    cameras = around((0.0, 0.0, 1.0), down, turns)
+    first = Camera(cameras.w2c @ cameras.w2c[0].inverse(), cameras.K, cameras.size)
+    assert upward(first) == pytest.approx((0.0, -math.cos(down), -math.sin(down)), abs=1e-3)
+
+
+def test_up_is_an_axis_where_cameras_were_held_about_level() -> None:
+    cameras, random = around((0.0, 0.0, 1.0), 0.4, RING), torch.Generator().manual_seed(0)
+    roll, aslant = torch.eye(4).double().repeat(8, 1, 1), 0.1 * torch.randn(8, generator=random).double()
+    roll[:, 0, 0], roll[:, 0, 1], roll[:, 1, 0], roll[:, 1, 1] = (
+        aslant.cos(), -aslant.sin(), aslant.sin(), aslant.cos(),
+    )  # fmt: skip
+    assert upward(Camera(roll @ cameras.w2c, cameras.K, cameras.size)) == (0.0, 0.0, 1.0)
+
+
 def test_views_that_look_one_way_have_the_mean_of_their_own_up() -> None:
     w2c = torch.eye(4).double().repeat(5, 1, 1)
     w2c[:, 0, 3] = torch.arange(5)
