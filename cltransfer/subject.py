@@ -13,9 +13,10 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .skeleton import JOINTS, key_joints
+from .skeleton import JOINTS, key_joints, stature
 from .storage.files import read_json, write_json
 
+TALLER = 3.0  # times the height that the bones tell, or as much less: a body of two heads is less than 2.5 times it
 UNIT = 1e-3  # by which a unit vector may be longer or shorter, and lean
 
 
@@ -137,6 +138,9 @@ class Subject:
             yield "facing", f"{slant:.3g} of its length along up", "a vector orthogonal to up"
         if not math.isfinite(self.height):
             yield "height", str(self.height), "a length"
+        bones = stature(self.joints)  # NaN where no bone is known
+        if bones * TALLER < self.height < math.inf or self.height * TALLER < bones:
+            yield "height", f"{self.height:g}", f"about {bones:.3g}, as its bones tell"
         if self.metres_per_unit is not None and not 0 < self.metres_per_unit < math.inf:
             yield "metres_per_unit", str(self.metres_per_unit), "a number above 0 or null"
         for i, (name, joint, confidence) in enumerate(zip(JOINTS, self.joints, self.confidence.tolist())):

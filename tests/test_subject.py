@@ -17,7 +17,7 @@ from cltransfer.testing import sample_subject
 
 
 def subject() -> Subject:
-    joints = torch.arange(42, dtype=torch.float64).reshape(14, 3)
+    joints = sample_subject().joints.clone()
     joints[3] = torch.nan
     confidence = torch.ones(14, dtype=torch.float64)
     confidence[3] = 0
@@ -59,6 +59,8 @@ def test_left_is_left_of_facing() -> None:
         ({"facing": [2, 0, 0]}, "facing: expected a unit vector"),
         ({"height": -1}, "height must be positive"),
         ({"height": 10**400}, "not a subject: int too large"),
+        ({"height": 1700}, "height: expected about 1.72, as its bones tell, got 1700"),
+        ({"height": 0.17}, "height: expected about 1.72, as its bones tell, got 0.17"),
         ({"metres_per_unit": -1}, "metres_per_unit: expected a number above 0 or null, got -1.0"),
         ({"metres_per_unit": 0}, "metres_per_unit: expected a number above 0 or null, got 0.0"),
         ({"metres_per_unit": math.inf}, "metres_per_unit: expected a number above 0 or null, got inf"),
@@ -73,6 +75,20 @@ def test_a_damaged_subject_is_refused_by_field(tmp_path: Path, change: dict, mes
         Subject.load(path)
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_a_body_of_another_build_has_its_own_height(tmp_path: Path) -> None:
+    """A figure of two heads stands as high as its bones would be in a person of less than half of that."""
+    person = sample_subject()
+    x, y, z = person.joints.unbind(1)
+    legs = z[[6, 7]].mean()
+    squat = torch.where(z > legs, 0.25 * 1.7 + (z - legs) * 0.75 * 1.7 / (1.7 - legs), z * 0.25 * 1.7 / legs)
+    replace(person, joints=torch.stack([x, y, squat], 1)).save(tmp_path / "squat.json")
+    one_known = torch.full_like(person.joints, torch.nan)
+    one_known[12] = person.joints[12]
+    sure = one_known.isfinite().all(1).double()
+    replace(person, joints=one_known, confidence=sure).save(tmp_path / "head.json")
+    assert {Subject.load(tmp_path / name).height for name in ("squat.json", "head.json")} == {1.7}
 
 
 @pytest.mark.parametrize("pose", ["sitting", "bowing", "stepping"])

@@ -13,9 +13,9 @@ class Geometry(Protocol):
 
     Who asks for what: ``transfer``, ``render`` and references for ``renderer``, ``label`` and N; finding the person
     (``lift``, or a transfer without ``--subject``) for ``means`` and ``with_label`` too, and for image and depth of its
-    renderer. A search asks the renderer for what its losses reach, the shipped ones label and depth, and its guard for
-    depth. What only splats have is done to splats alone: ``floaters=drop`` leaves others as they are; ``lod``,
-    ``simplify`` and ``bake`` refuse them.
+    renderer; a person from a file for ``means``, that it lies where it is marked. A search asks the renderer for what
+    its losses reach, the shipped ones label and depth, and its guard for depth. What only splats have is done to splats
+    alone: ``floaters=drop`` leaves others as they are; ``lod``, ``simplify`` and ``bake`` refuse them.
 
     Tensors are on the CPU and without gradient. It is never changed, and told apart by identity: a dataclass is
     ``@dataclass(frozen=True, eq=False)``.

@@ -27,6 +27,7 @@ from ...storage.tensor_file import save_tensors
 from ...subject import Subject
 from .. import Scene
 from .find_people import Boxes
+from .fits import check_fits
 from .lift import Lift, LiftOptions, lift, summary
 
 WANTED = frozenset({"box", "keypoints", "subject", "orientation"})
@@ -115,9 +116,18 @@ def save_labels(folder: Path, label: Tensor) -> None:
 def load_person(scene: Scene, subject_file: Path) -> Scene:
     """The scene with the person of ``subject_file``, marked by the labels beside it, or else by the scene's files.
 
+    Where its primitives reach only a part of the joints a warning says so.
+
     Raises:
-        InputError: a file is damaged, the labels are of another scene or not from 0 to 1, or there are none at all.
+        InputError: a file is damaged, the labels are of another scene or not from 0 to 1, there are none at all, or
+            what they mark lies elsewhere than the person.
     """
+    found = _read_person(scene, subject_file)
+    check_fits(subject_file, found)
+    return found
+
+
+def _read_person(scene: Scene, subject_file: Path) -> Scene:
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
@@ -160,7 +170,7 @@ def lifted_scene(
         return scene
     cached = cached_lift(scene, renderer, extractors, person)
     if cached.is_file():
-        found = load_person(scene, cached)
+        found = _read_person(scene, cached)  # which is kept by what the scene holds, and so fits it
     else:
         lifted = lift_scene(scene, renderer, extractors, LiftOptions(person=person), progress)
         cache_lift(cached.parent, lifted)

@@ -30,7 +30,7 @@ def vote_labels(means: Tensor, cameras: Camera, seen: Features, subject: Subject
     A primitive seen by some view belongs to the person if most of the views that see it have it in the mask. One that
     no view sees (inside the body) belongs to it if nearly all masks hold it. Nothing far from the bones does.
     """
-    near = _bone_distance(means, subject) < REACH * subject.height
+    near = bone_distance(means, subject) < REACH * subject.height
     index = near.nonzero()[:, 0]
     points = means[index]
     inside = torch.zeros(len(index), dtype=torch.float64)
@@ -62,7 +62,7 @@ def _pixel(pixels: Tensor, depth: Tensor, size: tuple[int, int]) -> tuple[Tensor
     return on, row.where(on, torch.zeros_like(row)), column.where(on, torch.zeros_like(column))
 
 
-def _bone_distance(means: Tensor, subject: Subject) -> Tensor:
+def bone_distance(means: Tensor, subject: Subject) -> Tensor:
     """Distance (N,) to the nearest known bone, or to a vertical line where a limb is unknown."""
     nearest = torch.full((len(means),), torch.inf, dtype=torch.float64)
     ends = [(subject.joints[a], subject.joints[b]) for a, b in _BONES]
