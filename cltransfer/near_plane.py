@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import torch
+from torch import Tensor
+
+from .camera import Camera
 from .registry import RENDERERS
 
 NEAR, FADE = "near", "near_fade"  # options of a renderer: nothing nearer is drawn, and it fades in over this
@@ -30,6 +34,27 @@ def smaller_near(renderer: Any, distance: float) -> str:
         return f"{above}{NEAR}={_short(distance)}"
     near, fade = near_plane(distance)
     return f"{above}{NEAR}={_short(near)} {above}{FADE}={_short(fade)}"
+
+
+def cut_note(renderer: Any, cameras: Camera, joints: Tensor) -> str:
+    """Where a person comes nearer to a camera than what ``renderer`` draws whole, as in a scene whose unit is large.
+
+    Args:
+        renderer: that draws the scene.
+        cameras: N frames.
+        joints: of the person, (J, 3); NaN where unknown.
+
+    Returns:
+        In words, with the options that draw the person whole; empty where no frame shows a joint that near.
+    """
+    pixels, depth = cameras.project(joints)
+    shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
+    nearest = torch.where(shown, depth, torch.inf).amin(1)
+    count, least = int((nearest < drawn_whole(renderer)).sum()), float(nearest.min())
+    if not count:
+        return ""
+    where = f"in {count} of {len(cameras)} frames, as near as {least:.2g} scene units"
+    return f"the person is faded or cut {where}: set {smaller_near(renderer, least / 2)}"
 
 
 def near_plane(distance: float) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..extractors.scene_orientation import SceneOrientation
 from ..features import Features
 from ..models.content import READERS, read_by, reading
+from ..near_plane import cut_note
 from ..pipeline.components import SCENE_SOURCE, Components
 from ..pipeline.graph import CHUNK, run_clip
 from ..pipeline.plan import Family, Plan
@@ -261,6 +262,8 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         features = run_clip(plan, load, len(path), progress, task)
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]
     digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()
+    if scene.subject is not None and (note := cut_note(renderer, path.camera, scene.subject.joints)):
+        flags = (note, *flags)
     features = replace(features, camera=None, person=None)
     name, focal = Path(source.removeprefix(BUILTIN).replace("@", "-")).stem, path.camera.focal
     zoom, family = float(focal.max() / focal.min()), reading.scene_family

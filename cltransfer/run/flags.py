@@ -13,7 +13,7 @@ from ..export.lens import FULL_FRAME, millimetres
 from ..features import nobody
 from ..losses.camera_movement import weight_note
 from ..losses.shot_size import ShotSize, degenerate
-from ..near_plane import drawn_whole, smaller_near
+from ..near_plane import cut_note
 from ..reading.frames import hidden
 from ..reading.zoom import lens_range
 from ..report.data import Flag
@@ -117,17 +117,9 @@ def _floaters(result: Result) -> Iterator[Flag]:
 
 
 def _near(result: Result) -> Iterator[Flag]:
-    """Whether the person comes nearer to a camera than what is drawn whole, as in a scene whose unit is large."""
-    person, cameras = result.scene.subject, result.trajectory.camera
-    if person is None:
-        return
-    pixels, depth = cameras.project(person.joints)
-    shown = ((pixels >= 0) & (pixels < pixels.new_tensor(cameras.size))).all(-1) & (depth > 0)
-    nearest = torch.where(shown, depth, torch.inf).amin(1)
-    count, least = int((nearest < drawn_whole(result.renderer)).sum()), float(nearest.min())
-    if count:
-        where = f"in {count} of {len(cameras)} frames, as near as {least:.2g} scene units"
-        yield Flag(None, f"the person is faded or cut {where}: set {smaller_near(result.renderer, least / 2)}")
+    person = result.scene.subject
+    if person is not None and (note := cut_note(result.renderer, result.trajectory.camera, person.joints)):
+        yield Flag(None, note)
 
 
 def _lens(result: Result) -> Iterator[Flag]:

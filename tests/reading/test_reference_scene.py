@@ -13,8 +13,10 @@ from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
+from cltransfer.reading.named_scenes import load_reference_scene
 from cltransfer.reading.reference import Reading, Reference, read_reference
 from cltransfer.scenes.load import load_scene
+from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats
 from cltransfer.scenes.splats import Splats
 from cltransfer.trajectory import Trajectory
@@ -84,3 +86,28 @@ def test_in_a_scene_that_teaches_without_a_person_the_largest_is_followed_and_to
     read = read_by(one_by_one, "builtin:plaza", tmp_path / "shot.json", str(tmp_path / "scene.ply"))
     torch.testing.assert_close(read.features.require("mine"), torch.full((4, 1), 3.2))
     assert read.flags == ("person 0 is followed, seen in 4 frames; also seen: 1 in 4 frames",)
+
+
+def test_a_scene_that_teaches_with_its_person_cut_is_told_with_what_would_draw_them() -> None:
+    def told(*overrides: str) -> tuple[str, ...]:
+        parts = Components.build(load_config(overrides=overrides))
+        return read_reference("builtin:push_in", parts, Reading(2, 64)).flags
+
+    assert told() == ()
+    (note,) = told("renderer.gaussian_splats.near=5", "renderer.gaussian_splats.near_fade=0")
+    assert note.startswith("the person is faded or cut in 1 of 2 frames, as near as ")
+    assert told(*note.partition(": set ")[2].split()) == ()
+
+
+def test_a_scene_that_teaches_in_a_small_unit_is_told_to_be_cut(tmp_path: Path) -> None:
+    scene, path = load_reference_scene("builtin:push_in", 2, 64)
+    geometry, person = scene.geometry, scene.person
+    write_splats(tmp_path / "mm.ply", replace(geometry, means=geometry.means / 1000, scales=geometry.scales / 1000))
+    replace(person, joints=person.joints / 1000, height=person.height / 1000).save(tmp_path / "subject.json")
+    save_labels(tmp_path, geometry.label)
+    w2c = path.camera.w2c.clone()
+    w2c[:, :3, 3] /= 1000
+    replace(path, camera=replace(path.camera, w2c=w2c)).save(tmp_path / "path.json")
+    parts = Components.build(load_config())
+    (note,) = read_reference(f"{tmp_path}/mm.ply@{tmp_path}/path.json", parts, Reading(2, 64)).flags
+    assert note.startswith("the person is faded or cut in 2 of 2 frames, as near as 0.00")
