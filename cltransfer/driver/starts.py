@@ -10,6 +10,7 @@ from torch import Tensor
 from ..camera import Camera, concatenate
 from ..errors import InputError
 from ..features import Features
+from ..near_plane import smaller_near
 from .closed_form import Guide, closed_form
 from .initial_view import any_view, best_of_orbit, first_seen
 from .schedule import Schedule
@@ -79,7 +80,8 @@ class Starting:
             if orbit is not None:
                 homes.append(orbit)
         if not homes:
-            raise NoViewError(
-                stage.scene.name, "--init", "no view around the subject shows it", "give one: --init FILE"
-            )
+            options = "" if subject is None else smaller_near(stage.renderer, subject.height / 2)
+            cut = f"if it is cut off before the lens, {options}; else " if options else ""
+            reason, hint = "no view around the subject shows it", f"{cut}give one: --init FILE"
+            raise NoViewError(stage.scene.name, "--init", reason, hint)
         return Starts(concatenate(homes), guide)
