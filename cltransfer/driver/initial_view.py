@@ -29,6 +29,7 @@ AZIMUTHS = 16  # of a full orbit, where the reference does not say where the per
 ELEVATIONS = (0.0, 0.3)  # [rad]; below the subject lies the ground
 COARSE = 0.5 * 1.4 ** torch.arange(9, dtype=torch.float64)  # subject heights, 0.5 to 7.4
 FINE = 0.5 * 1.07 ** torch.arange(41, dtype=torch.float64)  # the same range again, from the best stand
+AMID = 1e-6  # subject heights from the middle of the body, below which rounding alone tells in which direction
 ALIKE = 1e-3  # by which two vectors differ at most that are one view
 BATCH = 16  # views rendered together
 KEPT = 4  # views that the first frame may start from
@@ -55,6 +56,17 @@ def given_view(source: str) -> Camera:
     tell_beside(f"--init {source}", camera, "the search begins as if it were there")
     tell_oblong(f"--init {source}", camera, "the search begins with fy alone")
     return camera
+
+
+def check_apart(source: str, view: Camera, subject: Subject) -> None:
+    """Hold the view of ``source`` against the person's middle, from where a search about the person has no direction.
+
+    Raises:
+        InputError: it stands there.
+    """
+    if not float((view.center - subject.anchor).norm()) > AMID * subject.height:
+        reason = "expected a camera beside the person, got one at the middle of the body"
+        raise InputError(f"--init {source}", "", reason, "move it away by half a height or more")
 
 
 def tell_turned_away(source: str, view: Camera, subject: Subject) -> None:

@@ -26,6 +26,7 @@ SCENE_SUFFIXES = (
     ".yaml",
     ".yml",
 )  # of what we read ourselves
+HEAVIEST = 1e12  # of a loss beside others: squares of what is weighted stay numbers
 _ABSENT = object()
 
 
@@ -116,7 +117,7 @@ def _positive(value: Any) -> bool:
 
 
 def _weight(value: Any) -> bool:
-    return _number(value) and value >= 0
+    return _number(value) and 0 <= value <= HEAVIEST
 
 
 def _count(value: Any) -> bool:
@@ -159,7 +160,7 @@ LOSS = (
     USES,
     Declared("unit", "the unit of the raw value as text", 'unit = "frame"', _text),
     Declared("penalty", "a finite number above 0", "penalty = 1.0", _positive),
-    Declared("weight", "a number of 0 or more", "weight: float = 1.0", _weight, option=True),
+    Declared("weight", "a number from 0 to 1e12", "weight: float = 1.0", _weight, option=True),
     Declared("__call__", "the raw loss, (B,)", "def __call__(self, reference, rendered)"),
     Declared(
         "groups", "the group of each residual, counted from 0", "groups = (0,)", _groups,

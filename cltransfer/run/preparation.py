@@ -17,7 +17,7 @@ from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
 from ..drawing import check_renderer
 from ..driver.guard import READ, Guard
-from ..driver.initial_view import any_view, given_view, tell_other_shape, tell_turned_away
+from ..driver.initial_view import any_view, check_apart, given_view, tell_other_shape, tell_turned_away
 from ..driver.journal import VIEW, fingerprint
 from ..driver.recent import Recent
 from ..driver.schedule import Schedule, make_schedule
@@ -127,12 +127,15 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
     view = None if given.view is None else resized(given.view, output)
     home = any_view(scene.subject, output) if view is None and scene.subject is not None else view
+    about = scene.subject if search.needs_subject else None
+    if view is not None and about is not None:
+        check_apart(inputs.init, view, about)
     if home is not None:
         check_search(search, home, scene.subject)
     if given.view is not None:
         tell_other_shape(inputs.init, given.view, reference.features.size)
-    if view is not None and search.needs_subject and scene.subject is not None:
-        tell_turned_away(inputs.init, view, scene.subject)
+    if view is not None and about is not None:
+        tell_turned_away(inputs.init, view, about)
     at = places(reference.times)
     starting = Starting(search, schedule, config.guide, view, output, reference.family == "image", at)
     starts = starting.starts(replace(stage, scene=solid), wanted)

@@ -22,12 +22,14 @@ from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.progress import silent
 from cltransfer.run.inputs import Inputs
-from cltransfer.run.preparation import Clock, prepare
+from cltransfer.run.preparation import Clock, Job, prepare
 from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.load import load_scene
 from cltransfer.shots import shot
 from cltransfer.testing.samples import sample_cameras, sample_features
 from cltransfer.trajectory import Trajectory
+
+TINY = ["preset=fast", "frames=2", "search_side=48", "output_side=48"]
 
 
 def test_the_first_camera_of_a_trajectory_keeps_its_field_of_view(tmp_path: Path) -> None:
@@ -107,7 +109,7 @@ def test_a_view_that_looks_away_from_the_person_is_told(
     ahead = eye - math.cos(turn) * subject.facing + math.sin(turn) * subject.left
     view = Camera.look_at(eye[None], ahead[None], subject.up, 0.7, (96, 54))
     Trajectory(view, torch.zeros(1, dtype=torch.float64)).save(path)
-    config = load_config(overrides=["preset=fast", "frames=2", "search_side=48", "output_side=48"])
+    config = load_config(overrides=TINY)
     with caplog.at_level(logging.WARNING, "cltransfer"):
         prepare(Inputs("builtin:plaza", "builtin:static", str(path)), config, Clock(), silent, None)
     line = (
@@ -115,6 +117,23 @@ def test_a_view_that_looks_away_from_the_person_is_told(
         " the search begins there too, but turned to the person"
     )
     assert caplog.messages == [line] * int(told)
+
+
+def test_a_view_from_within_the_middle_of_the_person_is_refused(tmp_path: Path) -> None:
+    """From there every direction is as good, and rounding would tell one."""
+    person, path = load_scene("builtin:plaza").person, tmp_path / "view.json"
+
+    def begin(heights: float, *overrides: str) -> Job:
+        eye = person.anchor + heights * person.height * person.facing
+        view = Camera.look_at(eye[None], (eye - person.facing)[None], person.up, 0.7, (96, 54))
+        Trajectory(view, torch.zeros(1, dtype=torch.float64)).save(path)
+        config = load_config(overrides=[*TINY, *overrides])
+        return prepare(Inputs("builtin:plaza", "builtin:static", str(path)), config, Clock(), silent, None)
+
+    with pytest.raises(InputError, match=r"view.json: expected a camera beside the person, got one at the middle"):
+        begin(0.0)
+    assert begin(0.05).starting.view is not None
+    assert begin(0.0, "search.paper_box={}").starting.view is not None  # which is not about the person
 
 
 @pytest.mark.parametrize(

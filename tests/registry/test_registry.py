@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -82,7 +83,7 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("loss", {"uses": "flow"}, "has uses = 'flow', expected a tuple of feature names"),
     ("loss", {"penalty": 0.0}, "has penalty = 0.0, expected a finite number above 0"),
     ("loss", {"penalty": float("inf")}, "has penalty = inf, expected a finite number above 0"),
-    ("loss", {"weight": -1.0}, "has weight = -1.0, expected a number of 0 or more"),
+    ("loss", {"weight": -1.0}, "has weight = -1.0, expected a number from 0 to 1e12"),
     ("loss", {"unit": 3}, "has unit = 3, expected"),
     ("loss", {"residuals": method}, r"has no groups, expected .* \(write groups = \(0,\) in the class\)"),
     ("loss", {"residuals": method, "groups": 0}, "has groups = 0, expected"),
@@ -126,9 +127,11 @@ def test_a_plugin_that_is_no_component_is_refused_when_it_is_allowed(tmp_path: P
         allow([tmp_path / "mine.py"])
 
 
-def test_a_weight_below_0_which_would_reward_a_difference_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"^losses\.framing\.weight: expected a number of 0 or more, got -3\.0$"):
-        LOSSES.build("framing", {"weight": -3})
+@pytest.mark.parametrize("weight", [-3.0, 1e13, 1e308])
+def test_a_weight_that_rewards_a_difference_or_that_no_total_holds_is_refused(weight: float) -> None:
+    told = f"losses.framing.weight: expected a number from 0 to 1e12, got {weight}"
+    with pytest.raises(UsageError, match=f"^{re.escape(told)}$"):
+        LOSSES.build("framing", {"weight": weight})
     assert LOSSES.build("framing", {"weight": 0}).weight == 0
 
 
