@@ -56,6 +56,8 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     yield from _near(result)
     yield from _lens(result)
     person = result.scene.subject
+    if person is not None and hasattr(result.search, "unit_note") and (told := result.search.unit_note(person)):
+        yield Flag(None, told)
     if person is not None and (person.people or 1) > 1:
         hint = "in a scan --subject 0, 1, ... takes each, `cltransfer lift SCENE --person 1` shows whom"
         yield Flag(None, f"{person.people} people in the scene, one is filmed: {hint}")

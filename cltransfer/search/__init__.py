@@ -44,6 +44,7 @@ class Search(Protocol):
     # Optional: recentred(x, home) -> x, home: the same camera as x (D,) about itself, where Adam starts from.
     # Optional: names, D words for what ended at a bound.
     # Optional: limited(x) -> (B,) bool: which of x (B, D) ask for a shorter or longer lens than there is.
+    # Optional: unit_note(subject) -> text: what is doubtful in the unit of the scene, or nothing.
     # Optional: unbounded, a slice of x whose bounds are no limit to the camera, see limits.
 
     def vector(self, camera: Camera, home: Camera, subject: Subject | None) -> Tensor:

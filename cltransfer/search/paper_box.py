@@ -15,6 +15,8 @@ from ..camera import Camera
 from ..registry import SEARCHES
 from ..subject import Subject
 
+SMALLEST, LARGEST = 0.3, 30.0  # half-range of v in subject heights, beyond which it is one of another unit
+
 
 @SEARCHES.register("paper_box")
 @dataclass(frozen=True)
@@ -57,6 +59,15 @@ class PaperBox:
     def lens(self) -> Tensor:
         """Direction (8,) along which the focal length changes: gamma."""
         return torch.eye(8, dtype=torch.float64)[7]
+
+    def unit_note(self, subject: Subject) -> str:
+        """What the box comes to in the unit of this scene, where that is far from a person's size; else empty."""
+        heights = self.translation / subject.height
+        if SMALLEST <= heights <= LARGEST:
+            return ""
+        told = f"the camera moves by at most {self.translation:g} scene units along each axis, {heights:.2g} heights"
+        three = float(f"{3 * subject.height:.1g}")
+        return f"{told} of the person: search.paper_box.translation={three:g} is about three, as 5 is in metres"
 
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
         """B cameras of x (B, 8) or (B, 7): v, w, theta, gamma as shares of their half-ranges."""

@@ -15,6 +15,7 @@ from ..camera import Camera
 from ..registry import SEARCHES
 from ..subject import Subject
 
+SHORTEST, LONGEST = 0.06, 6.0  # a scene unit in subject heights, beyond which it is far from a metre
 LEAST_TURN = 1e-6  # [rad]; without any turn a unit axis allows no translation
 
 
@@ -71,6 +72,17 @@ class Se3Jaws:
         low = -high
         low[7] = -0.5
         return low, high
+
+    def unit_note(self, subject: Subject) -> str:
+        """What a step comes to in the unit of this scene, where that is far from a metre; else empty.
+
+        ``translation`` bounds v alone: whoever steps along it goes by scene units.
+        """
+        heights = 1 / subject.height
+        if SHORTEST <= heights <= LONGEST:
+            return ""
+        told = f"the camera moves by steps in scene units, each {heights:.3g} heights of the person"
+        return f"{told}: se3_jaws is made for scenes in metres"
 
     def cameras(self, x: Tensor, home: Camera, subject: Subject | None) -> Camera:
         """B cameras of x (B, 8) or (B, 7): v, w, theta, p."""

@@ -288,6 +288,13 @@ def test_a_bound_is_told_where_it_limits_the_camera(plain: Result) -> None:
     assert [flag.reason for flag in run_flags(boxed) if "bound" in flag.reason] == ["gamma at its bound"]
 
 
+@pytest.mark.parametrize("translation", [0.1, 5.0, 1000.0])
+def test_a_search_whose_room_is_of_another_unit_is_told(plain: Result, translation: float) -> None:
+    flags = run_flags(replace(plain, search=PaperBox(translation=translation)))
+    told = [flag.frame for flag in flags if "translation=" in flag.reason]
+    assert told == [None] * (translation != 5.0)
+
+
 def test_a_focal_length_that_is_kept_is_told_with_what_names_another(tmp_path: Path) -> None:
     person = load_scene("builtin:plaza").subject
     assert person is not None

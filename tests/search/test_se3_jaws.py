@@ -119,3 +119,12 @@ def test_a_frame_starts_at_the_camera_it_is_given_however_far_it_was_moved_witho
     assert bool((start.abs() > problem.bounds[1]).any())
     found = solve(problem, start, Memory(), schedule, np.random.Generator(np.random.PCG64(0)))
     assert float((problem.cameras(found.x[None]).center - camera.center).norm()) < 0.1
+
+
+@pytest.mark.parametrize(("unit", "step"), [(1000.0, "0.000588"), (3.28, ""), (1.0, ""), (0.001, "588")])
+def test_steps_of_another_unit_are_told_whatever_bounds_them(unit: float, step: str) -> None:
+    person = sample_subject()
+    person = replace(person, height=person.height * unit)
+    told = {Se3Jaws(translation=bound).unit_note(person) for bound in (5.0, 5.0 * unit)}
+    line = f"the camera moves by steps in scene units, each {step} heights of the person: se3_jaws is made for scenes"
+    assert told == {f"{line} in metres" if step else ""}
