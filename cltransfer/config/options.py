@@ -92,7 +92,8 @@ class RunConfig:
         tolerance: total loss at which a frame is good enough; 1 means every term at its tolerance.
         floaters: drop leaves Gaussians out of the search that hang in the air by themselves, unless what is found is
             far worse among them and can be mended; keep takes the scene as it is. The result always shows them.
-        guard: never take a view from inside something, of almost nothing, or with the person hidden behind something.
+        guard: never take a view from inside something, of almost nothing and nobody, or with the person hidden behind
+            something.
         clean: standard deviation of the filter on what was read from a clip, before it is aimed at [frames]; yaw flips
             are repaired too, of three frames or more; 0 takes it as it was read. The scores always use what was read.
         path: smooth (the least order, from static to many knots, that costs no more than the noise floor) or exact

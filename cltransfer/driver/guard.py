@@ -16,9 +16,10 @@ from ..subject import Subject
 BODY = 0.12  # subject heights; a camera nearer to the middle line of the body is inside it
 NEAR, NEAR_PERSON = 0.3, 0.15  # subject heights; things, and the person, that are nearer stand right before the lens
 CLOSE = 0.4  # of the frame that may be so near
-COVERAGE = 0.05  # of the frame that must show something; a scene may be a person before nothing
+COVERAGE = 0.05  # of the frame that must show something, unless the person is seen: a scene may be nothing else
 SHOWN = 0.03  # of the joints' box that must show the person
 
+EMPTY = "the view is almost empty"
 HIDDEN, PARTLY = "the person is hidden", "things hide part of the person"
 READ = frozenset({"subject", "keypoints"})  # what tells whether the person is hidden, beside depth
 SCENE_DEPTH = "scene_depth"  # extra of a view whose ``depth`` is a network's, in a unit that nobody knows
@@ -46,7 +47,9 @@ class Guard:
         fills over :data:`CLOSE`, things may come as near as the person.
         """
         depth = features.require(SCENE_DEPTH if features.has(SCENE_DEPTH) else "depth")  # (B, H, W)
-        wrong = {"the view is almost empty": torch.isfinite(depth).double().flatten(1).mean(1) < COVERAGE}
+        wrong = {EMPTY: torch.isfinite(depth).double().flatten(1).mean(1) < COVERAGE}
+        if features.has("subject"):
+            wrong[EMPTY] &= ~features.require("subject").flatten(1).any(1)
         if self.height is not None:
             person = _person(features, depth.shape[1:]).flatten(1)
             nearest = torch.where(person | _filled(reference), NEAR_PERSON, NEAR) * self.height

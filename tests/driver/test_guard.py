@@ -46,10 +46,17 @@ def view(depth: float = 3.0, seen: float = 1.0, person: bool = True) -> Features
     return Features((W, H), depth=at, subject=subject, keypoints=keypoints)
 
 
+def out_of_frame(features: Features) -> Features:
+    """The same with the joints to the right of the frame."""
+    keypoints = features.require("keypoints").clone()
+    keypoints[..., 0] += 10 * W
+    return replace(features, keypoints=keypoints)
+
+
 @pytest.mark.parametrize(
     ("features", "reason"),
     [
-        (view(seen=0.0), "the view is almost empty"),
+        (out_of_frame(view(seen=0.0, person=False)), "the view is almost empty"),
         (view(depth=0.1), "the camera stands inside something"),
         (view(person=False), "the person is hidden"),
     ],
@@ -102,15 +109,15 @@ def test_a_person_whom_the_reference_hides_may_be_hidden(shown: bool) -> None:
     assert bool(Guard(1.8).blocked(view(person=False), reference)) == shown
 
 
-def test_a_person_before_nothing_may_be_filmed() -> None:
-    assert not bool(Guard(1.8).blocked(view(seen=0.15)))
+@pytest.mark.parametrize("seen", [0.15, 0.03, 0.0])
+def test_a_person_before_nothing_may_be_filmed_however_small(seen: float) -> None:
+    assert not bool(Guard(1.8).blocked(view(seen=seen)))
+    untold = replace(view(seen=seen), subject=None)  # where nobody tells, what is seen counts
+    assert bool(Guard(1.8).blocked(untold)) == (seen < 0.05)
 
 
 def test_a_person_out_of_the_frame_is_not_hidden() -> None:
-    features = view(person=False)
-    assert features.keypoints is not None
-    features.keypoints[..., 0] += 10 * W
-    assert not bool(Guard(1.8).blocked(features))
+    assert not bool(Guard(1.8).blocked(out_of_frame(view(person=False))))
 
 
 def test_every_canonical_shot_may_be_taken() -> None:
