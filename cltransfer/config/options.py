@@ -64,9 +64,10 @@ class RunConfig:
             start from, one where nothing moves, and from aside where that suits better; 0 starts each frame from the
             ones before it alone, as the engines cma and adam, searches but subject_orbit, and a clip without
             warm_start always do.
-        zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, because
-            distance and focal length cannot then be told apart. still is auto, but that the path keeps one focal length
-            for all of the clip, whatever that costs; it needs path smooth.
+        zoom: free, fixed at the initial focal length, or auto: fixed where filmic space is undefined, or the reference
+            shows nothing before or behind the person, because distance and focal length cannot then be told apart.
+            still is auto, but that the path keeps one focal length for all of the clip, whatever that costs; it needs
+            path smooth.
         engine: of each frame: refine (least squares on geometry, CMA-ES as rescue), cma (alone) or adam (a baseline). A
             loss without residuals, renders read by networks, or a search whose slopes do not tell every move, turn
             refine into cma, which a note tells. The path through what it found is up to path and joint.

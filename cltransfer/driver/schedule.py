@@ -89,9 +89,8 @@ def make_schedule(
     """The schedule of ``config`` for a reference of N frames, whose totals are uncertain by ``noise``."""
     tolerance = max(config.tolerance, QUIET * noise)
     free = config.zoom == "free"
-    if config.zoom in ("auto", "still") and "filmic_space" in objective.names:
-        space = objective.names.index("filmic_space")
-        free = bool(objective.weighs[space]) and bool(objective.defined(reference)[:, space].any())
+    if config.zoom in ("auto", "still"):
+        free = tells_lens(objective, reference)
     refined = config.engine == "refine"
     alone = _why_cma_alone(config, search, objective) if refined else ""
     generations = min(POLISH.generations, len(reference)) * (TWICE if config.joint > 1 else 1)
@@ -113,6 +112,20 @@ def make_schedule(
         seed=config.seed,
         note=alone or (_why_unguided(config, search, reference) if refined else ""),
     )
+
+
+def tells_lens(objective: Objective, reference: Features) -> bool:
+    """Whether some frame of a reference tells a focal length apart from distance: by what is before or behind somebody.
+
+    Filmic space is defined, as 0, of a person before nothing too.
+    """
+    if "filmic_space" not in objective.names:
+        return False
+    space, loss = objective.names.index("filmic_space"), objective.losses["filmic_space"]
+    defined = objective.defined(reference)[:, space]
+    if hasattr(loss, "directions") and bool(defined.any()):
+        defined = defined & loss.directions(reference, reference).isfinite().any(1)
+    return bool(objective.weighs[space]) and bool(defined.any())
 
 
 def _still(objective: Objective, reference: Features, tolerance: float) -> bool:

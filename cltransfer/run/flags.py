@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from ..driver.refine import least_curvature
+from ..driver.schedule import tells_lens
 from ..export.lens import FULL_FRAME, millimetres
 from ..features import nobody
 from ..losses.camera_movement import weight_note
@@ -68,9 +69,13 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
 def _kept_lens(result: Result) -> str:
     """Which focal length was kept, what names another, and why none was searched."""
     camera, space = result.trajectory.camera[0], result.verified.term("filmic_space")
+    objective = result.objective
     lens = f"{math.degrees(float(camera.vertical_fov)):.3g} degrees high, {float(millimetres(camera)):.3g} mm"
-    known = space is not None and space.defined and result.objective.losses[space.name].weight > 0
-    why = "" if known else ": without filmic space it cannot be told apart from distance"
+    why = ""
+    if space is None or not space.defined or objective.losses[space.name].weight == 0:
+        why = ": without filmic space it cannot be told apart from distance"
+    elif not tells_lens(objective, result.reference.features):
+        why = ": with nothing before or behind the person in the reference it cannot be told apart from distance"
     return f"focal length kept at {lens} on a gate {FULL_FRAME:g} mm wide (--init VIEW.json names another){why}"
 
 

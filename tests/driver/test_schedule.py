@@ -101,6 +101,22 @@ def test_a_loss_that_weighs_nothing_frees_no_lens_and_places_nobody() -> None:
     assert (schedule(*weightless[:3]).placed, schedule(*weightless).placed) == (True, False)
 
 
+@pytest.mark.parametrize("mode", ["robust", "faithful"])
+@pytest.mark.parametrize("zoom", ["auto", "still"])
+def test_a_lens_is_free_where_some_frame_shows_what_is_before_or_behind_the_person(zoom: str, mode: str) -> None:
+    """Of a person before nothing filmic space is defined, and is 0 whatever the lens."""
+    config = load_config(overrides=[f"losses.filmic_space.mode={mode}", "path=smooth", f"zoom={zoom}"])
+    objective, search, seen = Components.build(config).objective, config.build_one("search"), sample_features(0, 2)
+    layers = torch.zeros_like(seen.require("layers"))
+    layers[:, 1] = seen.require("layers")[:, 1]
+    for layer in (None, 0, 2):
+        there = layers.clone()
+        if layer is not None:
+            there[1, layer] = ~layers[1, 1]
+        reference = replace(seen, layers=there)
+        assert make_schedule(config, search, objective, reference).free_lens is (layer is not None)
+
+
 def test_a_loss_that_weighs_nothing_tells_of_no_move() -> None:
     rest = at_rest(8)
     orientation = rest.require("orientation").clone()

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.config import load_config
+from cltransfer.run.flags import run_flags
 from cltransfer.scenes import Scene
 from cltransfer.scenes.person.lifted import save_labels
 from cltransfer.scenes.ply import write_splats
@@ -45,3 +46,14 @@ def test_a_long_shot_of_a_person_before_nothing_is_found(to_itself: Callable[...
     """Where they cover less than a twentieth of the frame."""
     found = to_itself(name)
     assert found.searched.total < 0.05  # measured 0.000 and 0.007; 3.4 and 0.7 where such a view is too empty to take
+
+
+def test_a_push_in_to_a_person_before_nothing_is_no_zoom(to_itself: Callable[..., Result]) -> None:
+    """Nothing tells distance and focal length apart there: the lens is kept, and told to be."""
+    found = to_itself("push_in")
+    away = (found.trajectory.camera.center - found.scene.subject.anchor).norm(dim=1)
+    assert float(away[-1] / away[0]) == pytest.approx(0.5, abs=0.02)  # 1 where the lens moved
+    (told,) = [flag.reason for flag in run_flags(found) if "focal length kept" in flag.reason]
+    assert ": with nothing before or behind the person in the reference it cannot be told apart" in told
+    assert not found.schedule.free_lens
+    assert to_itself("push_in", "zoom=free").schedule.free_lens
