@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -17,6 +17,7 @@ from ..losses.shot_size import ShotSize, degenerate
 from ..near_plane import cut_note
 from ..reading.frames import hidden
 from ..reading.zoom import lens_range
+from ..registry import SEARCHES
 from ..report.data import Flag
 from ..search import limits
 
@@ -184,8 +185,9 @@ def _views(result: Result) -> Iterator[Flag]:
 def _search(result: Result) -> Iterator[Flag]:
     x, search = result.kept.x, result.search
     low, high = limits(search, x.shape[1])
-    for i, d in ((x <= low + ON_BOUND) | (x >= high - ON_BOUND)).nonzero().tolist():
-        yield Flag(i, f"{search.names[d]} at its bound" if hasattr(search, "names") else f"x[{d}] at its bound")
+    above = x >= high - ON_BOUND
+    for i, d in ((x <= low + ON_BOUND) | above).nonzero().tolist():
+        yield Flag(i, _bound(search, d, bool(above[i, d])))
     if hasattr(search, "limited"):
         for i in search.limited(x).nonzero()[:, 0].tolist():
             yield Flag(i, "focal length at its limit")
@@ -196,3 +198,15 @@ def _search(result: Result) -> Iterator[Flag]:
     for i, (jacobian, residuals) in enumerate(zip(local.jacobian, local.residuals)):
         if least_curvature(jacobian, residuals, local.groups) < DEGENERATE:
             yield Flag(i, "degenerate: some change of the camera costs nothing, it is not determined")
+
+
+def _bound(search: Any, d: int, above: bool) -> str:
+    """Which parameter ended at its bound, and the option that sets it, where there is one."""
+    if not hasattr(search, "names"):
+        return f"x[{d}] at its bound"
+    name, key = search.names[d], SEARCHES.name_of(search)
+    options = getattr(search, "bounding", {}).get(name)
+    if options is None or not key:
+        return f"{name} at its bound"
+    option = options[above]
+    return f"{name} at its bound ({SEARCHES.section}.{key}.{option}={getattr(search, option):g})"

@@ -42,7 +42,7 @@ class Search(Protocol):
     # appear where and as large as one reference frame has them. `guide` needs subject_orbit.
     # Optional: turned(x, to) -> x: of all x (B, D) of the same cameras, those nearest to ``to`` (D,).
     # Optional: recentred(x, home) -> x, home: the same camera as x (D,) about itself, where Adam starts from.
-    # Optional: names, D words for what ended at a bound.
+    # Optional: names, D words for what ended at a bound; bounding, by name the options of its low bound and its high.
     # Optional: limited(x) -> (B,) bool: which of x (B, D) ask for a shorter or longer lens than there is.
     # Optional: unit_note(subject) -> text: what is doubtful in the unit of the scene, or nothing.
     # Optional: unbounded, a slice of x whose bounds are no limit to the camera, see limits.

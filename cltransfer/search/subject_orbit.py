@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -56,18 +56,22 @@ class SubjectOrbit:
     Args:
         nearest, farthest: distance in subject heights.
         widest, longest: focal length in frame heights (0.35 is a vertical field of view of 110 degrees).
-        elevation: highest angle above or below the subject [rad]; at pi/2 the roll is undefined.
+        elevation: highest angle above or below the subject [rad]; at pi/2, straight above, the roll is undefined.
     """
 
     dimensions: ClassVar[int] = 7
     names: ClassVar[tuple[str, ...]] = ("azimuth", "elevation", "roll", "distance", "place", "place", "size")
     needs_subject: ClassVar[bool] = True
+    bounding: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "elevation": ("elevation", "elevation"),
+        "distance": ("nearest", "farthest"),
+    }
 
     nearest: float = 0.3
     farthest: float = 30.0
     widest: float = 0.35
     longest: float = 20.0
-    elevation: float = 1.4
+    elevation: float = 1.57
 
     def __post_init__(self) -> None:
         if not 0 < self.nearest < self.farthest:

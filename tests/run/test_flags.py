@@ -191,7 +191,7 @@ def test_a_result_worse_than_standing_still_or_than_the_search_took_it_for_is_to
     ("change", "reason"),
     [
         (blocked, "the person is hidden"),
-        (on_bound, "distance at its bound"),
+        (on_bound, "distance at its bound (search.subject_orbit.farthest=30)"),
         (widest, "focal length at its limit"),
         (undetermined_by_cma, "degenerate: some change of the camera costs nothing, it is not determined"),
         (undetermined, "degenerate: some change of the camera costs nothing, it is not determined"),
