@@ -28,6 +28,7 @@ DEGENERATE = 1.0  # least curvature of the total along a direction of x below wh
 ON_BOUND = 1e-6  # of the half-range
 ZOOMS = 1.25  # times its shortest focal length, up to which a lens stands
 SHOWN = 0.3  # log range of the reference's as its flow and depth tell it, below which it stands
+FAR_OFF = 2.0  # of the total, ten tolerances of one term, above which no view is like the reference's
 WORSE_THAN_HELD = 1.05  # times the total of the first view held still, above which a result is worse
 OTHERWISE, MUCH_MORE = (
     3.0,
@@ -54,6 +55,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         if note:
             yield Flag(None, note)
     yield from _poor(result)
+    yield from _far_off(result)
     yield from _floaters(result)
     yield from _near(result)
     yield from _lens(result)
@@ -107,6 +109,19 @@ def _most(result: Result) -> str:
     objective, values = result.objective, torch.stack([term.values for term in result.verified.terms], dim=1)
     weighted = objective.weighted(values, objective.defined(result.reference.features))
     return list(objective.losses)[int(weighted.sum(0).argmax())]
+
+
+def _far_off(result: Result) -> Iterator[Flag]:
+    """Which terms the search itself left far from the reference's, those that cost most first."""
+    objective = result.objective
+    terms = [term for term in result.searched.terms if term.name in objective.losses]
+    defined = objective.defined(result.reference.features)
+    weighted = objective.weighted(torch.stack([term.values for term in terms], dim=1), defined)
+    costs = weighted.sum(0) / defined.sum(0).clamp_min(1)
+    far = [terms[i] for i in costs.argsort(descending=True).tolist() if costs[i] > FAR_OFF]
+    off = [f"{t.name} undefined" if t.mean is None else f"{t.name} {t.mean:.3g} {t.unit} off" for t in far]
+    if off:
+        yield Flag(None, f"no view that was found is like the reference's, in the mean: {', '.join(off)}")
 
 
 def _floaters(result: Result) -> Iterator[Flag]:
