@@ -20,6 +20,7 @@ from ..reading.zoom import lens_range
 from ..registry import SEARCHES
 from ..report.data import Flag
 from ..search import limits
+from .lean import lean_note
 
 if TYPE_CHECKING:
     from .result import Result
@@ -56,6 +57,8 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
             yield Flag(None, note)
     yield from _poor(result)
     yield from _far_off(result)
+    if lean := lean_note(result.scene.subject, result.reference.features):
+        yield Flag(None, lean)
     yield from _floaters(result)
     yield from _near(result)
     yield from _lens(result)
