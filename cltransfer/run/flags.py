@@ -31,10 +31,7 @@ ZOOMS = 1.25  # times its shortest focal length, up to which a lens stands
 SHOWN = 0.3  # log range of the reference's as its flow and depth tell it, below which it stands
 FAR_OFF = 2.0  # of the total, ten tolerances of one term, above which no view is like the reference's
 WORSE_THAN_HELD = 1.05  # times the total of the first view held still, above which a result is worse
-OTHERWISE, MUCH_MORE = (
-    3.0,
-    1.0,
-)  # times the total of the search, and so much more, above which it is read otherwise
+OTHERWISE, MUCH_MORE = 3.0, 1.0  # times the search's total, and so much more, above which it is read otherwise
 
 
 def run_flags(result: Result) -> tuple[Flag, ...]:

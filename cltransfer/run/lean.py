@@ -13,10 +13,8 @@ from ..skeleton import JOINTS, VISIBLE
 from ..subject import Subject
 
 FAR = math.radians(45)  # from upright, beyond which a trunk leans far; and the pitch up to which an image tells that
-LONG, SHORT = (
-    1.0,
-    0.7,
-)  # shoulder widths: where a trunk is longer on one side and shorter on the other, it leans otherwise
+# [shoulder widths]: where a trunk is longer on one side and shorter on the other, it leans otherwise
+LONG, SHORT = 1.0, 0.7
 
 
 def lean_note(person: Subject | None, reference: Features) -> str:
