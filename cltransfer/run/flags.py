@@ -112,8 +112,10 @@ def _most(result: Result) -> str:
 
 
 def _far_off(result: Result) -> Iterator[Flag]:
-    """Which terms the search itself left far from the reference's, those that cost most first."""
-    objective = result.objective
+    """Which terms the search left far from the reference's, those that cost most first; not by floaters alone."""
+    objective, left_out = result.objective, result.kept.left_out
+    if left_out is not None and left_out.matters and left_out.alone <= FAR_OFF:
+        return
     terms = [term for term in result.searched.terms if term.name in objective.losses]
     defined = objective.defined(result.reference.features)
     weighted = objective.weighted(torch.stack([term.values for term in terms], dim=1), defined)
