@@ -33,6 +33,16 @@ class TestGazeMatch(LossCase):
         return sample_features(seed, batch).having("gaze", gaze)
 
 
+class Unaware(LossCase):
+    component: ClassVar[Any] = GazeMatch()
+
+
+@pytest.mark.parametrize("test", ["test_names_what_it_requires", "test_scores_itself_zero", "test_batch_equals_single"])
+def test_a_feature_that_the_frames_lack_is_named_with_how_to_give_it(test: str) -> None:
+    with pytest.raises(AssertionError, match=r"^sample gives no gaze: override sample\(self, seed, batch\), .*'gaze'"):
+        getattr(Unaware(), test)()
+
+
 @dataclass(frozen=True)
 class Careless:
     """How large the person is; of nobody 0, and it writes on what it was given."""
