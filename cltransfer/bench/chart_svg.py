@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BY_SECONDS = ("resolution", "level of detail")  # families whose settings all take as many evaluations
 COSTS = {"evaluations": "evaluations a frame", "seconds": "seconds a clip"}
 LETTER, LINE = 0.0155, 0.04  # width and height of a letter of a point's name [of the axes]
 SIDES = (  # which end of a name is at its point, and how high [pt], [of its lines]
@@ -105,16 +104,15 @@ def _losses(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str
 def _names(ax: Axes, found: Sequence[Point], families: Sequence[str], cost: str) -> None:
     """The points' names, presets first, on the first side that is free; where none is, only the table has it.
 
-    Of settings that are one point the first names it; those that differ in seconds alone have names there.
+    Of settings that are one point the first names it.
     """
     places = [(getattr(p, cost), p.total) for p in found]
     inside = ax.transAxes.inverted().transform(ax.transData.transform(places))  # (P, 2) [of the axes]
     taken = [(x - LETTER / 2, x + LETTER / 2, y) for x, y in inside]  # left, right, middle; no name lies on a point
     for i, (p, place, (x, y)) in enumerate(zip(found, places, inside)):
-        named = place not in places[:i] and (cost != "evaluations" or p.family not in BY_SECONDS)
         width = LETTER * len(p.label)
         ends = {"left": x + LETTER / 2, "center": x - width / 2, "right": x - width - LETTER / 2}
-        for end, height, lines in SIDES if named else ():
+        for end, height, lines in SIDES if place not in places[:i] else ():
             left, right, middle = ends[end], ends[end] + width, y + lines * LINE
             if any(left < stop and right > begin and abs(middle - at) < 0.75 * LINE for begin, stop, at in taken):
                 continue

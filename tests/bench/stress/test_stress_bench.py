@@ -66,8 +66,9 @@ def test_a_stricter_definition_breaks_what_was_poor_all_along() -> None:
         {**row(level, failed=False, total=2.2 + 0.2 * level, method="b"), "random_total": 10.0} for level in range(6)
     ]
     told = {cells[0]: cells[1:] for cells in stricter([*good, *poor], "a")}
-    assert told["50 % of random"] == ["b", "0", "1", "0", "1 of 1"]
-    assert told["25 % of random"] == ["b", "1", "0", "0", "1 of 1"]
+    assert told["50 % of random"] == ["b", "0", "0", "1", "0", "1 of 1"]
+    assert told["25 % of random"] == ["b", "1", "0", "0", "0", "1 of 1"]
+    assert told["20 % of random"] == ["b", "1", "1", "0", "0", "1 of 1"]
 
 
 def test_what_has_not_changed_has_not_grown() -> None:
