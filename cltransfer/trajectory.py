@@ -190,14 +190,16 @@ def jerk(camera: Camera, height: float) -> float:
 def _between(knots: Tensor, values: Tensor, times: Tensor) -> Tensor:
     """Values (N, D) of N moments at M others, (M, D): a cubic spline that is nowhere much faster than its moments.
 
-    Its speed at each is limited to three times that of the slower of the straight lines on either side, as Hyman (1983)
-    does for one dimension: what holds still goes on to.
+    Its speed at each is limited to three times that of the slower of the straight lines on either side, and is none where
+    it would go against both, as Hyman (1983) does for one dimension: what holds still goes on to, and what creeps after
+    a fast move does not go back.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
     slopes = torch.from_numpy(CubicSpline(knots.numpy(), values.numpy(), bc_type="natural")(knots.numpy(), 1))
-    straight = (values.diff(dim=0) / knots.diff()[:, None]).norm(dim=1)
-    most = 3 * torch.cat([straight[:1], torch.minimum(straight[1:], straight[:-1]), straight[-1:]])
-    speed = slopes.norm(dim=1)
-    limited = slopes * torch.where(speed > most, most / speed, 1.0)[:, None]
+    lines = values.diff(dim=0) / knots.diff()[:, None]  # (N - 1, D)
+    before, after = torch.cat([lines[:1], lines]), torch.cat([lines, lines[-1:]])  # (N, D)
+    most, speed = 3 * torch.minimum(before.norm(dim=1), after.norm(dim=1)), slopes.norm(dim=1)
+    against = ((slopes * before).sum(1) < 0) & ((slopes * after).sum(1) < 0)
+    limited = slopes * torch.where(against, 0.0, torch.where(speed > most, most / speed, 1.0))[:, None]
     return torch.from_numpy(CubicHermiteSpline(knots.numpy(), values.numpy(), limited.numpy())(times.numpy()))

@@ -74,6 +74,25 @@ def test_a_camera_that_holds_still_before_and_after_a_move_neither_winds_up_nor_
     torch.testing.assert_close(found.w2c[still], w2c[:1].expand(int(still.sum()), 4, 4))
 
 
+def test_a_camera_that_creeps_on_after_a_fast_move_never_goes_back() -> None:
+    """A whip pan, a track and a crash zoom that end in slow ones."""
+    yaw = torch.deg2rad(torch.tensor([0.0, 20.0, 40.0, 40.5, 41.0, 41.5, 42.0], dtype=torch.float64))
+    along = torch.tensor([0.0, 1.0, 2.0, 2.05, 2.1, 2.15, 2.2], dtype=torch.float64)
+    focal = torch.tensor([400.0, 600.0, 800.0, 801.0, 802.0, 803.0, 804.0], dtype=torch.float64)
+    w2c = torch.eye(4, dtype=torch.float64).repeat(7, 1, 1)
+    w2c[:, :3, :3] = axis_angle_to_rotation_matrix(torch.stack([0 * yaw, yaw, 0 * yaw], dim=1))
+    center = torch.stack([along, 0 * along, 0 * along], dim=1)
+    w2c[:, :3, 3] = -(w2c[:, :3, :3] @ center[..., None])[..., 0]
+    K = torch.eye(3, dtype=torch.float64).repeat(7, 1, 1)
+    K[:, 0, 0] = K[:, 1, 1] = focal
+    K[:, :2, 2] = torch.tensor([160.0, 90.0], dtype=torch.float64)
+    times = torch.arange(7, dtype=torch.float64) / 6
+    found = Trajectory(Camera(w2c, K, (320, 180)), times).at(torch.linspace(0, 1, 241, dtype=torch.float64)).camera
+    turned = torch.atan2(found.w2c[:, 0, 2], found.w2c[:, 0, 0])
+    for path in (turned, found.center[:, 0], found.focal):
+        assert float(path.diff().min()) > -1e-9
+
+
 def test_times_are_kept_as_float64_and_no_gradient_goes_through_a_path_between() -> None:
     path = dolly_zoom_around(moments(5))
     w2c = path.camera.w2c.clone().requires_grad_()
