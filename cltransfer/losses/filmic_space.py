@@ -17,7 +17,8 @@ from ._depth_mode import depth_mode, nearest_peak
 
 def log_depth_ratios(depths: Tensor) -> Tensor:
     """Logs of d_bc and d_fc (paper Eq. 9), (B, 2), of foreground, character, background depths (B, 3)."""
-    foreground, character, background = depths.log().unbind(-1)
+    empty = depths.isnan()  # whose logs have no gradient either
+    foreground, character, background = depths.masked_fill(empty, 1.0).log().masked_fill(empty, torch.nan).unbind(-1)
     return torch.stack([background - character, foreground - character], dim=-1)
 
 

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from cltransfer import LOSSES
 from cltransfer.features import NAMES, Features
+from cltransfer.losses.filmic_space import filmic_space_loss
 from cltransfer.testing import sample_features
 
 REACHED = {
@@ -112,6 +113,15 @@ def test_a_missing_joint_leaves_the_others_their_gradients(name: str, mode: str,
         loss.nansum().backward()
         assert leaf.grad is not None
         assert bool(leaf.grad.isfinite().flatten(1).all(1)[loss.isfinite()].all())
+
+
+@pytest.mark.parametrize("side", ["reference", "rendered"])
+def test_an_empty_layer_leaves_the_others_their_gradients(side: str) -> None:
+    depths = {"reference": torch.tensor([[1.0, 2.0, 5.0]]), "rendered": torch.tensor([[1.0, 2.0, 4.0]])}
+    depths[side][0, 0] = torch.nan
+    rendered = depths["rendered"].requires_grad_()
+    filmic_space_loss(depths["reference"], rendered).sum().backward()
+    torch.testing.assert_close(rendered.grad, torch.tensor([[0.0, 0.5, -0.25]]))
 
 
 def test_a_frame_without_a_value_takes_no_other_ones_gradient() -> None:
