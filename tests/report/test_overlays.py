@@ -76,6 +76,21 @@ def test_a_joint_farther_off_than_can_be_drawn_is_left_out() -> None:
     np.testing.assert_array_equal(forearm(1e12, 0.9), forearm(float("nan"), 0.9))
 
 
+@pytest.mark.parametrize("pixel", [10, 11])
+def test_a_joint_in_the_middle_of_a_pixel_is_drawn_around_it(pixel: int) -> None:
+    keypoints = torch.full((1, 14, 3), float("nan"))
+    keypoints[0, 0] = torch.tensor([pixel + 0.5, pixel + 0.5, 0.9])
+    drawn = draw_reading(BLACK, Features((200, 200), keypoints=keypoints)).any(-1)
+    rows, columns = np.nonzero(drawn)
+    assert (rows.min() + rows.max()) / 2 == (columns.min() + columns.max()) / 2 == pixel
+
+
+def test_a_box_is_drawn_on_the_pixels_at_its_edges() -> None:
+    box = torch.tensor([[10.0, 20.0, 30.0, 40.0, 0.9]])
+    rows, columns = np.nonzero(draw_reading(BLACK, Features((200, 200), box=box)).any(-1))
+    assert (columns.min(), rows.min(), columns.max(), rows.max()) == (10, 20, 39, 59)
+
+
 @pytest.mark.parametrize(("yaw", "over"), [(0.0, True), (3.0, False)])
 def test_an_axis_of_the_body_that_points_at_the_camera_is_drawn_over_the_others(yaw: float, over: bool) -> None:
     drawn = draw_reading(BLACK, Features((200, 200), orientation=torch.tensor([[yaw, 0.0, 0.0]])))
