@@ -190,9 +190,9 @@ def jerk(camera: Camera, height: float) -> float:
 def _between(knots: Tensor, values: Tensor, times: Tensor) -> Tensor:
     """Values (N, D) of N moments at M others, (M, D): a cubic spline that is nowhere much faster than its moments.
 
-    Its speed at each is limited to three times that of the slower of the straight lines on either side, and is none where
-    it would go against both, as Hyman (1983) does for one dimension: what holds still goes on to, and what creeps after
-    a fast move does not go back.
+    Its speed at each is limited to three times that of the slower of the straight lines on either side, and is none
+    where it would go against both, as Hyman (1983) does for one dimension: what holds still goes on to, and what creeps
+    after a fast move does not go back.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 

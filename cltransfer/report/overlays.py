@@ -103,7 +103,8 @@ def _skeleton(picture: np.ndarray, joints: list[list[float]], thick: int) -> Non
         if _placed(joints[a]) and _placed(joints[b]):
             sure = min(joints[a][2], joints[b][2]) > VISIBLE
             color = _side(a, b) if sure else UNSURE
-            cv2.line(picture, _pixel(*joints[a][:2]), _pixel(*joints[b][:2]), color, 2 * thick if sure else thick, cv2.LINE_AA)
+            start, end = _pixel(*joints[a][:2]), _pixel(*joints[b][:2])
+            cv2.line(picture, start, end, color, 2 * thick if sure else thick, cv2.LINE_AA)
     for i, joint in enumerate(joints):
         if _placed(joint):
             color = _side(i, i) if joint[2] > VISIBLE else UNSURE
