@@ -164,9 +164,10 @@ def _tell_replaced(folder: Path) -> None:
 
     if (folder / DONE).is_file():
         print(f"note: the run in {folder} will be replaced (--out FOLDER keeps it)", file=sys.stderr)
-    elif (folder / JOURNAL).is_file():  # this very run is refused, once its header is known
-        way = f"its own command with --resume {shlex.quote(str(folder))} goes on with it"
-        print(f"note: the unfinished run in {folder} will be replaced by another ({way})", file=sys.stderr)
+    elif (folder / JOURNAL).is_file():  # its own command is refused, which shows when all is read: too late to say this
+        way = f"which goes on with it by --resume {shlex.quote(str(folder))}"
+        told = f"the unfinished run in {folder} will be replaced, unless this is its own command, {way}"
+        print(f"note: {told}", file=sys.stderr)
 
 
 def render(

@@ -229,8 +229,8 @@ def test_json_is_all_there_is_on_stdout(command: Callable[..., Any], tmp_path: P
         (".", "note: the run in RUN will be replaced (--out FOLDER keeps it)\n"),
         (
             "DONE",
-            "note: the unfinished run in RUN will be replaced by another "
-            "(its own command with --resume RUN goes on with it)\n",
+            "note: the unfinished run in RUN will be replaced, unless this is its own command, "
+            "which goes on with it by --resume RUN\n",
         ),
     ],
     ids=["finished", "unfinished"],

@@ -297,9 +297,10 @@ def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / DONE).unlink()
     kept = (run / JOURNAL).read_bytes()
-    same = ("transfer", "-c", tiny_run / "config.yaml", "-q", "--out", run)
+    same = ("transfer", "-c", tiny_run / "config.yaml", "--out", run)
     refused = command(*same)
     assert refused.code == 2
+    assert "will be replaced, unless this is its own command" in refused.err  # it was told that another replaces it
     assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
     assert (run / JOURNAL).read_bytes() == kept
     assert command(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
