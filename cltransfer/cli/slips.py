@@ -131,7 +131,7 @@ def check_order(scene: str, reference: str) -> None:
     Raises:
         UsageError: ``scene`` is a video, or a folder where ``reference`` is a scene.
     """
-    from ..clips.image_folder import VIDEOS
+    from ..clips.decoding import VIDEOS
     from ..scenes.load import MESH_SUFFIXES
 
     first, second = (Path(name.partition("#")[0]) for name in (scene, reference))

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from ..errors import InputError, UsageError
 from ..storage.run_files import is_run
-from .image_folder import TIMES, VIDEOS, natural_order, untimed
+from .decoding import VIDEOS
+from .image_folder import TIMES, natural_order, untimed
 from .source import ClipSource
 
 LINKED = "a hard link takes no room either: cp -rl CLIP FOLDER; or copy it, or name its own folder"

@@ -40,6 +40,7 @@ SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 2
 IMAGE_BYTE_LIMIT = 2**28
 CODED = 64  # rows and columns that a coded frame may have beyond those that are shown
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+VIDEOS = (".mp4", ".m4v", ".mov", ".3gp", ".mkv", ".webm", ".avi", ".ts", ".mts", ".m2ts")
 
 _JPEG = b"\xff\xd8"
 _DEMUXERS = {PNG: "png_pipe", _JPEG: "jpeg_pipe"}  # by the first bytes: browsers save one by the other's name
@@ -153,7 +154,10 @@ def _expected(path: Path) -> str:
         return f"{told}, a grid by a path through it: {shlex.quote(f'{path.name}@trajectory.json')}"
     if path.suffix.lower() in SCENE_SUFFIXES:
         return f"a scene is a reference by a path through it: {shlex.quote(f'{path.name}@trajectory.json')}"
-    return "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
+    if path.suffix.lower() in (*VIDEOS, *IMAGE_SUFFIXES):
+        return "the file is damaged or cut short: copy or download it anew"
+    gif = path.suffix.lower() == ".gif"
+    return "GIF is not read: convert it to mp4 or PNGs" if gif else "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
 
 
 def _is_image(path: Path) -> bool:

@@ -12,9 +12,8 @@ import torch
 from ..along_clip import check_times
 from ..errors import InputError, UsageError
 from ..storage.files import content_hash, read_json
-from .decoding import IMAGE_SUFFIXES
+from .decoding import IMAGE_SUFFIXES, VIDEOS
 
-VIDEOS = (".mp4", ".m4v", ".mov", ".3gp", ".mkv", ".webm", ".avi", ".ts", ".mts", ".m2ts")
 TIMES = "times.json"
 FOLDER_RATE = 24.0  # images a second where nothing says
 

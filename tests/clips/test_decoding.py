@@ -71,6 +71,29 @@ def test_a_song_with_a_cover_is_no_clip(tmp_path: Path) -> None:
         read_clip(tmp_path / "song.mp4")
 
 
+@pytest.mark.parametrize("name", ["cut.mp4", "cut.MOV", "cut.png"])
+def test_a_file_that_is_cut_short_is_told_to_be_and_not_to_be_of_a_kind_that_is_not_read(
+    tmp_path: Path, name: str
+) -> None:
+    whole = tmp_path / f"whole{Path(name).suffix.lower()}"
+    if whole.suffix == ".png":
+        cv2.imwrite(str(whole), noise(1)[0])
+    else:
+        video_of(whole, "mjpeg", noise(3))
+    data = whole.read_bytes()
+    (tmp_path / name).write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match="cannot be decoded") as caught:
+        read_clip(tmp_path / name)
+    assert caught.value.hint == "the file is damaged or cut short: copy or download it anew"
+
+
+def test_a_gif_is_told_not_to_be_read_and_what_to_do(tmp_path: Path) -> None:
+    pictures = [Image.fromarray(picture) for picture in noise(2)]
+    pictures[0].save(tmp_path / "a.gif", save_all=True, append_images=pictures[1:])
+    with pytest.raises(InputError, match=r"a\.gif: video: .* \(GIF is not read: convert it to mp4 or PNGs\)"):
+        read_clip(tmp_path / "a.gif")
+
+
 def test_a_title_of_another_code_page_is_no_fault(tmp_path: Path) -> None:
     video = video_of(tmp_path / "a.avi", "mjpeg", noise(3))
     data = video.read_bytes()
