@@ -95,12 +95,12 @@ def _check_no_gap(files: list[Path]) -> None:
     if numbers is None:
         return
     step = min((b - a for a, b in pairwise(numbers)), default=1)
+    hint = f"put {TIMES} there, a JSON list of {len(files)} seconds, one per image, or renumber them"
     if step <= 0:
-        raise InputError(files[0].parent, "numbers", "do not count up", "a times.json states when each image is shown")
+        raise InputError(files[0].parent, "numbers", "do not count up", hint)
     for (a, b), file in zip(pairwise(numbers), files[1:]):
         if b - a != step:
-            reason = f"follows number {a}, expected {a + step}"
-            raise InputError(file, "number", reason, "an image is missing; a times.json states other times")
+            raise InputError(file, "number", f"follows number {a}, expected {a + step}: an image is missing", hint)
 
 
 def _counting(named: list[list[int]]) -> list[int] | None:

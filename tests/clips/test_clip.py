@@ -653,7 +653,11 @@ def test_the_number_of_an_image_is_the_last_in_its_name_that_counts(tmp_path, na
     if reason is None:
         assert len(read_clip(tmp_path)) == len(names)
     else:
-        assert reason in refused(tmp_path, field).reason
+        told = refused(tmp_path, field)
+        assert reason in told.reason
+        assert told.hint == "put times.json there, a JSON list of 3 seconds, one per image, or renumber them"
+        (tmp_path / "times.json").write_text("[0, 0.5, 1]")
+        assert len(read_clip(tmp_path)) == 3
 
 
 def test_a_folder_with_a_gap_a_foreign_size_or_a_broken_image_names_the_file(folder):
