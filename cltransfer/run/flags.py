@@ -123,7 +123,7 @@ def _far_off(result: Result) -> Iterator[Flag]:
     far = [terms[i] for i in costs.argsort(descending=True).tolist() if costs[i] > FAR_OFF]
     off = [f"{t.name} undefined" if t.mean is None else f"{t.name} {t.mean:.3g} {t.unit} off" for t in far]
     if off:
-        yield Flag(None, f"no view that was found is like the reference's, in the mean: {', '.join(off)}")
+        yield Flag(None, f"no view that was found is like the reference's, in the search's mean: {', '.join(off)}")
 
 
 def _floaters(result: Result) -> Iterator[Flag]:

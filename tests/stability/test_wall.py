@@ -59,6 +59,7 @@ def test_that_no_view_is_like_the_references_is_told(courtyard: Scene, free: Res
     (reason,) = told(behind)
     angle = behind.searched.term("camera_angle")
     assert angle is not None
+    assert reason.startswith("no view that was found is like the reference's, in the search's mean: ")
     assert f"camera_angle {angle.mean:.3g} rad off" in reason
     assert "framing" not in reason
 
