@@ -46,7 +46,7 @@ def read_splats(path: Path) -> Splats:
         InputError: the file is not such a PLY, is damaged, or more than 1 % of it would be left out.
         ResourceError: it does not fit in memory even without harmonics.
     """
-    elements = check_header(path)
+    elements = check_header(path, splats=True)
     _check_elements(path, elements)
     vertex = elements["vertex"]
     compressed = "packed_position" in vertex.types

@@ -23,6 +23,7 @@ SIZES = {  # bytes
 Table = np.ndarray[Any, np.dtype[Any]]
 REMARKS = ([b"comment"], [b"obj_info"])  # words that begin a line that may hold anything
 VERTICAL = "Vertical Axis:"  # remark by which nerfstudio tells which way is up
+OF_SPLATS = frozenset({"f_dc_0", "opacity", "scale_0", "rot_0", "packed_position"})  # properties that no others have
 _HINT = "is it a Gaussian-splat PLY?"
 
 
@@ -45,8 +46,12 @@ class Element:
         return self.count * sum(SIZES[kind] for kind in self.types.values())
 
 
-def check_header(path: Path) -> dict[str, Element]:
+def check_header(path: Path, splats: bool = False) -> dict[str, Element]:
     """Elements of a binary little-endian PLY of fixed-width rows whose size is exactly what its header says.
+
+    Args:
+        path: of the file.
+        splats: whether points that are no Gaussians are refused, however they are written.
 
     Raises:
         InputError: the file is missing or empty; the header is foreign, cut off, too long or asks for more than the
@@ -68,9 +73,14 @@ def check_header(path: Path) -> dict[str, Element]:
         raise InputError(path, "header", "expected lines that end in LF, got CR" if crlf else reason)
     lines = [line for line in header.splitlines()[1:] if line.split()[:1] not in REMARKS]
     try:
-        elements = _parse(path, [line.decode("ascii") for line in lines])
+        elements, written = _parse(path, [line.decode("ascii") for line in lines])
     except UnicodeDecodeError:
         raise InputError(path, "header", "expected ASCII text") from None
+    if splats:
+        _refuse_points(path, elements)
+    if written != FORMAT:
+        reason = f"expected {FORMAT}, got {written[:60]!r}"
+        raise InputError(path, "format", reason, "save it as binary little endian")
     _check_size(path, len(header) + len(mark), elements)
     return elements
 
@@ -118,19 +128,23 @@ def has_faces(path: Path) -> bool:
     return any(line[:2] == [b"element", b"face"] and line[2:] != [b"0"] for line in lines)
 
 
-def _parse(path: Path, lines: Iterable[str]) -> dict[str, Element]:
-    """Elements by name from the lines after the magic."""
+def _refuse_points(path: Path, elements: Mapping[str, Element]) -> None:
+    vertex = elements.get("vertex")
+    if vertex is not None and {"x", "y", "z"} <= vertex.types.keys() and OF_SPLATS.isdisjoint(vertex.types):
+        reason = "expected splats or a mesh, got a point cloud, which is neither"
+        raise InputError(path, "element vertex", reason, "`cltransfer fit` makes a scene of posed photographs")
+
+
+def _parse(path: Path, lines: Iterable[str]) -> tuple[dict[str, Element], str]:
+    """Elements by name, and how they are written, from the lines after the magic."""
     elements: dict[str, Element] = {}
-    current = ""
-    found_format = False
+    current, written = "", ""
     for line in lines:
         match line.split():
             case []:
                 continue
             case ["format", *rest]:
-                found_format = True
-                if " ".join(rest) != FORMAT:
-                    raise InputError(path, "format", f"expected {FORMAT}, got {' '.join(rest)[:60]!r}")
+                written = " ".join(rest)
             case ["element", name, count]:
                 if name in elements:
                     raise InputError(path, f"element {name[:40]}", "is there twice")
@@ -146,9 +160,9 @@ def _parse(path: Path, lines: Iterable[str]) -> dict[str, Element]:
                 _add(path, elements[current], name, kind)
             case _:
                 raise InputError(path, "header", f"unknown line {line[:60]!r}")
-    if not found_format:
+    if not written:
         raise InputError(path, "format", "is missing from the header")
-    return elements
+    return elements, written
 
 
 def _count(path: Path, name: str, text: str) -> int:

@@ -82,7 +82,7 @@ BAD = {
         GOOD.replace(b"end_header", b"element face 1\nproperty list uchar int vertex_indices\nend_header"),
         "element face",
     ),
-    "mesh": (trained([(0.0, 0.0, 0.0)] * 3, ("x", "y", "z")), "property f_dc_0"),
+    "points": (trained([(0.0, 0.0, 0.0)] * 3, ("x", "y", "z")), "element vertex"),
     "no vertex": (GOOD.replace(b"element vertex", b"element vortex"), "element vertex"),
     "big endian": (GOOD.replace(b"little", b"big"), "format"),
     "ascii": (GOOD.replace(b"binary_little_endian", b"ascii"), "format"),
@@ -116,6 +116,22 @@ def test_a_bad_file_gives_one_line_that_names_file_and_field_within_a_second(tmp
     assert str(caught.value).startswith(f"{tmp_path / 'scene.ply'}: {field}: ")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300 + len(str(tmp_path))
+
+
+@pytest.mark.parametrize("written", ["ascii 1.0", "binary_little_endian 1.0", "binary_big_endian 1.0"])
+def test_points_are_told_to_be_no_splats_however_they_are_written(tmp_path, written):
+    rows = "0 0 0 9\n1 0 0 9\n" if written == "ascii 1.0" else "\0" * 32
+    columns = [f"property float {name}" for name in ("x", "y", "z", "i")]
+    lines = ["ply", f"format {written}", "element vertex 2", *columns, "end_header", rows]
+    (tmp_path / "scene.ply").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"expected splats or a mesh, got a point cloud, which is neither \(`"):
+        read_splats(tmp_path / "scene.ply")
+
+
+def test_splats_that_are_written_as_text_are_told_how_to_be_saved(tmp_path):
+    data, _ = BAD["ascii"]
+    with pytest.raises(InputError, match=r"got 'ascii 1\.0' \(save it as binary little endian\)$"):
+        read(tmp_path, data)
 
 
 def test_faces_of_which_there_are_none_are_no_fault(tmp_path):
