@@ -19,6 +19,8 @@ from .data import ReportData
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "first view / mean")
 WITHOUT_BASELINE = 5  # columns of the head that need none
+FIRST_VIEW = """first view: the camera stays where the first frame stands;
+the last column is how many times worse that is"""  # in two lines that a terminal has room for
 WORDS = (0, 2)  # columns of it that hold no numbers
 GAP, NARROW = 2, 10  # letters between two columns in a terminal, and of a name there at the least
 
@@ -115,8 +117,13 @@ def sums(report: ReportData) -> str:
     return f"weighted: mean over the frames that have the term; total: mean over all frames{price}"
 
 
+def compared(report: ReportData) -> str:
+    """What the columns of the first view say, where they are there; else empty."""
+    return FIRST_VIEW if report.baseline is not None else ""
+
+
 def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
-    """Table of the metrics: drawn for a terminal, Markdown otherwise; below it what :func:`sums` says.
+    """Table of the metrics: drawn for a terminal, Markdown otherwise; below it what its columns mean.
 
     ``terminal`` is whether it will be seen in one; None looks at standard output. In one that is too narrow for the
     numbers it is Markdown too, whose lines are broken there.
@@ -129,7 +136,7 @@ def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
     else:
         rule = tuple("---" if i in WORDS else "--:" for i in range(len(names)))
         table = "\n".join("| " + " | ".join(cells) + " |" for cells in [names, rule, *lines])
-    return "\n\n".join(filter(None, [table, sums(report)]))
+    return "\n\n".join(filter(None, [table, sums(report), compared(report)]))
 
 
 def _widths(names: tuple[str, ...], lines: list[tuple[str, ...]], columns: int) -> list[int]:

@@ -15,7 +15,7 @@ from ..storage.files import write_text
 from ..storage.run_files import REPORT
 from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
-from .metrics import head, number, rows, sums
+from .metrics import compared, head, number, rows, sums
 from .strip import evenly, thumbnail
 
 _COLUMNS = 8
@@ -53,6 +53,7 @@ def page(report: ReportData) -> str:
         head=head(report),
         rows=found,
         sums=sums(report),
+        compared=compared(report),
         total=found[-1],
         charts=charts,
         pairs=_pairs(report),

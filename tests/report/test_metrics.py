@@ -10,7 +10,7 @@ import torch
 from cltransfer.cli.shared import show
 from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag
-from cltransfer.report.metrics import metrics_json, metrics_table, number, rows, sums, write_metrics
+from cltransfer.report.metrics import FIRST_VIEW, metrics_json, metrics_table, number, rows, sums, write_metrics
 from cltransfer.report.page import page
 
 NAN = float("nan")
@@ -102,7 +102,7 @@ def test_a_terminal_shows_the_table_as_it_was_drawn(report, columns, capsys, mon
     lines = capsys.readouterr().out.splitlines()
     assert not any("\\x1b" in line or "\x1b" in line for line in lines)
     assert max(map(len, lines)) <= columns
-    assert [line.split(" ")[0] for line in lines[-5:-2]] == ["shot_size", "camera_movement", "total"]
+    assert [line.split(" ")[0] for line in lines[-8:-5]] == ["shot_size", "camera_movement", "total"]
 
 
 @pytest.mark.parametrize("columns", [40, 56, 62, 72, 80, 100])
@@ -141,9 +141,15 @@ def test_columns_that_nothing_fills_are_left_out(report):
     assert page(report).count("<th>") == 7
 
 
+@pytest.mark.parametrize("terminal", [False, True])
+def test_what_the_columns_of_the_first_view_say_stands_below_them(report, terminal):
+    assert metrics_table(report, terminal).endswith(f"\n\n{FIRST_VIEW}")
+    assert "last column" not in metrics_table(replace(report, baseline=None), terminal)
+
+
 def test_columns_that_do_not_add_up_say_why(report):
     weighted = "weighted: mean over the frames that have the term; total: mean over all frames"
-    assert metrics_table(report, terminal=False).splitlines()[-1] == weighted
+    assert metrics_table(report, terminal=False).splitlines()[-4] == weighted
     lost = replace(report, scores=replace(report.scores, totals=report.scores.totals + torch.tensor([9.0, 0, 0, 0])))
     price = ", where only the render lacks a term it costs its penalty"
     for said in (metrics_table(lost, terminal=False), metrics_table(lost, terminal=True), page(lost)):

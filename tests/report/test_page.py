@@ -8,6 +8,7 @@ import torch
 
 from cltransfer.pipeline.scores import Scores, Term
 from cltransfer.report.data import Flag, ReportData
+from cltransfer.report.metrics import FIRST_VIEW
 from cltransfer.report.page import page, write_report
 from cltransfer.trajectory import Trajectory
 
@@ -65,8 +66,8 @@ def test_the_page_says_what_its_columns_and_axes_are(report):
         report.scores, terms=(term("framing", [0.001, 1.0, 1.0, 1.0]), term("shot_size", [1.0, 1.0, 1.1, 1.2]))
     )
     text = page(replace(report, scores=wide, spent={"network_passes": 2.0}))
-    assert "First view: the camera stays where the first frame stands" in text
-    assert "First view" not in page(replace(report, baseline=None))
+    assert FIRST_VIEW in text
+    assert "first view" not in page(replace(report, baseline=None))
     assert (text.count("framing [frame], log scale"), text.count("shot_size [frame], log scale")) == (1, 0)
     assert "network passes" in text
 
