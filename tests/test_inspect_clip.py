@@ -86,6 +86,20 @@ def test_a_page_fits_a_narrow_window_whatever_its_clip_is_called(browser: Any, l
     assert wide <= shown
 
 
+def test_the_name_of_a_term_stays_on_one_line(browser: Any, laid_open: Any, tmp_path: Path) -> None:
+    shot = laid_open("builtin:push_in")
+    *others, last = shot.scores.terms
+    term = replace(last, values=torch.full((3,), torch.nan), reason="why it has none of them, " * 20)
+    browser.set_window_size(1400, 900)
+    browser.get(write_inspection(tmp_path, replace(shot, scores=replace(shot.scores, terms=(*others, term)))).as_uri())
+    lines = """return [...document.querySelectorAll("td:first-child")].map(cell => {
+        const name = document.createRange()
+        name.selectNodeContents(cell)
+        return name.getClientRects().length
+    })"""
+    assert browser.execute_script(lines) == [1] * len(shot.scores.terms)
+
+
 def test_a_click_in_a_picture_names_the_person(browser: Any, laid_open: Any, tmp_path: Path) -> None:
     browser.get(write_inspection(tmp_path / "page", laid_open("it's  a <b>.mp4#t=1,2&person=3")).as_uri())
     assert browser.find_element("id", "who").text == shlex.quote("it's  a <b>.mp4#t=1,2&person=X,Y,SECONDS")
