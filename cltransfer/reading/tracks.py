@@ -22,11 +22,13 @@ from ..skeleton import JOINTS
 FLIP_COST = 0.35  # [rad] a frame pays for being read the other way round: a clip is right more often than not
 TURNS = 4.0  # [1/s] a body that is seen so often turns little in between
 CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
+LED, SOON = 3, 1.0  # frames by which the one before or behind them is told; [s] that it is away at most
+LEAP, STEPPED = 0.5, 2.0  # [rad], and times the largest of their steps, beyond which one that is elsewhere is misread
 SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, from which on their order is sure
 
 
 def cleaned(features: Features, frames: float, at: Tensor | None = None, times: Tensor | None = None) -> Features:
-    """The features of a clip with yaw flips repaired, and joints and angles filtered.
+    """The features of a clip with yaw flips repaired, ends that leap away led to, and joints and angles filtered.
 
     Joints are filtered within stretches in which the same key joints are visible, because a joint that enters the
     frame moves the centroid by right.
@@ -42,7 +44,11 @@ def cleaned(features: Features, frames: float, at: Tensor | None = None, times: 
         return features
     new: dict[str, Any] = {}
     if features.has("orientation"):
-        new["orientation"] = _steady_angles(turned_back(features, times).require("orientation"), frames, at)
+        turned = turned_back(features, times)
+        angles = turned.require("orientation").clone()
+        for i, led in leaps(turned, at, times).items():
+            angles[i] = led
+        new["orientation"] = _steady_angles(angles, frames, at)
     if features.has("keypoints"):
         stretches = _stretches(visible_joints(frame_joints(features)))
         joints = features.require("keypoints").clone()
@@ -117,6 +123,43 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None, times: Tensor | None
     repaired = yaw.clone()
     repaired[known] = wrap(both[torch.arange(len(known)), torch.tensor(states[::-1])])
     return repaired
+
+
+def leaps(features: Features, at: Tensor | None = None, times: Tensor | None = None) -> dict[int, Tensor]:
+    """First and last frames of those that follow one another whose angles leap away from the next ones', as misread.
+
+    No median tells them. They are held against the line of the frames beside them, to which a move that begins or ends
+    there keeps, and which has to be as steady as they are far from it.
+
+    Args:
+        features: N frames in order.
+        at: places of the frames, see :func:`~cltransfer.along_clip.places`; None are evenly spaced.
+        times: of the frames, (N,) [s]; None takes them for close together.
+
+    Returns:
+        By frame the angles (3,) [rad] that the line leads to.
+    """
+    found: dict[int, Tensor] = {}
+    if not features.has("orientation"):
+        return found
+    angles, placed = features.require("orientation"), counted(len(features), at)
+    for first, last in runs(torch.isfinite(angles).all(1)):
+        for end, onward in ((first, 1), (last - 1, -1)) if last - first > LED else ():
+            beside = [end + onward * k for k in range(1, LED + 1)]
+            if times is not None and abs(float(times[beside[0]] - times[end])) > SOON:
+                continue  # whoever is seen has the time to turn
+            led, step = _led(_unwrap(angles[beside]), (placed[beside] - placed[end]).to(angles))
+            if bool((wrap(angles[end] - led).abs() > LEAP + STEPPED * step).any()):
+                found[end] = led
+    return found
+
+
+def _led(angles: Tensor, away: Tensor) -> tuple[Tensor, Tensor]:
+    """Where a line through angles (N, 3) that are ``away`` (N,) leads to at 0, and the largest step to there, (3,)."""
+    offset = away - away.mean()
+    slope = (offset[:, None] * angles).sum(0) / offset.square().sum()
+    fastest = (angles.diff(dim=0) / away.diff()[:, None]).abs().amax(0)
+    return angles.mean(0) - slope * away.mean(), fastest * away[0].abs()
 
 
 def _steady_angles(angles: Tensor, frames: float, at: Tensor) -> Tensor:

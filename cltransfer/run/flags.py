@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from ..along_clip import places
 from ..driver.refine import least_curvature
 from ..driver.schedule import tells_lens
 from ..export.lens import FULL_FRAME, millimetres
@@ -16,6 +17,7 @@ from ..losses.camera_movement import weight_note
 from ..losses.shot_size import ShotSize, degenerate
 from ..near_plane import cut_note
 from ..reading.frames import hidden
+from ..reading.tracks import leaps, turned_back
 from ..reading.zoom import lens_range
 from ..registry import SEARCHES
 from ..report.data import Flag
@@ -165,7 +167,10 @@ def _lens(result: Result) -> Iterator[Flag]:
 
 
 def _reference(result: Result) -> Iterator[Flag]:
-    features = result.reference.features
+    features, times = result.reference.features, result.reference.times
+    if result.reference.family == "image":
+        for i in leaps(turned_back(features, times), places(times), times):
+            yield Flag(i, "the person's angle in the reference leaps away from that of the frames beside it: misread?")
     if not features.has("keypoints"):
         return
     unseen = nobody(features)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from cltransfer.features import Features
-from cltransfer.reading.tracks import cleaned, facing, repair_flips
+from cltransfer.reading.tracks import cleaned, facing, leaps, repair_flips
 from cltransfer.skeleton import JOINTS
 
 
@@ -143,6 +143,63 @@ def test_one_angle_that_is_read_elsewhere_is_left_out() -> None:
     angles[12] = 0.5
     got = cleaned(Features((10, 10), orientation=angles), 1.0).require("orientation")
     assert float(got.abs().max()) < 0.02
+
+
+def degrees(*pitch: float, column: int = 1) -> Features:
+    """Frames in which one angle is ``pitch`` [degrees], NaN where nobody is read, and the others stand."""
+    angles = torch.zeros(len(pitch), 3, dtype=torch.float64)
+    angles[:, column] = torch.deg2rad(torch.tensor(pitch, dtype=torch.float64))
+    angles[torch.isnan(angles[:, column])] = math.nan
+    return Features((10, 10), orientation=angles)
+
+
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_a_first_and_a_last_angle_that_are_read_elsewhere_are_left_out(column: int) -> None:
+    read = degrees(67, 12, 12, 11, 11, 10, 10, 55, column=column)
+    assert list(leaps(read)) == [0, 7]
+    got = cleaned(read, 1.0).require("orientation").rad2deg()
+    assert float((got[:, column] - torch.linspace(12.5, 9.5, 8)).abs().max()) < 1
+
+
+def test_an_end_that_is_read_elsewhere_is_led_to_by_a_line_however_frames_are_spaced() -> None:
+    at = torch.tensor([0.0, 1, 3, 4, 6, 7, 9, 10], dtype=torch.float64)
+    line = 170 + 8 * at
+    read = line.clone()
+    read[0], read[-1] = line[0] + 90, line[-1] - 80
+    got = cleaned(degrees(*read.tolist(), column=0), 1.0, at, at / 24).require("orientation")[:, 0]
+    torch.testing.assert_close(wrapped(got - line.deg2rad()), torch.zeros(8, dtype=torch.float64))
+
+
+def test_next_to_frames_without_a_person_an_angle_that_is_read_elsewhere_is_left_out_too() -> None:
+    nobody = math.nan
+    read = degrees(nobody, 60, 10, 10, 10, nobody, 50, nobody, 10, 10, 50)
+    assert list(leaps(read)) == [1]  # what is told by fewer than three stays
+    got = cleaned(read, 1.0).require("orientation").rad2deg()
+    torch.testing.assert_close(got[1:5, 1], torch.full((4,), 10.0, dtype=torch.float64))
+    torch.testing.assert_close(got[6:8], read.require("orientation")[6:8].rad2deg(), equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        (0, 40, 80, 120, 160, 200, 240, 280),  # a fast move that begins and ends with the clip
+        (0, 0, 0, 0, 10, 30, 60, 100),  # and one that is under way at its end,
+        (90, 60, 35, 15, 3, 0, 0, 0),  # or at its beginning
+        (20, 4, 3, 5, 6, 8, 11, 16),  # who walks up to the camera, as it was read
+        (3, 9, 17, 8, 4, 17, 45),  # noise, as of hands before the body
+        (60, 0, 0),
+        (60, 0),
+    ],
+)
+def test_a_true_move_at_an_end_is_no_leap(read: tuple[float, ...]) -> None:
+    for column in range(3):
+        assert leaps(degrees(*read, column=column)) == leaps(degrees(*reversed(read), column=column)) == {}
+
+
+def test_who_has_a_second_to_turn_before_the_next_frame_does_not_leap() -> None:
+    read, frames = degrees(67, 12, 12, 11, 11, 10), torch.arange(6).double()
+    assert list(leaps(read, times=0.8 * frames)) == [0]
+    assert leaps(read, times=1.2 * frames) == {}
 
 
 def test_shoulders_half_as_far_apart_as_the_head_is_high_are_sure_and_narrower_ones_in_proportion() -> None:

@@ -330,3 +330,17 @@ def test_that_nobody_is_read_in_the_render_is_told(plain: Result, empty: bool) -
     line = f"see nobody in {2 - empty} of 2 frames of the render"
     assert [reason for reason in told if line in reason and "total is 62" in reason]
     assert not [reason for reason in told if "most of it" in reason]
+
+
+def test_an_angle_that_leaps_away_at_an_end_of_the_clip_is_told() -> None:
+    result = transfer(Inputs("builtin:plaza", "builtin:push_in"), load_config(overrides=[*TINY, "frames=4"]))
+    angles = result.reference.features.require("orientation").clone()
+    angles[0, 1] += 1.0
+    reference = replace(result.reference, features=replace(result.reference.features, orientation=angles))
+
+    def told(family: str) -> list[int | None]:
+        flags = run_flags(replace(result, reference=replace(reference, family=family)))  # type: ignore[arg-type]
+        return [flag.frame for flag in flags if "leaps away" in flag.reason]
+
+    assert told("image") == [0]
+    assert told("scene") == []  # what a scene tells is so
