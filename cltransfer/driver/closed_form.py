@@ -28,7 +28,7 @@ DISTANCES = 0.5 * 1.12 ** (torch.arange(70, dtype=torch.float64) / STEP)  # subj
 BETWEEN, LONGEST = 0.61, 2.0  # that distances are smoothed over: of the frames between two lookups, at most [frames]
 SIDES = ((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))  # azimuth and elevation [rad]: five tolerances
 LITTLE = np.array([(0.0, 0.04), (0.0, -0.04), (0.0, 0.08), (0.0, -0.08)])  # the same, about one
-WORTH = 0.6  # total of the frames that are looked up, in the mean, above which a little aside is looked too
+WORTH = 0.9  # total of the frames that are looked up, in the mean, above which a little aside is looked too
 GAINS = 0.5  # total of a frame that another side has to gain
 BEND = 5.0  # total that the background's flow costs where the log of the distance changes by 1 a frame, suddenly
 

@@ -181,7 +181,7 @@ def _round(at: _At, left: int) -> _At:
         there = nearest = at.reached(x)
         left -= 1
         if fades and left > 0 and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
-            share = along((there.totals < at.totals).double()[:, None], BLEND, at.clip.at)
+            share = shares(there.totals < at.totals, at.clip.at)
             part = at.reached(faded(at.x, there.x, share, at.moves.fixed))
             left -= 1
             nearest = min(there, part, key=lambda a: a.cost)
@@ -194,6 +194,14 @@ def _round(at: _At, left: int) -> _At:
             measured = replace(at.measured, jacobian=there.measured.jacobian)
             at, damping = replace(at, measured=measured), HARDER * damping
     return best
+
+
+def shares(gains: Tensor, at: Tensor | None = None) -> Tensor:
+    """How much of the way frames go, (N, 1): all where they gain by it, (N,) bool, fading out towards those that lose.
+
+    ``at`` are the places of the frames, (N,); None are evenly spaced.
+    """
+    return along(gains.double()[:, None], BLEND, at).clamp(0, 1)  # the line that is fitted there goes on beyond either
 
 
 def faded(x: Tensor, there: Tensor, share: Tensor, fixed: Tensor | None = None) -> Tensor:

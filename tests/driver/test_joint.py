@@ -11,7 +11,7 @@ from torch import Tensor
 
 from cltransfer.along_clip import along
 from cltransfer.config import load_config
-from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path
+from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path, shares
 from cltransfer.driver.jumps import Jumps
 from cltransfer.driver.refine import STEP
 from cltransfer.driver.spline import Local
@@ -184,6 +184,13 @@ def test_of_a_camera_that_stands_one_view_measures_what_others_are_like() -> Non
     assert clip.stage.spent.renders <= 3 + 2 * D + FRAMES + FRAMES * D + FRAMES  # the last for the reference
     torch.testing.assert_close(measured[0].residuals, measured[1].residuals)
     torch.testing.assert_close(measured[0].jacobian, measured[1].jacobian)
+
+
+def test_no_frame_goes_beyond_a_move_or_back_from_it() -> None:
+    share = shares(torch.tensor([True] * 5 + [False] * 4))[:, 0]
+    assert float(share.min()) == 0
+    assert float(share.max()) == 1
+    assert bool((share.diff() <= 0).all())
 
 
 def test_a_lens_that_is_kept_is_kept_by_a_move_that_fades_too() -> None:
