@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..storage.files import check_size
 from .columns import Columns, affordable_degree, drawable, sh_of_color
 from .splats import Splats
 
@@ -21,8 +23,7 @@ def read_dot_splat(path: Path) -> Splats:
         InputError: the file is missing, empty, too large, no whole number of records, or more than 1 % of it would be
             left out.
     """
-    if not path.is_file():
-        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
+    check_size(path, sys.maxsize)  # what is too much is told in Gaussians
     size = path.stat().st_size
     if size == 0 or size % RECORD.itemsize:
         raise InputError(path, "size", f"expected records of {RECORD.itemsize} bytes, got {size} bytes")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..storage.files import check_size
 
 HEADER_LIMIT = 64 * 1024  # bytes
 PROPERTY_LIMIT = 256
@@ -57,8 +59,7 @@ def check_header(path: Path, splats: bool = False) -> dict[str, Element]:
         InputError: the file is missing or empty; the header is foreign, cut off, too long or asks for more than the
             limits; rows are cut off or bytes follow them.
     """
-    if not path.is_file():
-        raise InputError(path, "", "expected a file, got a folder" if path.exists() else "no such file")
+    check_size(path, sys.maxsize)  # what it may have is told in rows
     with path.open("rb") as stream:
         start = stream.read(HEADER_LIMIT)
     if not start:
@@ -81,7 +82,7 @@ def check_header(path: Path, splats: bool = False) -> dict[str, Element]:
     if written != FORMAT:
         reason = f"expected {FORMAT}, got {written[:60]!r}"
         raise InputError(path, "format", reason, "save it as binary little endian")
-    _check_size(path, len(header) + len(mark), elements)
+    _check_whole(path, len(header) + len(mark), elements)
     return elements
 
 
@@ -187,7 +188,7 @@ def _add(path: Path, element: Element, name: str, kind: str) -> None:
     element.types[name] = kind
 
 
-def _check_size(path: Path, header: int, elements: dict[str, Element]) -> None:
+def _check_whole(path: Path, header: int, elements: dict[str, Element]) -> None:
     """Compare the bytes the header asks for with those that are there."""
     expected = header + sum(element.size for element in elements.values())
     actual = path.stat().st_size

@@ -9,7 +9,7 @@ from pathlib import Path
 from torch import Tensor
 
 from ..errors import InputError
-from .files import atomic
+from .files import atomic, check_size
 
 HEADER_LIMIT = 2**20  # bytes
 
@@ -18,16 +18,12 @@ def check_tensor_file(path: Path, limit: int, kind: str) -> None:
     """Refuse what cannot be a ``kind`` in safetensors of at most ``limit`` bytes; nothing large is read or allocated.
 
     Raises:
-        InputError: the file is missing, too large, or its header is longer than the file or 1 MiB.
+        InputError: the file is missing, a folder, too large, or its header is longer than the file or 1 MiB.
     """
-    if not path.is_file():
-        raise InputError(path, "", "no such file")
-    size = path.stat().st_size
-    if size > limit:
-        raise InputError(path, "", f"expected at most {limit} bytes, got {size}")
+    check_size(path, limit)
     with path.open("rb") as stream:
         start = stream.read(8)
-    if len(start) < 8 or struct.unpack("<Q", start)[0] > min(HEADER_LIMIT, size):
+    if len(start) < 8 or struct.unpack("<Q", start)[0] > min(HEADER_LIMIT, path.stat().st_size):
         raise InputError(path, "header", f"not a {kind}")
 
 
