@@ -103,4 +103,4 @@ def drawable(path: Path, columns: Columns) -> Splats:
         "sh": columns["sh"],
     }
     tensors = {name: torch.from_numpy(a[keep] if dropped else a) for name, a in arrays.items()}
-    return Splats(**tensors, label=torch.zeros(len(keep) - dropped), dropped=dropped)
+    return Splats(**tensors, label=torch.zeros(len(keep) - dropped))

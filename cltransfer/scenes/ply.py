@@ -39,8 +39,7 @@ def read_splats(path: Path) -> Splats:
 
     Returns:
         Splats without label; Gaussians with a value that is not finite, a rotation of length 0, or a scale or a place
-        beyond 1e9 are left out and counted in ``dropped``. Where memory is short, fewer harmonics are read, and one
-        line of the log says so.
+        beyond 1e9 are left out. Lines of the log say how many, and where memory is short and fewer harmonics are read.
 
     Raises:
         InputError: the file is not such a PLY, is damaged, or more than 1 % of it would be left out.

@@ -28,7 +28,6 @@ class Splats:
         opacity: peak opacity in [0, 1], (N,).
         sh: real spherical harmonics of the colour minus 0.5, (N, (d + 1)^2, 3), degree d in 0..3.
         label: membership in the subject, [0, 1], (N,).
-        dropped: how many Gaussians of the source were not finite and were left out.
 
     Raises:
         ValueError: a shape is wrong.
@@ -42,7 +41,6 @@ class Splats:
     opacity: Tensor  # (N,)
     sh: Tensor  # (N, (d + 1)^2, 3)
     label: Tensor  # (N,)
-    dropped: int = 0
 
     def __post_init__(self) -> None:
         n = len(self.means)

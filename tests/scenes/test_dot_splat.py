@@ -34,10 +34,13 @@ def test_it_loads_as_a_scene(tmp_path: Path) -> None:
     assert scene.up.tolist() == [0, -1, 0]
 
 
-def test_what_is_not_finite_is_counted_and_too_much_of_it_refused(tmp_path: Path) -> None:
+def test_what_is_not_finite_is_counted_and_too_much_of_it_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     bad = struct.pack("<6f8B", float("nan"), 2, 3, 0.1, 0.2, 0.4, 255, 0, 51, 204, 128, 255, 128, 128)
     negative = struct.pack("<6f8B", 1, 2, 3, -0.1, 0.2, 0.4, 255, 0, 51, 204, 128, 255, 128, 128)
-    assert read_dot_splat(written(tmp_path, RECORD * 300 + bad + negative)).dropped == 2
+    assert len(read_dot_splat(written(tmp_path, RECORD * 300 + bad + negative))) == 300
+    assert [": 2 of 302 Gaussians are left out, " in line for line in caplog.messages] == [True]
     with pytest.raises(InputError, match="x, y, z: not finite"):
         read_dot_splat(written(tmp_path, RECORD + bad))
 

@@ -115,7 +115,6 @@ def test_the_trained_layout_is_decoded(tmp_path):
     assert got.opacity.tolist() == pytest.approx([1 / (1 + math.exp(-0.5))])
     assert got.sh[0, 0].tolist() == pytest.approx([0.1, 0.2, 0.3])
     assert got.label.tolist() == [0]
-    assert got.dropped == 0
     assert all(getattr(got, n).dtype == torch.float32 for n in ("means", "scales", "quats", "opacity", "sh", "label"))
 
 
@@ -200,7 +199,6 @@ def test_fully_opaque_and_fully_clear_gaussians_can_be_written(tmp_path):
     write_splats(tmp_path / "room.ply", room)
     got = read_splats(tmp_path / "room.ply")
     torch.testing.assert_close(got.opacity, room.opacity, atol=1e-6, rtol=0)
-    assert got.dropped == 0
 
 
 def test_the_compressed_layout_is_decoded(tmp_path):
@@ -278,33 +276,34 @@ def broken_rows(bad: int, good: int, column: int, value: float) -> list[tuple[fl
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("column", range(14))
-def test_a_value_that_is_not_finite_is_dropped_and_counted(tmp_path, column, value):
+def test_a_value_that_is_not_finite_is_left_out_and_counted(tmp_path, caplog, column, value):
     usable = value == value if column == 6 else 7 <= column <= 9 and value < 0
     if not usable:
         got = read(tmp_path, trained(broken_rows(1, 199, column, value)))
-        assert (len(got), got.dropped) == (199, 1)
+        assert len(got) == 199
+        assert [": 1 of 200 Gaussians are left out, " in line for line in caplog.messages] == [True]
         with pytest.raises(InputError, match=r"in Gaussian 7; 3 of 202 are unusable"):
             read(tmp_path, trained(broken_rows(3, 199, column, value)))
     else:  # an infinite logit is opacity 0 or 1, a scale of e^-inf is a flat Gaussian
         got = read(tmp_path, trained(broken_rows(1, 199, column, value)))
-        assert (len(got), got.dropped) == (200, 0)
+        assert (len(got), caplog.messages) == (200, [])
         assert got.opacity.isfinite().all()
         assert (got.scales > 0).all()
 
 
-def test_overflowing_scales_and_zero_rotations_are_dropped_and_huge_opacities_are_not(tmp_path):
+def test_overflowing_scales_and_zero_rotations_are_left_out_and_huge_opacities_are_not(tmp_path):
     zero = (*GOOD_ROW[:10], 0.0, 0.0, 0.0, 0.0)
-    assert read(tmp_path, trained([GOOD_ROW] * 150 + [zero])).dropped == 1
+    assert len(read(tmp_path, trained([GOOD_ROW] * 150 + [zero]))) == 150
     for scale in (25.0, 100.0, 1e30):
-        assert read(tmp_path, trained(broken_rows(1, 150, 8, scale))).dropped == 1
+        assert len(read(tmp_path, trained(broken_rows(1, 150, 8, scale)))) == 150
     for logit, opacity in ((1e30, 1.0), (-1e30, 0.0)):
         assert float(read(tmp_path, trained(broken_rows(1, 150, 6, logit))).opacity[7]) == opacity
 
 
 @pytest.mark.parametrize("column", [0, 1, 2])
-def test_places_far_beyond_any_scene_are_dropped(tmp_path, column):
-    for place, dropped in ((1e9, 0), (-1e9, 0), (1.1e9, 1), (-3.4e38, 1)):
-        assert read(tmp_path, trained(broken_rows(1, 150, column, place))).dropped == dropped
+def test_places_far_beyond_any_scene_are_left_out(tmp_path, column):
+    for place, kept in ((1e9, 151), (-1e9, 151), (1.1e9, 150), (-3.4e38, 150)):
+        assert len(read(tmp_path, trained(broken_rows(1, 150, column, place)))) == kept
 
 
 def test_little_endian_on_the_label_but_not_in_the_file_is_refused(tmp_path):

@@ -42,14 +42,15 @@ def rendered(scene: Scene, splats: Splats) -> Any:
 
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_one_percent_that_is_not_finite_is_dropped_and_counted(
-    courtyard: Scene, tmp_path: Path, field: str, value: float
+def test_one_percent_that_is_not_finite_is_left_out_and_counted(
+    courtyard: Scene, tmp_path: Path, field: str, value: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     some = take(courtyard.geometry, torch.arange(len(courtyard.geometry)) % 20 == 0)
     count = len(some) // 100
     write_splats(tmp_path / "some.ply", spoiled(some, field, count, value))
     read = read_splats(tmp_path / "some.ply")
-    assert (read.dropped, len(read)) == (count, len(some) - count)
+    assert len(read) == len(some) - count
+    assert [f": {count} of {len(some)} Gaussians are left out, " in line for line in caplog.messages] == [True]
     assert bool(torch.isfinite(rendered(courtyard, read).image).all())
     write_splats(tmp_path / "more.ply", spoiled(some, field, 2 * count + 2, value))
     with pytest.raises(InputError, match=r"more\.ply"):

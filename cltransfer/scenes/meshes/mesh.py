@@ -39,7 +39,6 @@ class Mesh:
         texture: which of ``textures``, (F,) int32; -1 is none.
         textures: RGBA images, each (h, w, 4) uint8.
         wraps: how each texture goes on beyond its edges, across and down; () is that all of them repeat.
-        dropped: how many faces of the source had vertices that were not finite and were left out.
 
     Raises:
         ValueError: a shape is wrong, or an index is out of range.
@@ -56,7 +55,6 @@ class Mesh:
     texture: Tensor  # (F,)
     textures: tuple[Tensor, ...] = ()  # (h, w, 4)
     wraps: tuple[tuple[Wrap, Wrap], ...] = ()
-    dropped: int = 0
 
     def __post_init__(self) -> None:
         v, f = len(self.vertices), len(self.faces)
@@ -140,7 +138,6 @@ class Mesh:
             texture=torch.cat(texture).int(),
             textures=tuple(images.values()),
             wraps=tuple(wrap for _, wrap in images),
-            dropped=sum(p.dropped for p in parts),
         )
 
     @cached_property

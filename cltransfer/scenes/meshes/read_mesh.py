@@ -205,8 +205,7 @@ def _finite(path: Path, mesh: Mesh) -> Mesh:
     if lost > LOST:
         raise InputError(path, "vertices", f"{lost:.0%} are not finite")
     keep = good[mesh.faces.long()].all(1)
-    left_out = int((~keep).sum())
     _log.warning("%s: %d of %d vertices are not finite: %d faces of theirs are left out",
-                 path, int((~good).sum()), len(good), left_out)  # fmt: skip
+                 path, int((~good).sum()), len(good), int((~keep).sum()))  # fmt: skip
     vertices = mesh.vertices.nan_to_num(0.0, 0.0, 0.0)
-    return replace(mesh.of_faces(keep), vertices=vertices, dropped=mesh.dropped + left_out)
+    return replace(mesh.of_faces(keep), vertices=vertices)

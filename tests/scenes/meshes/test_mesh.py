@@ -35,12 +35,12 @@ def test_joined_meshes_keep_their_faces_textures_and_labels():
     image = torch.zeros(2, 3, 4, dtype=torch.uint8)
     textured = replace(Mesh.plain(CORNERS, FACES), texture=torch.tensor([0, -1]).int(), textures=(image,))
     plain = Mesh.plain(CORNERS + 5, FACES).with_label(torch.tensor([1.0, 0.0]))
-    other = replace(textured, textures=(image.clone(),), dropped=3)
+    other = replace(textured, textures=(image.clone(),))
     joined = Mesh.concatenate([textured, plain, other])
     assert joined.faces.tolist() == [[0, 1, 2], [0, 1, 3], [4, 5, 6], [4, 5, 7], [8, 9, 10], [8, 9, 11]]
     assert joined.texture.tolist() == [0, -1, -1, -1, 1, -1]
     assert joined.label.tolist() == [0, 0, 1, 0, 0, 0]
-    assert (len(joined.textures), joined.dropped) == (2, 3)
+    assert len(joined.textures) == 2
 
 
 def test_joined_meshes_keep_an_image_that_they_share_once():
