@@ -13,12 +13,10 @@ class LeftOut:
     """Floaters that a search did not see.
 
     Args:
-        count: Gaussians.
         alone: mean total of what was found, in the scene without them, over all frames, 0 where none has a term.
         among: the same with them, in the scene as it was given.
     """
 
-    count: int
     alone: float
     among: float
 

@@ -61,14 +61,14 @@ def _with_floaters(job: Job, first: Take, report: FrameDone) -> Take:
     except NoViewError:  # among them no view shows anything: what was found without is what there is
         return replace(first, left_out=left_out)
     second = searched(job, job.stage, target, starts, report)
-    there = LeftOut(job.floaters, second.total_in(first.clip.stage), second.total)
+    there = LeftOut(second.total_in(first.clip.stage), second.total)
     job.stage.spent.evaluations += views(second.x)
     return second if there.better(left_out) else replace(first, left_out=left_out)
 
 
 def _past_steps(job: Job, take: Take) -> Take:
     """What was found in a scene that has no floaters, past steps of the losses."""
-    return take if take.path is None else _aside(job, take, LeftOut(0, take.total, take.total))[0]
+    return take if take.path is None else _aside(job, take, LeftOut(take.total, take.total))[0]
 
 
 def _nearby(job: Job, take: Take) -> Take:
@@ -82,7 +82,7 @@ def _nearby(job: Job, take: Take) -> Take:
     if not _all_told(whole, poor):
         return take
     x, seen = go_aside(whole, path.x, among, poor, path.about, tries=as_a_whole(len(path.x), stands=True))
-    left_out = take.left_out or LeftOut(0, take.total, whole.mean_total(among))
+    left_out = take.left_out or LeftOut(take.total, whole.mean_total(among))
     moved, found = take, left_out
     if x is not path.x:
         moved, found = _moved(job, take, left_out, replace(path, x=x, residuals=seen, free=left_out.alone, aside=True))
@@ -141,7 +141,7 @@ def _moved(job: Job, take: Take, left_out: LeftOut, aside: LeastPath) -> tuple[T
         # without floaters it is the scene in which it was scored just now
         residuals = there.residuals if clip.stage.scene is job.stage.scene else clip.residuals(there.x)
         moved = replace(there, residuals=residuals, total=clip.mean_total(residuals), free=path.free)
-        found = LeftOut(left_out.count, moved.total, whole.mean_total(there.residuals))
+        found = LeftOut(moved.total, whole.mean_total(there.residuals))
         if found.better(left_out):
             return replace(take, path=moved), found
     return take, left_out
@@ -149,4 +149,4 @@ def _moved(job: Job, take: Take, left_out: LeftOut, aside: LeastPath) -> tuple[T
 
 def _left_out(job: Job, take: Take) -> LeftOut:
     """What floaters cost the cameras of ``take``, found in a scene without them."""
-    return LeftOut(job.floaters, take.total, take.total_in(job.stage))
+    return LeftOut(take.total, take.total_in(job.stage))

@@ -80,7 +80,7 @@ def test_what_hangs_in_the_air_moves_no_camera(clean: Result, hung: Result) -> N
 def test_a_result_is_of_the_scene_as_it_was_given(clean: Result, hung: Result) -> None:
     left_out = hung.kept.left_out
     assert left_out is not None
-    assert left_out.count == hung.floaters > 300
+    assert hung.floaters > 300
     assert len(hung.scene.geometry) == len(clean.scene.geometry) + 150
     assert hung.searched.total == pytest.approx(left_out.among)
     assert left_out.alone < 0.1 < 1 < left_out.among
@@ -132,7 +132,7 @@ def test_the_person_of_a_run_is_that_of_the_scene(clean: Result, tmp_path: Path)
     ("alone", "among", "matters"), [(0.05, 0.16, False), (0.05, 0.17, True), (1.0, 1.43, False), (1.0, 1.44, True)]
 )
 def test_what_counts_as_far_worse(alone: float, among: float, matters: bool) -> None:
-    assert LeftOut(5, alone, among).matters == matters
+    assert LeftOut(alone, among).matters == matters
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_what_counts_as_far_worse(alone: float, among: float, matters: bool) -> 
 def test_a_path_past_floaters_gains_more_than_it_loses_and_is_no_path_for_them_alone(
     alone: float, among: float, better: bool
 ) -> None:
-    assert LeftOut(5, alone, among).better(LeftOut(5, 0.5, 1.0)) == better
+    assert LeftOut(alone, among).better(LeftOut(0.5, 1.0)) == better
 
 
 def quiet(frame: int, solved: Solved) -> None:
@@ -320,7 +320,7 @@ def kept_of(first: Priced, aside: LeftOut, second: Priced, monkeypatch: pytest.M
     monkeypatch.setattr(searches, "views", lambda x: 1)
     stage = SimpleNamespace(given=True, spent=SimpleNamespace(evaluations=0))
     starting: Any = SimpleNamespace(starts=lambda stage, target: None)
-    job: Any = SimpleNamespace(floaters=aside.count, stage=stage, starting=starting)
+    job: Any = SimpleNamespace(stage=stage, starting=starting)
     take: Any = first
     return _with_floaters(job, take, quiet)
 
@@ -333,7 +333,7 @@ def kept_of(first: Priced, aside: LeftOut, second: Priced, monkeypatch: pytest.M
 def test_a_path_that_was_searched_among_floaters_is_taken_where_it_gains_by_it(
     alone: float, among: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second, left_out = Priced(0.5, 1.0), Priced(alone, among, given=True), LeftOut(5, 0.5, 1.0)
+    first, second, left_out = Priced(0.5, 1.0), Priced(alone, among, given=True), LeftOut(0.5, 1.0)
     assert kept_of(first, left_out, second, monkeypatch) == (second if taken else replace(first, left_out=left_out))
 
 
@@ -342,5 +342,5 @@ def test_where_a_path_lost_much_as_a_whole_floaters_are_judged_by_what_it_cost_b
     steady: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = Priced(0.05, 0.6, SimpleNamespace(steady=steady)), Priced(0.05, 0.1, given=True)
-    gone = LeftOut(5, 0.5, 0.55)
+    gone = LeftOut(0.5, 0.55)
     assert kept_of(first, gone, second, monkeypatch) == (second if steady else replace(first, left_out=gone))
