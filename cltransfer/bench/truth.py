@@ -23,12 +23,10 @@ class PathErrors:
         position: [subject heights].
         rotation: [degrees].
         log_focal: natural log of the ratio of focal lengths, >= 0.
-        path_position: root mean square after the first frames, and then the root mean square distances from where they
-            stand, were made equal [subject heights]; no rotation is fitted, since the centres of a dolly lie on a line
-            and leave one open.
+        path_position: root mean square after the first frames, and then, where neither path stands, the root mean
+            square distances from where they stand, were made equal [subject heights]; no rotation is fitted, since the
+            centres of a dolly lie on a line and leave one open.
         path_rotation: after the first frames were made equal [degrees].
-        path_scale: root mean square distance of the true path from its start over that of the found one, 1 where either
-            stands.
     """
 
     position: float
@@ -36,7 +34,6 @@ class PathErrors:
     log_focal: float
     path_position: float
     path_rotation: float
-    path_scale: float
 
 
 def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
@@ -55,7 +52,6 @@ def path_errors(found: Camera, true: Camera, height: float) -> PathErrors:
         log_focal=median(focal),
         path_position=float((scale * moved - wanted).pow(2).sum(1).mean().sqrt()),
         path_rotation=median(turned),
-        path_scale=scale,
     )
 
 

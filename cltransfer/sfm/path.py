@@ -29,14 +29,12 @@ class Reconstruction:
 
     Args:
         trajectory: a camera for every frame. The world is the axes of the first one, its unit the median depth of all
-            points; neither scale nor up is known.
-        placed: frames whose camera was found, (N,) bool; the others lie between their neighbours, by their times, or
-            stand with the nearest at either end.
-        points: what stands still, as the placed frames see it.
+            points; neither scale nor up is known. Cameras that were not found lie between their neighbours, by their
+            times, or stand with the nearest at either end.
+        points: what stands still, as the frames whose camera was found see it.
     """
 
     trajectory: Trajectory
-    placed: Tensor  # (N,) bool
     points: Points
 
 
@@ -88,7 +86,7 @@ def reconstruct_path(
     kept = Points(
         points.frames[own], points.pixels[own], points.depth[own] / unit, points.confidence[own], points.hidden[own]
     )
-    return Reconstruction(Trajectory(_from_first(camera, unit), times.double()), found, kept)
+    return Reconstruction(Trajectory(_from_first(camera, unit), times.double()), kept)
 
 
 def _between(placed: Placed, times: Tensor) -> Camera:
