@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..pipeline.components import Components
 from ..pipeline.objective import Objective
 from ..scenes import Scene
 from ..search.subject_orbit import SCALE, SubjectOrbit
-from .failure import Shown, cover
+from .failure import Shown, cover, failed_frames
 from .methods import judge_config
 from .truth import median
 
@@ -100,6 +101,27 @@ def judge(objective: Objective, reference: Features, rendered: Features) -> Verd
     """Score N rendered frames against N reference frames."""
     terms, defined = objective.terms(reference, rendered), objective.defined(reference)
     return Verdict(objective.names, terms, objective.priced(terms, defined), objective.totals(terms, defined))
+
+
+def judge_take(
+    reader: Reader, reference: Features, rendered: Features, scene: Scene, cameras: Camera, true: Camera, pinned: Tensor
+) -> tuple[Verdict, Mapping[str, Tensor], Tensor]:
+    """The verdict on N cameras, the frames that have failed by reason, and those that have by any, (N,) bool.
+
+    Args:
+        reader: that read both sides.
+        reference: what was to be met, N frames.
+        rendered: what the cameras see.
+        scene: where they stand.
+        cameras: that were found.
+        true: those that would have been.
+        pinned: frames with a parameter at its bound, (N,) bool.
+    """
+    verdict = judge(reader.objective, reference, rendered)
+    finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
+    shown, covered = reader.shown(scene, cameras, rendered), reader.cover(scene, true)
+    reasons = failed_frames(reference, shown, covered, finite, pinned)
+    return verdict, reasons, torch.stack(list(reasons.values())).any(0)
 
 
 def random_total(reader: Reader, reference: Features, scene: Scene, seed: int) -> float:

@@ -21,8 +21,8 @@ from ..scenes.load import load_scene
 from ..shots import shot
 from ..trajectory import Trajectory, jerk
 from ..transfer import Inputs, Result, transfer
-from .failure import failed_clip, failed_frames, pinned_frames
-from .judge import HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, random_total
+from .failure import failed_clip, pinned_frames
+from .judge import HELD_OUT, NETWORK_SIDE, SIDE, Reader, Verdict, judge, judge_take, random_total
 from .methods import FAITHFUL, config_of, judge_config, method
 from .protocol import FPS, SIZE, Trial, drawn_start
 from .replay import rebuilt, replayed
@@ -140,12 +140,9 @@ def _judged(trial: Trial, clip: Clip, take: Take) -> Row:
     """Terms, totals, failures and classes by the judge's reading."""
     reader, faithful = (Reader.of(trial.pupil, overrides) for overrides in ((), FAITHFUL))
     reference, rendered = _both(clip, take, reader, Reader.of(trial.teacher))
-    verdict, printed = (judge(by.objective, reference, rendered) for by in (reader, faithful))
-    cameras = take.trajectory.camera
-    finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
-    shown = reader.shown(clip.pupil, cameras, rendered)
-    reasons = failed_frames(reference, shown, reader.cover(clip.pupil, clip.true.camera), finite, take.pinned)
-    failed = torch.stack(list(reasons.values())).any(0)
+    cameras, true = take.trajectory.camera, clip.true.camera
+    verdict, reasons, failed = judge_take(reader, reference, rendered, clip.pupil, cameras, true, take.pinned)
+    printed = judge(faithful.objective, reference, rendered)
     total, chance = float(verdict.totals.mean()), random_total(reader, reference, clip.pupil, trial.seed)
     classes, wanted = shot_scale(rendered), shot_scale(reference)
     return {

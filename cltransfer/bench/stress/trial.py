@@ -29,8 +29,8 @@ from ...shots import shot
 from ...storage.run_files import LABELS, SUBJECT
 from ...trajectory import Trajectory
 from ...transfer import Inputs, transfer
-from ..failure import failed_clip, failed_frames, pinned_frames
-from ..judge import Reader, Verdict, judge, random_total
+from ..failure import failed_clip, pinned_frames
+from ..judge import Reader, Verdict, judge_take, random_total
 from ..methods import config_of, config_text, method
 from ..protocol import FPS, SIZE, drawn_start, row_key
 from ..replay import rebuilt, replayed
@@ -135,11 +135,7 @@ def run_stress(trial: StressTrial) -> Row:
     cameras, pinned = _taken(trial, clip, given)
     reader, reference, scene = clip.reader, clip.case.reference, clip.case.scene
     rendered = reader.read(scene, cameras, reference.names())
-    verdict = judge(reader.objective, reference, rendered)
-    finite = torch.isfinite(cameras.w2c).flatten(1).all(1) & torch.isfinite(verdict.totals)
-    shown, covered = reader.shown(scene, cameras, rendered), reader.cover(scene, clip.true)
-    failed = failed_frames(reference, shown, covered, finite, pinned)
-    reasons = torch.stack(list(failed.values())).any(0)
+    verdict, reasons, failed = judge_take(reader, reference, rendered, scene, cameras, clip.true, pinned)
     total, chance = float(verdict.totals.mean()), _chance(trial.clip, trial.frames)
     return {
         "key": trial.key,
@@ -148,8 +144,8 @@ def run_stress(trial: StressTrial) -> Row:
         "value": value,
         "total": total,
         "random_total": chance,
-        "failed": failed_clip(reasons, total, chance),
-        "reasons": {name: int(frames.sum()) for name, frames in failed.items() if frames.any()},
+        "failed": failed_clip(failed, total, chance),
+        "reasons": {name: int(frames.sum()) for name, frames in reasons.items() if frames.any()},
         "totals": verdict.totals.tolist(),
         "terms": _weighted(verdict, reader.objective),
     }
