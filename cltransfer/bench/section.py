@@ -11,7 +11,7 @@ import torch
 
 from ..computer.processor import load_average, processor
 from ..computer.revision import commit
-from ..report.tables import escape
+from ..report.tables import escape, markdown_lines
 from ..storage.files import write_text
 from .pages import markers, page_text
 
@@ -25,7 +25,7 @@ def quartiles(times: Sequence[float]) -> tuple[float, float, float]:
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a Markdown table, all columns to the left."""
     shown = [[escape(cell) for cell in cells] for cells in (header, *rows)]
-    return ["| " + " | ".join(cells) + " |" for cells in [shown[0], ["---"] * len(header), *shown[1:]]]
+    return markdown_lines(shown[0], shown[1:], words=range(len(header)))
 
 
 def machine(rows: Sequence[Mapping[str, Any]] | None = None) -> list[str]:

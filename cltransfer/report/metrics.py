@@ -16,6 +16,7 @@ from ..pipeline.scores import Scores, Term
 from ..storage.files import csv_text, write_json, write_text
 from ..storage.run_files import METRICS, METRICS_CSV
 from .data import ReportData
+from .tables import markdown_lines
 
 HEAD = ("metric", "mean", "unit", "weighted", "coverage", "first view", "first view / mean")
 WITHOUT_BASELINE = 5  # columns of the head that need none
@@ -134,8 +135,7 @@ def metrics_table(report: ReportData, terminal: bool | None = None) -> str:
     if seen and (widths := _widths(names, lines, shutil.get_terminal_size().columns)):
         table = _drawn(names, lines, widths)
     else:
-        rule = tuple("---" if i in WORDS else "--:" for i in range(len(names)))
-        table = "\n".join("| " + " | ".join(cells) + " |" for cells in [names, rule, *lines])
+        table = "\n".join(markdown_lines(names, lines, WORDS))
     return "\n\n".join(filter(None, [table, sums(report), compared(report)]))
 
 

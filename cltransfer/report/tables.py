@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -32,8 +32,17 @@ def to_markdown(table: Table) -> list[str]:
         [f"**{escape(c)}**" if (i, j) in table.bold else escape(c) for j, c in enumerate(row)]
         for i, row in enumerate(table.rows)
     ]
-    rule = ["---"] + ["--:"] * (len(table.header) - 1)
-    return ["| " + " | ".join(line) + " |" for line in [map(escape, table.header), rule, *cells]]
+    return markdown_lines([escape(name) for name in table.header], cells, words=(0,))
+
+
+def markdown_lines(header: Sequence[str], rows: Sequence[Sequence[str]], words: Collection[int]) -> list[str]:
+    """Lines of a table whose cells are Markdown already; the columns ``words`` stand to the left, numbers to the right.
+
+    >>> markdown_lines(["loss", "mean"], [["framing", "0.1"]], words=(0,))
+    ['| loss | mean |', '| --- | --: |', '| framing | 0.1 |']
+    """
+    rule = ["---" if i in words else "--:" for i in range(len(header))]
+    return ["| " + " | ".join(line) + " |" for line in [header, rule, *rows]]
 
 
 _ACTS = re.compile(
