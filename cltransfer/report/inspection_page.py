@@ -6,13 +6,12 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jinja2 import Environment, StrictUndefined
-
 from ..clips.source import unnamed
 from ..reading.scene_source import is_scene
 from ..storage.files import write_text
 from ..storage.pages import INDEX
 from .policy import csp_hash
+from .template import rendered
 
 if TYPE_CHECKING:
     from ..inspect_clip import Inspection
@@ -28,10 +27,10 @@ def write_page(folder: Path, shown: Inspection) -> Path:
         {"name": f"{i:04d}", "time": f"{moment:.3f}", "caption": caption, "doubtful": float(shown.confidence[i]) < 0.5}
         for i, (caption, moment) in enumerate(zip(shown.captions(), reference.times.tolist()))
     ]
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template, script = (Path(__file__).with_name(f"inspection.{kind}").read_text("utf-8") for kind in ("html", "js"))
+    script = Path(__file__).with_name("inspection.js").read_text("utf-8")
     file, rest = unnamed(shown.source)
-    page = environment.from_string(template).render(
+    page = rendered(
+        Path(__file__).with_name("inspection.html"),
         mark=MARK,
         name=reference.name,
         count=len(reference),

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from torch import Tensor
 
@@ -17,6 +16,7 @@ from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
 from .metrics import compared, head, number, rows, sums
 from .strip import evenly, thumbnail
+from .template import rendered
 
 _COLUMNS = 8
 _QUALITY = 82  # of JPEG
@@ -46,9 +46,8 @@ def page(report: ReportData) -> str:
         charts["lens"] = Markup(lens_curves(report.trajectory, report.subject))
         if report.subject is not None:
             charts["top"] = Markup(top_view(report.trajectory, report.subject))
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
-    return template.render(
+    return rendered(
+        Path(__file__).with_name("page.html"),
         report=report,
         head=head(report),
         rows=found,

@@ -17,7 +17,6 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from ..clips.clip import write_video
@@ -25,6 +24,7 @@ from ..clips.open_clip import ASSUMED, rate_assumed
 from ..clips.source import ClipSource
 from ..errors import UsageError
 from ..report.policy import csp_hash
+from ..report.template import rendered
 from ..storage.files import write_json, write_text
 from ..storage.pages import INDEX, check_page
 from .design import NO_STUDY, QUESTIONS, Study, design
@@ -150,9 +150,8 @@ def page(study: Study) -> str:
     """The page as HTML: one file that fetches nothing but the videos beside it."""
     here = Path(__file__)
     script, style = (here.with_name(name).read_text(encoding="utf-8") for name in ("page.js", "page.css"))
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(here.with_name("page.html").read_text(encoding="utf-8"))
-    return template.render(
+    return rendered(
+        here.with_name("page.html"),
         script=Markup(script),  # Markup: our own files, and JSON without a bracket
         style=Markup(style),
         script_hash=csp_hash(script),
