@@ -21,8 +21,8 @@ from .progress import Progress, silent
 from .reading.frames import check_maps, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
 from .reading.scene_source import split_scene
+from .registry.declared import BUILTIN
 from .report.data import Flag, ReportData
-from .scenes.load import BUILTIN
 
 OWN_STEPS = "compares two frames of each side, whose steps are not equally long: give both one frame rate"
 CLIPS = "expected clips, image folders or folders of runs"

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from ..config.layers import merge
+from ..config.layers import merge, nest
 from ..config.options import RunConfig
 from ..errors import UsageError
 from ..registry.typed import IN_QUOTES, nearest, shown
@@ -44,7 +44,7 @@ def with_axes(written: Mapping[str, Any], where: Any) -> dict[str, Any]:
         name = ", ".join(f"{key}={_said(value)}" for key, value in zip(axes, values))
         if name in made:
             raise UsageError(where, f"rows.{name}", "axes make a row of this name too", "give it another name")
-        made[name] = functools.reduce(merge, map(_nested, axes, values))
+        made[name] = functools.reduce(merge, map(nest, axes, values))
     return {**found, "rows": made}
 
 
@@ -68,15 +68,6 @@ def _checked(axes: Any, where: Any) -> dict[str, Sequence[Any]]:
         if above := next((other for other in axes if key.startswith(f"{other}.")), None):
             raise UsageError(where, at, f"stands under {above}, which is an axis too", "say both in the values of one")
     return dict(axes)
-
-
-def _nested(key: str, value: Any) -> dict[str, Any]:
-    """``section.name.option`` and its value as a row writes it."""
-    *parents, last = key.split(".")
-    own = {last: value}
-    for parent in reversed(parents):
-        own = {parent: own}
-    return own
 
 
 def _said(value: Any) -> str:

@@ -17,17 +17,17 @@ from ..models.content import files_content, model_content, own_model
 from ..models.places import found_model
 from ..reading.scene_source import split_scene
 from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
+from ..registry.declared import BUILTIN
 from ..registry.plugin_code import code_of
 from ..scenes.builtin import read_name
 from ..scenes.foreign import reader_code
-from ..scenes.load import BUILTIN, load_scene
+from ..scenes.load import ANIMATED, load_scene
 from ..scenes.meshes.moment import MARK, split_moment
 from ..storage.files import content_hash
 from ..storage.run_files import LABELS, SUBJECT, is_run
 
 Digest = Callable[[str | None], str]
 Content = Callable[[Path, bool], str]
-ANIMATED = (".glb", ".gltf")  # scenes of which a moment may be named
 MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other files
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scenes.load import BUILTIN, load_scene
+from ..registry.declared import BUILTIN
+from ..scenes.load import load_scene
 from ..shots import Setup, shot
 from .read import DRAWN
 from .sweep import Sweep

@@ -16,13 +16,14 @@ from ..config.layers import Layer, merge, origin, parse_overrides, read_yaml
 from ..config.options import SECTIONS, RunConfig
 from ..errors import UsageError
 from ..reading.scene_source import split_scene
+from ..registry.declared import BUILTIN
 from ..registry.typed import IN_QUOTES, nearest, shown, typed
 from .axes import AXES, with_axes
 from .check import check_cases, check_rows
 from .sweep import Row, SceneConfig, Sweep, SweepFile
 
 DRAWN = "drawn:"
-NOT_FILES = ("builtin:", DRAWN)
+NOT_FILES = (BUILTIN, DRAWN)
 KEYS = (*(f.name for f in fields(SweepFile)), AXES)
 MEASURES = ("preset", "output_side", "extract", "renderer", "extractors", "losses")  # what a result is measured by
 MEASURES_EXTRACT = ("inner", "verify")  # and of extract

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from ..config.layers import origin
 from ..errors import CltransferError
 from ..reading.scene_source import split_scene
+from ..registry.declared import BUILTIN
 from ..scenes.builtin import read_name
-from ..scenes.load import BUILTIN
 from ..shots import own_setup
 from .content import Digest, digests
 from .read import DRAWN

@@ -21,9 +21,9 @@ from ..config.options import RunConfig
 from ..errors import CltransferError, ModelError, UsageError
 from ..models.content import read_by, read_otherwise
 from ..reading.scene_source import split_scene
+from ..registry.declared import BUILTIN
 from ..registry.plugin_code import own_code
 from ..run.result import Result
-from ..scenes.load import BUILTIN
 from .content import Digest, codes_of, digests, parts_content, read_here
 from .outcome import Case, Metric, Outcome
 from .sweep import SceneConfig, Sweep

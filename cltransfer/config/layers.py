@@ -146,10 +146,7 @@ def parse_overrides(overrides: Iterable[str], apart: bool = False) -> dict[str, 
                 COMMAND_LINE, key, f"expected {PLAIN}, got {foreign!r}", "text stands in quotes of its own"
             )
         _refuse_part_of_none(nested, key)
-        *parents, last = key.split(".")
-        own = {last: value}
-        for parent in reversed(parents):
-            own = {parent: own}
+        own = nest(key, value)
         nested = merge(nested, own, apart and _says_options(own))  # what was said of its parts before stays
     return nested
 
@@ -237,6 +234,19 @@ def _foreign(value: Any) -> Iterator[Any]:
             yield from _foreign(part)
     elif not isinstance(value, str | int | float | None):
         yield value
+
+
+def nest(key: str, value: Any) -> dict[str, Any]:
+    """``section.name.option`` and its value as a file writes it.
+
+    >>> nest("losses.framing.weight", 2.0)
+    {'losses': {'framing': {'weight': 2.0}}}
+    """
+    *parents, last = key.split(".")
+    own = {last: value}
+    for parent in reversed(parents):
+        own = {parent: own}
+    return own
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any], inside: bool = False) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from pathlib import Path
 from ..clips.thinned import evenly
 from ..drawing import OURS
 from ..errors import InputError
+from ..registry.declared import BUILTIN
 from ..scenes import Scene
-from ..scenes.load import BUILTIN, load_scene
+from ..scenes.load import load_scene
 from ..scenes.person.lifted import load_person
 from ..storage.files import cache_dir, into_cache, read_json, write_json
 from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done

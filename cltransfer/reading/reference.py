@@ -23,8 +23,8 @@ from ..pipeline.components import SCENE_SOURCE, Components
 from ..pipeline.graph import CHUNK, run_clip
 from ..pipeline.plan import Family, Plan
 from ..progress import Progress, silent
+from ..registry.declared import BUILTIN
 from ..registry.plugin_code import own_code
-from ..scenes.load import BUILTIN
 from ..shots import SHOTS
 from ..storage.files import cache_dir, content_hash, into_cache
 from ..storage.run_files import SUBJECT

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from ..registry.declared import BUILTIN
+
 MARKS = 64  # @ that are tried, the last ones: a file that anybody has written may hold any number of them
 
 
@@ -21,7 +23,7 @@ def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
     ('builtin:plaza', 'takes@night/shot.json')
     >>> split_scene("takes@night/clip.mp4#t=1,2")
     """
-    if source.startswith("builtin:"):
+    if source.startswith(BUILTIN):
         scene, at, path = source.partition("@")
         return (scene, path) if at else None
     if "@" not in source or not source.endswith(".json") or os.path.exists(folder / source):
@@ -34,7 +36,7 @@ def split_scene(source: str, folder: Path = Path()) -> tuple[str, str] | None:
 
 def is_scene(source: str) -> bool:
     """Whether a reference is a scene with a trajectory, and not a clip or a feature file."""
-    return source.startswith("builtin:") or split_scene(source) is not None
+    return source.startswith(BUILTIN) or split_scene(source) is not None
 
 
 def _is_there(folder: Path, scene: str) -> bool:

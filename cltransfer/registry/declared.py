@@ -15,6 +15,7 @@ from typing import Any
 from ..errors import ModelError
 
 FAMILIES = ("image", "scene", "both")
+BUILTIN = "builtin:"  # before the name of a scene that is made from code
 SCENE_SUFFIXES = (
     ".ply",
     ".splat",

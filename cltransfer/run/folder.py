@@ -22,12 +22,12 @@ from ..config.options import RunConfig
 from ..export.lens import filmable
 from ..export.nerfstudio import write_camera_path
 from ..reading.named_scenes import remember
+from ..registry.declared import BUILTIN
 from ..report.data import ReportData
 from ..report.metrics import metrics_json, metrics_table, write_metrics
 from ..report.page import write_report
 from ..report.side_by_side import side_by_side
 from ..report.strip import write_strip
-from ..scenes.load import BUILTIN
 from ..scenes.meshes.moment import split_moment
 from ..scenes.person.lifted import save_labels
 from ..storage.files import told_from_here, write_json, write_text

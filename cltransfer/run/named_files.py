@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..clips.source import ClipSource
 from ..reading.scene_source import split_scene
-from ..scenes.load import BUILTIN
+from ..registry.declared import BUILTIN
 from ..scenes.meshes.moment import split_moment
 from ..storage.run_files import LABELS, SUBJECT
 from .inputs import Inputs

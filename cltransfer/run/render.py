@@ -21,8 +21,9 @@ from ..features import Features
 from ..pipeline.components import Components
 from ..progress import Progress
 from ..reading.named_scenes import recall
+from ..registry.declared import BUILTIN
 from ..scenes import Scene
-from ..scenes.load import BUILTIN, load_scene
+from ..scenes.load import load_scene
 from ..storage.alone import alone
 from ..storage.files import check_out_file, content_hash, read_json, same_file
 from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, is_run, kept_by_runs, require_done

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError, UsageError
-from ..registry.declared import SCENE_SUFFIXES
+from ..registry.declared import BUILTIN, SCENE_SUFFIXES
 from ..storage.files import content_hash
 from . import Scene
 from .foreign import own_suffixes, read_foreign, reader_code, reader_of
@@ -21,9 +21,8 @@ from .meshes.moment import START, Moment, split_moment
 from .ply_header import has_faces, is_z_up
 from .steps import check_steps
 
-BUILTIN = "builtin:"
 FOREIGN_SPLATS = (".sog", ".ksplat")
-ANIMATED = (".glb", ".gltf")
+ANIMATED = (".glb", ".gltf")  # scenes of which a moment may be named
 MESH_SUFFIXES = (".glb", ".gltf", ".obj")
 SPLAT_UP = (
     0.0,
