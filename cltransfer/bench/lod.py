@@ -31,6 +31,7 @@ from .truth import median
 SIZE = (160, 90)
 AWAY = 2.0  # steps from the middle of the candidates to what they are after
 CANDIDATES = 32
+REPEATS = 5  # of what is timed
 STEPS = (0.15, 0.03, 0.006)  # of the candidates about the target, subject heights: early, in the middle, late
 LEVELS = (0.0, 1.0, 1.5, 2.0, 3.0)  # k; 0 is the full scene
 VERTICAL_FOV = np.radians(39.4)
@@ -181,10 +182,10 @@ def _row(scene: Scene, k: float, crowds: list[list[Camera]], full: list[list[Fea
     )
 
 
-def _in_turn(small: Scene, full: Scene, cameras: Camera, repeats: int = 5) -> tuple[list[float], list[float]]:
+def _in_turn(small: Scene, full: Scene, cameras: Camera) -> tuple[list[float], list[float]]:
     """Processor time of both, in turn [ms a frame]; the first of each packs and is not counted."""
     times: tuple[list[float], list[float]] = ([], [])
-    for _ in range(repeats + 1):
+    for _ in range(REPEATS + 1):
         for scene, kept in zip((small, full), times):
             start = time.thread_time()
             _render(scene, cameras)

@@ -32,13 +32,11 @@ class Clues:
     """What the cameras of a clip are found from.
 
     Args:
-        name: of the clip, for errors.
         size: (W, H) of the frames [px].
         corners: of every frame.
         evidence: of pairs of frames.
     """
 
-    name: str
     size: tuple[int, int]
     corners: Sequence[Corners]
     evidence: Sequence[Evidence]
@@ -104,12 +102,12 @@ def _too_few(clues: Clues, placed: int, late: float | None) -> NoPathError:
     count = len(clues.corners)
     if late is not None:
         reason = f"time ran out after {late:g} s with {placed} of {count} frames placed"
-        return OutOfTimeError(clues.name, "camera path", reason, "set more seconds")
+        return OutOfTimeError("clip", "camera path", reason, "set more seconds")
     if placed >= PLACED * count:
         reason = "no lens of {:g} to {:g} longer sides explains the frames".format(*FOCAL_RANGE)
-        return NoPathError(clues.name, "camera path", reason, "a straight move does not tell the lens: name it, lens=")
+        return NoPathError("clip", "camera path", reason, "a straight move does not tell the lens: name it, lens=")
     reason = f"only {placed} of {count} frames could be placed with one lens"
-    return NoPathError(clues.name, "camera path", reason, "a zoom on the move, a cut, a moving scene, or few frames")
+    return NoPathError("clip", "camera path", reason, "a zoom on the move, a cut, a moving scene, or few frames")
 
 
 def _chosen(clues: Clues, models: Sequence[Any]) -> Any | None:

@@ -67,7 +67,7 @@ def weigh(corners: list[Corners], matches: list[Match], width: int) -> list[Evid
     return found
 
 
-def require_parallax(name: str, evidence: list[Evidence]) -> None:
+def require_parallax(evidence: list[Evidence]) -> None:
     """Refuse a clip that shows no parallax.
 
     Raises:
@@ -77,15 +77,15 @@ def require_parallax(name: str, evidence: list[Evidence]) -> None:
     if not witnesses:
         best = max((len(pair.match.index) for pair in evidence), default=0)
         reason = f"no two frames share {ENOUGH} points off the subject, at best {best}"
-        raise NoPathError(name, "camera path", reason, "too smooth, too few frames, or too little but the subject")
+        raise NoPathError("clip", "camera path", reason, "too smooth, too few frames, or too little but the subject")
     moved = max(pair.moved for pair in witnesses)
     if moved < STILL:
         reason = f"the camera stands still: points move by at most {100 * moved:.2f} % of the frame's width"
-        raise NoPathError(name, "camera path", reason, "depth and path need a camera that moves")
+        raise NoPathError("clip", "camera path", reason, "depth and path need a camera that moves")
     clearest = sorted((pair.parallax for pair in witnesses), reverse=True)[: max(1, len(witnesses) // 4)]
     share = fmean(clearest)
     if share < SHARE:
         reason = f"no parallax: a homography of each pair of frames explains {100 * (1 - share):.0f} % of their points"
         raise NoPathError(
-            name, "camera path", reason, "the camera turns or zooms without moving, or all is flat or far"
+            "clip", "camera path", reason, "the camera turns or zooms without moving, or all is flat or far"
         )

@@ -42,7 +42,6 @@ def reconstruct_path(
     frames: Iterable[NDArray],
     subject: Tensor | None,
     times: Tensor,
-    name: str = "clip",
     lens: float | None = None,
     seconds: float = SECONDS,
 ) -> Reconstruction:
@@ -52,7 +51,6 @@ def reconstruct_path(
         frames: N frames in order, (H, W, 3) uint8 RGB.
         subject: the person's pixels, (N, H, W) bool: it may move, so the cameras do not rely on it. None masks nothing.
         times: of the frames, (N,) [s], increasing.
-        name: of the clip, for errors.
         lens: focal length [longer sides of the frame] where it is known; None finds it. A camera that moves without
             turning does not tell its lens: depths are then right up to scale, and the path is right for a lens unknown.
         seconds: the mapper may take, as :func:`~cltransfer.sfm.mapping.place_frames` has it; corners, matches and
@@ -65,7 +63,7 @@ def reconstruct_path(
     """
     count = len(times)
     if not 3 <= count <= FRAME_LIMIT:
-        raise NoPathError(name, "camera path", f"expected 3 to {FRAME_LIMIT} frames, got {count}", "set frames=48")
+        raise NoPathError("clip", "camera path", f"expected 3 to {FRAME_LIMIT} frames, got {count}", "set frames=48")
     corners, size = [], (0, 0)
     for i, frame in enumerate(frames):
         size = (frame.shape[1], frame.shape[0])
@@ -73,12 +71,12 @@ def reconstruct_path(
         corners.append(find_corners(frame, mask))
     matches = match_clip(corners)
     evidence = weigh(corners, matches, size[0])
-    require_parallax(name, evidence)
-    placed = place_frames(Clues(name, size, corners, evidence), seconds, lens)
+    require_parallax(evidence)
+    placed = place_frames(Clues(size, corners, evidence), seconds, lens)
     camera = _between(placed, times)
     points = find_points(camera, corners, matches)
     if len(points.depth) == 0:
-        raise NoPathError(name, "camera path", "no point is seen alike by three frames")
+        raise NoPathError("clip", "camera path", "no point is seen alike by three frames")
     unit = float(points.depth.median())
     found = torch.zeros(count, dtype=torch.bool)
     found[torch.from_numpy(placed.frames)] = True

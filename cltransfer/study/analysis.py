@@ -15,6 +15,7 @@ from .answers import Choice
 from .design import QUESTIONS, Study
 from .intervals import FEWEST, exact_interval, share_interval, strength_intervals
 
+STEPS = 1000  # of Newton, at most
 LONGEST_STEP = 2.0  # of a strength's logarithm: farther the parabola says little
 Array = NDArray[np.float64]
 
@@ -103,23 +104,22 @@ def strengths(choices: Sequence[Choice], study: Study) -> list[Strength]:
     return found
 
 
-def bradley_terry(wins: Array, steps: int = 1000) -> Array:
+def bradley_terry(wins: Array) -> Array:
     """Maximum-likelihood strengths (Bradley and Terry, Biometrika 39, 1952), by Newton's steps in their logarithms.
 
     Args:
         wins: how often each of M methods was preferred to each other one, (M, M), >= 0, zero diagonal.
-        steps: at most.
 
     Returns:
         (M,) that add up to 1; NaN where the maximum is not finite: the methods split into two parts of which one never
-        lost to the other; or where it is not found in ``steps``, of which twenty were enough for odds of a million.
+        lost to the other; or where it is not found in :data:`STEPS`, of which twenty were enough for odds of a million.
     """
     count = len(wins)
     parts, _ = connected_components(wins > 0, directed=True, connection="strong")
     if parts > 1:
         return np.full(count, np.nan)
     games, logs = wins + wins.T, np.zeros(count)
-    for _ in range(steps):
+    for _ in range(STEPS):
         chance = expit(logs[:, None] - logs)  # of one being preferred to the other
         weight = games * chance * chance.T
         curvature = np.diag(weight.sum(1)) - weight + weight.mean()  # all alike is no change: any weight will do there

@@ -79,7 +79,7 @@ def test_a_model_is_turned_and_back_and_left_as_it_is():
 def test_the_blurred_one_is_not_chosen_though_its_lens_is_the_more_ordinary():
     clear, blurred = model(0.2), model(0.5)
     clear.camera(1).focal_length *= 1.001
-    clues = Clues("clip", SIZE, [Corners(np.zeros((0, 2)), np.zeros((0, 128)), np.zeros(0, bool))] * 5, [])
+    clues = Clues(SIZE, [Corners(np.zeros((0, 2)), np.zeros((0, 128)), np.zeros(0, bool))] * 5, [])
     assert _chosen(clues, [blurred, clear]) is clear
 
 

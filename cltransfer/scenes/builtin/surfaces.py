@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+WIDE = np.array([0.0, 1.0, 0.0])  # in which a turned body has its full radius, as far as that is across its axis
 
 
 @dataclass(frozen=True)
@@ -84,14 +85,12 @@ class Lathe:
         start: one end of the axis, (3,) [m].
         end: the other end, (3,) [m].
         profile: (along, radius) points: along the axis in [0, 1], radius [m].
-        wide: direction across the axis in which the section has its full radius, (3,).
-        flat: radius in the third direction as a share of the full one, > 0.
+        flat: radius in the third direction as a share of the full one, which is that along :data:`WIDE`, > 0.
     """
 
     start: ArrayLike
     end: ArrayLike
     profile: Sequence[tuple[float, float]]
-    wide: ArrayLike = (0.0, 1.0, 0.0)
     flat: float = 1.0
 
     def cells(self, spacing: float) -> Cells:
@@ -102,7 +101,7 @@ class Lathe:
         arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))]
         edges = np.linspace(0.0, arc[-1], max(2, round(arc[-1] / spacing)) + 1)
         heights, radii = (np.interp(edges, arc, column) for column in profile.T)
-        frame = self._frame(axis / length)
+        frame = _frame(axis / length)
         rings = [_ring(h, r, (1.0, self.flat), spacing) for h, r in zip(pairwise(heights), pairwise(radii))]
         flat = Cells.concatenate(rings)
         return Cells(start + flat.center @ frame, flat.half_u @ frame, flat.half_v @ frame, flat.uv)
@@ -113,12 +112,14 @@ class Lathe:
         start, end = np.multiply(self.start, factor), np.multiply(self.end, factor)
         return replace(self, start=start, end=end, profile=profile)
 
-    def _frame(self, axis: Array) -> Array:
-        wide = np.asarray(self.wide, float) - axis * np.dot(axis, self.wide)
-        if np.linalg.norm(wide) < 1e-6:  # the axis runs along the hint: any direction across it will do
-            wide = np.cross(axis, np.roll(axis, 1))
-        wide = _unit(wide)
-        return np.stack([wide, np.cross(axis, wide), axis])
+
+def _frame(axis: Array) -> Array:
+    """Rows, (3, 3): the wide direction, the third one, and the unit ``axis`` (3,)."""
+    wide = WIDE - axis * np.dot(axis, WIDE)
+    if np.linalg.norm(wide) < 1e-6:  # the axis runs along the hint: any direction across it will do
+        wide = np.cross(axis, np.roll(axis, 1))
+    wide = _unit(wide)
+    return np.stack([wide, np.cross(axis, wide), axis])
 
 
 def _ring(
