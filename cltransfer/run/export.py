@@ -12,7 +12,7 @@ from ..export.lens import at_side, filmable, rate_of
 from ..export.nerfstudio import write_camera_path
 from ..export.usd import write_usd
 from ..storage.files import check_out_file, read_json, same_file
-from ..storage.run_files import MANIFEST, TRAJECTORY, is_run, kept_by_runs, require_done
+from ..storage.run_files import MANIFEST, TRAJECTORY, kept_by_runs, require_done, require_run
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
 
@@ -51,9 +51,7 @@ def export_path(source: Path, out: Path, fps: float | None, y_up: bool | None, s
         raise UsageError("", "--y-up", f"changes nothing of this format, only of {' and '.join(WORLDS)}")
     run = source.is_dir()
     if run:
-        if not is_run(source):
-            reason = "is no run's" if (source / MANIFEST).is_file() else "no such file"
-            raise InputError(source, MANIFEST, reason, "expected the folder of a run, or a trajectory.json")
+        require_run(source, "the folder of a run, or a trajectory.json")
         require_done(source)
     trajectory = at_rate(Trajectory.load(source / TRAJECTORY if run else source), fps, FRAMES)
     trajectory = trajectory if side is None else at_side(trajectory, side)

@@ -26,7 +26,7 @@ from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..storage.alone import alone
 from ..storage.files import check_out_file, content_hash, read_json, same_file
-from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, is_run, kept_by_runs, require_done
+from ..storage.run_files import CONFIG, MANIFEST, SUBJECT, TRAJECTORY, VIDEO, kept_by_runs, require_done, require_run
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
@@ -81,9 +81,7 @@ def render_run(
     if out is not None and not own and any(same_file(out, file) for file in kept_by_runs(out, run)):
         raise UsageError(out, "--out", "is a file of a run itself", "name another")
     _check_keys(overrides)
-    if not is_run(run):  # a folder that only looks like one may hold links, and is written into
-        reason = "is no run's" if (run / MANIFEST).is_file() else "no such file"
-        raise InputError(run, MANIFEST, reason, "expected the folder of a run")
+    require_run(run)
     inside = out is None or out.resolve().is_relative_to(run.resolve())
     with alone(run, "writes a run") if inside else nullcontext():
         return _filmed_run(run, overrides, fps, scene, out or run / VIDEO, progress)

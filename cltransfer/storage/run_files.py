@@ -48,6 +48,17 @@ def _is_manifest(path: Path) -> bool:
     return isinstance(told, dict) and told.get("format") == FORMAT
 
 
+def require_run(folder: Path, expected: str = "the folder of a run") -> None:
+    """Refuse a folder that only looks like that of a run: it may hold links, and is written into.
+
+    Raises:
+        InputError: it has no manifest, or another program's; the line tells what was ``expected``.
+    """
+    if not is_run(folder):
+        reason = "is no run's" if (folder / MANIFEST).is_file() else "no such file"
+        raise InputError(folder, MANIFEST, reason, f"expected {expected}")
+
+
 def refuse_run(folder: Path, what: str, inside: str) -> None:
     """Refuse the folder of a run for a result whose ``what`` the run has too; ``inside`` it there would be room.
 

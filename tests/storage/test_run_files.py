@@ -33,6 +33,7 @@ from cltransfer.storage.run_files import (
     refuse_run,
     refuse_written,
     require_done,
+    require_run,
 )
 
 
@@ -52,6 +53,16 @@ def test_a_manifest_of_another_program_makes_no_run(tmp_path: Path) -> None:
             open_run(tmp_path)
     (tmp_path / MANIFEST).write_text('{"format": "cltransfer.run"}')
     assert is_run(tmp_path)
+
+
+def test_what_is_no_run_is_told_with_what_was_expected(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"manifest.json: no such file \(expected the folder of a run\)"):
+        require_run(tmp_path)
+    (tmp_path / MANIFEST).write_text("{}")
+    with pytest.raises(InputError, match=r"manifest.json: is no run's \(expected a run, or a path\)"):
+        require_run(tmp_path, "a run, or a path")
+    (tmp_path / MANIFEST).write_text('{"format": "cltransfer.run"}')
+    require_run(tmp_path)
 
 
 def test_a_journal_of_another_program_makes_no_run(tmp_path: Path) -> None:
